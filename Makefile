@@ -49,7 +49,7 @@ bytes: $(VENV)/.test-$(EXTRAS)  ## does the working tree record and say what a c
 	@$(VENV)/bin/python -m tests.bytes --jobs $(JOBS) $(if $(BASE),--base $(BASE)) $(if $(QUICK),--quick) \
 	  $(if $(ONLY),--only '$(ONLY)') $(if $(KEEP),--keep '$(KEEP)')
 
-house: $(VENV)/.test-$(EXTRAS)  ## how large twin/ is and how its files hang together, beside what is asked
+house: $(VENV)/.test-$(EXTRAS)  ## how often twin has each idea, and how its files read, beside what is asked
 	@$(VENV)/bin/python -m tests.house
 
 wheel: $(VENV)/.test-$(EXTRAS)  ## dist/: a wheel for x86-64 Linux with machine code in it, so that no user waits for it

@@ -1,6 +1,5 @@
-"""What the Dask engine costs: each run, each batch in scheduler and client, each byte of an FMU, the start."""
+"""What the Dask engine costs: each run, each batch in scheduler and client."""
 
-import os
 import tempfile
 import time
 from importlib.util import find_spec
@@ -9,8 +8,10 @@ from statistics import median
 
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
+from twin.studies.sweep.engine import Engine, Job, LocalEngine
 from twin.studies.sweep.plan import SweepPlan, plan_of, short_definition
-from twin.studies.sweep.sweep import Engine, Job, Pool
+from twin.studies.sweep.rows import FACTS
+from twin.studies.sweep.sweep import RECORDINGS
 
 WARM_UP = 10
 """Runs until everything is imported, compiled and unpacked, and batches have found their size."""
@@ -19,8 +20,6 @@ RUNS = 60
 ROUNDS = 3
 BATCHES = 2000
 """That do nothing, to see what the scheduler and the client need for each."""
-MEGABYTES = 50
-"""Of an FMU that is sent."""
 
 
 def measurements(path: Path) -> list[Measurement]:
@@ -28,24 +27,28 @@ def measurements(path: Path) -> list[Measurement]:
     if find_spec("distributed") is None:
         remark = "Dask engine: distributed not installed"
         return [Measurement("dask: added to a run", None, "", remark=remark)]
-    from twin.studies.sweep.dask.cluster import connected
-    from twin.studies.sweep.dask.engine import Dask
+    from distributed import Client, LocalCluster
+
+    from twin.studies.sweep.dask.engine import DaskEngine
 
     plan = plan_of(
         short_definition(path, [f"contact.stiffness_N_per_m=500:5000:{RUNS + WARM_UP}"], None), path, path.stem, "bench"
     )
-    with tempfile.TemporaryDirectory() as scratch:
-        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=JobLimits(), claims="")
-        added = [overhead(Dask(None, 1), job, plan) - overhead(Pool(1), job, plan) for _ in range(ROUNDS)]
-        began = time.perf_counter()
-        with connected(None, 1) as client:
-            start = time.perf_counter() - began
-            batch, rate = batch_seconds(client), bytes_per_second(client, job)
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0") as cluster,
+    ):
+        # by which workers see that they share the folder
+        (Path(scratch) / FACTS).touch()
+        recordings = Path(scratch) / RECORDINGS
+        job = Job(experiment=path, recordings=recordings, record="none", limits=JobLimits(), claims="")
+        engines = DaskEngine(cluster.scheduler_address), LocalEngine(1)
+        added = [overhead(engines[0], job, plan) - overhead(engines[1], job, plan) for _ in range(ROUNDS)]
+        with Client(cluster) as client:
+            batch = batch_seconds(client)
     return [
         Measurement("dask: added to a run", 1e3 * median(added), "ms", at_most=10.0),
         Measurement("dask: a batch in scheduler and client, CPU", 1e3 * batch, "ms"),
-        Measurement("dask: an FMU to a worker", rate / 1e6, "MB/s"),
-        Measurement("dask: start of a cluster of one's own", start, "s"),
     ]
 
 
@@ -72,16 +75,3 @@ def batch_seconds(client) -> float:
     futures = [client.submit(len, bytes(1000), pure=False) for _ in range(BATCHES)]
     client.gather(futures)
     return (time.process_time() - began) / BATCHES
-
-
-def bytes_per_second(client, job: Job) -> float:
-    """From this process through the scheduler into a worker."""
-    from twin.studies.sweep.dask.worker import Bundle, SweepPlugin
-
-    bundle = Bundle(job.experiment)
-    bundle.contents["large.fmu"] = os.urandom(MEGABYTES * 1_000_000)
-    began = time.perf_counter()
-    client.register_plugin(SweepPlugin("benchmark", job, bundle))
-    seconds = time.perf_counter() - began
-    client.unregister_worker_plugin("benchmark")
-    return MEGABYTES * 1e6 / seconds

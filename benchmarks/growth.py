@@ -25,10 +25,10 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.figure import BLUE, picture
 from twin.studies.result import markdown
+from twin.studies.sweep.engine import Job, LocalEngine
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of, short_definition
 from twin.studies.sweep.rows import FACTS, ROWS, RowFile
-from twin.studies.sweep.sweep import Job, Pool
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
@@ -84,7 +84,7 @@ def swept(runs: float) -> float:
     with tempfile.TemporaryDirectory() as scratch:
         job = Job(experiment=EXPERIMENT, recordings=Path(scratch), record="none", limits=JobLimits(), claims="")
         began = time.perf_counter()
-        assert sum(len(batch) for batch in Pool(2).results(job, plan.tasks)) == int(runs)
+        assert sum(len(batch) for batch in LocalEngine(2).results(job, plan.tasks)) == int(runs)
         return time.perf_counter() - began
 
 

@@ -19,7 +19,8 @@ from twin.kernel.recording.recorder import RowStream
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import execute
-from twin.robot.run.watch import Tuning, Viewer
+from twin.robot.run.tuning import Tuning
+from twin.robot.run.viewer import Viewer
 from twin.robot.scene import Scene
 
 ROUNDS = 15

@@ -1,16 +1,16 @@
 """What a sweep costs beyond stepping, what a second process brings, and what a worker keeps."""
 
 import tempfile
-import threading
 import time
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
+from twin.kernel.process.warm import WarmProcess
+from twin.studies.sweep import SERVED
+from twin.studies.sweep.engine import Job, LocalEngine, run_facts
 from twin.studies.sweep.plan import SweepPlan, Task, plan_of, short_definition
-from twin.studies.sweep.sweep import Job, Pool, WorkerProcess
 
 WARM_UP = 5
 """Runs of each process until everything is imported, compiled and unpacked."""
@@ -47,7 +47,7 @@ def warm_run(job: Job, plan: SweepPlan, processes: int) -> tuple[float, float]:
     tasks = plan.tasks[: processes * (RUNS + WARM_UP)]
     done, began, first = 0, 0.0, 0
     stepping: list[float] = []
-    for batch in Pool(processes).results(job, tasks):
+    for batch in LocalEngine(processes).results(job, tasks):
         done += len(batch)
         if not began and done >= processes * WARM_UP:
             began, first = time.perf_counter(), done
@@ -63,11 +63,11 @@ def warm_run(job: Job, plan: SweepPlan, processes: int) -> tuple[float, float]:
 def memory(job: Job, task: Task) -> tuple[int, int]:
     """Resident memory of a worker after 100 and after `MANY` short runs (bytes)."""
     found = []
-    with closing(WorkerProcess(job)) as worker:
+    with WarmProcess(SERVED, job.limits) as process:
         for run in range(1, MANY + 1):
             settings = (f"{KEY}={500 + run}", "duration_s=2")
-            worker.facts(replace(task, run=run, settings=settings), threading.Event())
+            run_facts(job, process, replace(task, run=run, settings=settings))
             if run in (100, MANY):
-                found.append(worker.memory)
+                found.append(process.memory)
     early, late = found
     return early, late

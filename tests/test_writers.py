@@ -14,7 +14,6 @@ ALONE = {
     "kernel/cache_folder.py": "a cache",
     "kernel/fmi/unpacked.py": "a cache",
     "kernel/compiled/store.py": "a cache",
-    "studies/sweep/dask/worker.py": "a folder of its own in a worker, gone with the sweep",
     "kernel/recording/folder.py": "the folder of a run must be new, and the file in it grows",
     "kernel/process/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",

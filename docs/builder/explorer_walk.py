@@ -54,7 +54,7 @@ def walk(page: Page) -> list[Image.Image]:
     for value, words in (("3", "a stiffer spring"), ("0.5", "the best one")):
         now.type(SPRING, value)
         now.take(f"2  {words}: {value} N m/rad, with the file's beside it")
-    page.get_by_label(re.compile("^Unpin")).click()
+    page.get_by_label(re.compile("^Remove")).click()
     page.select_option("#layout", "fig4")
     now.take("3  The same as the paper's Fig. 4")
     page.click("#score summary")

@@ -138,7 +138,7 @@ def test_options_are_no_better_than_files(tmp_path: Path, root: Path, options: t
 
 
 def test_whoever_completes_a_line_sees_no_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from twin.cli.app import body_names, drive_names, setting_keys
+    from twin.cli.completions import body_names, drive_names, setting_keys
 
     monkeypatch.chdir(tmp_path)
     os.mkfifo(tmp_path / "pipe.toml")

@@ -19,7 +19,7 @@ from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.plan import fmu_sources, planned
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.json_schema import commented_experiment
+from twin.robot.experiment.template import commented_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.plan import read_definition

@@ -4,16 +4,14 @@ import inspect
 from collections.abc import Iterator
 from typing import Any
 
-import typer
-
-from twin.cli.app import app
+from twin.cli.app import twin_command
 
 EXAMPLE = "Example: "
 
 
 def commands(group: Any = None, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
     """(words, command) of every command that is no group."""
-    group = group or typer.main.get_command(app)
+    group = group or twin_command()
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, (*path, name))

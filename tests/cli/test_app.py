@@ -3,23 +3,25 @@
 Completion as a shell asks for it.
 """
 
+import inspect
 import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.cli.commands import COMMANDS
 from tests.command_line import twin, twin_process
 from twin import __version__
 from twin import studies as package
-from twin.cli import app as made
-from twin.cli.app import WHOLE, TwinCommands, app, as_spelt_now, declared
+from twin.cli import catalogue
+from twin.cli.app import WHOLE, as_spelt_now, twin_command
+from twin.cli.catalogue import GROUPS, SECTIONS, declared
 from twin.kernel.cache_folder import VARIABLE
 from twin.kernel.errors import ComponentFailed
 
@@ -96,30 +98,24 @@ except SystemExit:
 def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Studies in a file of a folder of its own."""
     (tmp_path / "echo.py").write_text(STUDY)
-    monkeypatch.setattr(made, "FOLDERS", {"twin.studies": tmp_path})
+    monkeypatch.setattr(catalogue, "FOLDERS", {"twin.studies": tmp_path})
     monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
 
 
-def whole() -> TwinCommands:
-    command = typer.main.get_command(app)
-    assert isinstance(command, TwinCommands)
-    return command
-
-
 def asked(*words: str, code: int = 0) -> str:
-    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    done = CliRunner().invoke(twin_command(), words, catch_exceptions=False)
     assert done.exit_code == code, done.output
     return done.stdout.rstrip("\n")
 
 
 @pytest.mark.usefixtures("echo")
 def test_a_file_that_is_there_is_a_command_after_those_of_twin():
-    command = whole()
+    command = twin_command()
     assert list(declared()) == ["echo", "log twice", "log silent"]
-    assert command.list_commands(None) == [*TwinCommands.ORDER, "echo"]
-    assert command.listed("echo").help.startswith("Say something again.")
+    assert list(command.commands) == ["log", "echo"]
     group: Any = command.commands["log"]
     assert list(group.commands) == ["twice", "silent"]
+    assert asked("--help").endswith("Others:\n  echo  Say something again.")
 
 
 @pytest.mark.usefixtures("echo")
@@ -138,12 +134,12 @@ def test_help_is_the_docstring_without_what_is_for_programs():
 @pytest.mark.usefixtures("echo")
 @pytest.mark.parametrize("words", [["a", "--count", "0"], ["a", "--count", "4"], []])
 def test_bounds_and_missing_arguments_are_refused(words: list[str]):
-    assert CliRunner().invoke(app, ["echo", *words]).exit_code == 2
+    assert CliRunner().invoke(twin_command(), ["echo", *words]).exit_code == 2
 
 
 @pytest.mark.usefixtures("echo")
 def test_what_is_asked_is_looked_at_before_the_study_begins():
-    done = CliRunner().invoke(app, ["echo", "early"])
+    done = CliRunner().invoke(twin_command(), ["echo", "early"])
     assert str(done.exception) == "looked at first"
 
 
@@ -156,28 +152,24 @@ def test_a_component_that_fails_leaves_a_word_about_what_is_kept():
 @pytest.mark.usefixtures("echo")
 def test_answers_are_printed_one_after_the_other_and_the_largest_exit_code_counts():
     assert asked("log", "twice", "word", code=1) == "word\nthe end"
-    done = CliRunner().invoke(app, ["log", "twice", "fail", "--json"])
+    done = CliRunner().invoke(twin_command(), ["log", "twice", "fail", "--json"])
     assert json.loads(done.stdout) == {"word": "fail"} and str(done.exception) == "it failed"
     assert asked("log", "silent") == "" and "--json" not in asked("log", "silent", "--help")
 
 
 @pytest.mark.parametrize("words", NAMES)
-def test_what_the_list_says_of_a_command_is_what_it_says_itself(words: str):
-    *first, name = words.split()
-    group: Any = whole().commands[first[0]] if first else whole()
-    own = group.commands[name].get_short_help_str(WHOLE)
-    assert group.listed(name).get_short_help_str(WHOLE) == own != ""
+def test_the_help_read_from_the_file_is_the_docstring(words: str):
+    one = declared()[words]
+    function = getattr(import_module(one.module), one.function)
+    own, _, _ = inspect.cleandoc(function.__doc__).partition("\n\nRaises:")
+    assert one.help == own and COMMANDS[words].get_short_help_str(WHOLE)
 
 
-def test_every_command_of_twin_has_its_place_in_the_list():
-    assert {words.split()[0] for words in NAMES} == set(TwinCommands.ORDER)
-    assert {words.split()[0] for words in NAMES if " " in words} == set(TwinCommands.GROUPS)
-    assert list(whole().commands) == list(TwinCommands.ORDER)
-
-
-def test_a_name_that_is_no_command_is_none():
-    command = whole()
-    assert "progress" not in command.commands and command.commands.get("progress") is None
+def test_every_command_of_twin_stands_in_one_section_of_the_help():
+    listed = [name for names in SECTIONS.values() for name in names]
+    assert sorted(listed) == sorted({words.split()[0] for words in NAMES})
+    assert {words.split()[0] for words in NAMES if " " in words} == set(GROUPS)
+    assert list(twin_command().commands) == listed
 
 
 @pytest.mark.parametrize(
@@ -196,11 +188,12 @@ def test_only_the_command_that_is_asked_for_is_imported(words: list[str], import
     assert done.stderr.splitlines()[-1] == imported
 
 
-@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in TwinCommands.GROUPS)])
+@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in GROUPS)])
 def test_commands_are_listed_with_their_whole_first_sentences(words: list[str]):
-    _, commands = CliRunner().invoke(app, words).stdout.split("\nCommands:\n")
-    listed = " ".join(commands.split())
-    assert "..." not in listed and listed.endswith(".")
+    _, commands = CliRunner().invoke(twin_command(), words).stdout.split("Show this message and exit.\n")
+    for section in commands.split("\n\n"):
+        listed = " ".join(section.split())
+        assert "..." not in listed and listed.endswith((".", "now"))
 
 
 def test_help_is_made_without_what_draws(tmp_path: Path):
@@ -225,7 +218,12 @@ def test_the_version_is_that_of_the_package(tmp_path: Path):
         (["drive", "chekc"], "twin drive: no such command 'chekc'; did you mean 'check'?"),
         (["nonsense"], "twin: no such command 'nonsense'; see twin --help"),
         (["run"], "twin run: missing argument 'EXPERIMENT'; see twin run --help"),
-        (["run", "x.toml", "--bodi", "back"], "twin run: no such option: --bodi "),
+        (["run", "x.toml", "--jsno"], "twin run: no such option '--jsno'; did you mean '--json'?"),
+        (["run", "x.toml", "--bodi"], "twin run: no such option '--bodi'; did you mean one of '--body', '--drive'?"),
+        (["run", "x.toml", "--drive"], "twin run: option '--drive' requires an argument; see twin run --help"),
+        (["run", "x.toml", "--port", "70000"], "twin run: invalid value for '--port': 70000 is not in the range"),
+        (["run", "x.toml", "--limit-wall", "nan"], "twin run: invalid value for '--limit-wall': nan is not in the"),
+        (["sweep", "show", "a", "b"], "twin sweep show: got unexpected extra argument (b); see twin sweep show --help"),
     ],
 )
 def test_a_mistake_in_the_command_line_is_one_sentence_and_exit_code_2(arguments: list[str], said: str, tmp_path: Path):
@@ -243,7 +241,7 @@ def test_a_group_without_a_command_shows_its_help(tmp_path: Path):
 @pytest.mark.parametrize("words", ["", "drive", *COMMANDS])
 def test_help_fits_80_columns(words: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", "80")
-    shown = CliRunner(env=os.environ | {"COLUMNS": "80"}).invoke(app, [*words.split(), "--help"])
+    shown = CliRunner(env=os.environ | {"COLUMNS": "80"}).invoke(twin_command(), [*words.split(), "--help"])
     assert shown.exit_code == 0
     assert max(len(line) for line in shown.stdout.splitlines()) <= 80
 
@@ -268,8 +266,8 @@ def test_isolation_as_it_was_once_asked_for_and_real_time_without_a_factor_work(
 
 def offered(line: str, cwd: Path) -> list[str]:
     words = line.split(" ")
-    asked = {"_TWIN_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    return twin(cwd=cwd, env=os.environ | asked).stdout.split()
+    asked = {"_TWIN_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+    return [line.partition(",")[2] for line in twin_process(cwd=cwd, env=os.environ | asked).stdout.splitlines()]
 
 
 @pytest.mark.parametrize(
@@ -289,3 +287,16 @@ def offered(line: str, cwd: Path) -> list[str]:
 def test_the_shell_offers_what_there_is(root: Path, line: str, words: list[str]):
     found = offered(line, root)
     assert found[: len(words)] == words and bool(found) == bool(words)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_for_each_shell_asks_twin(shell: str, tmp_path: Path):
+    done = twin_process(cwd=tmp_path, env=os.environ | {"_TWIN_COMPLETE": f"{shell}_source"})
+    assert done.returncode == 0 and f"_TWIN_COMPLETE={shell}_complete" in done.stdout
+
+
+def test_completing_a_command_imports_no_study(tmp_path: Path):
+    program = USED.format(words=[], modules={one.module for one in declared().values()})
+    asked = {"_TWIN_COMPLETE": "bash_complete", "COMP_WORDS": "twin ", "COMP_CWORD": "1"}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=os.environ | asked)
+    assert "plain,run" in done.stdout.splitlines() and done.stderr == "\n"

@@ -10,9 +10,11 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.kernel.recording import samples
-from twin.cli.app import asking, declared
+from twin.cli.ask import ask
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
+from twin.studies.command import SHARED
+from twin.studies.compare import study
 
 
 @pytest.fixture
@@ -25,13 +27,13 @@ def digits(force_position: Recording, tmp_path: Path) -> Path:
     return path
 
 
-COMPARE = asking(declared()["compare"])
-DEFAULTS = {name: one.default for name, one in inspect.signature(COMPARE).parameters.items()}
+DEFAULTS = {name: default for name, (_, default) in SHARED.items()}
+DEFAULTS |= {name: one.default for name, one in inspect.signature(study.compare).parameters.items()}
 
 
 def compare(runs: list[Path], **options: Any) -> None:
-    """The command, called as Typer calls it."""
-    COMPARE(**{**DEFAULTS, "runs": runs, **options})
+    """Ask the study as the command line does."""
+    ask(study.compare, {**DEFAULTS, "runs": runs, **options})
 
 
 MAP = ("--map", "time=stamp[ms]", "--map", "controller.F_z=-Fz[mN]")

@@ -10,7 +10,8 @@ from typing import Annotated, Any, get_args, get_origin
 import pytest
 
 from tests.command_line import twin, twin_process
-from twin.cli import app, ask
+from twin.cli import ask
+from twin.cli.catalogue import declared
 from twin.studies.command import Argument
 
 
@@ -45,9 +46,9 @@ def _arguments(function: Callable[..., Any]) -> Iterator[str]:
             yield from [word] if isinstance(option, Argument) else [flag, word]
 
 
-@pytest.mark.parametrize("words", sorted(app.declared()))
+@pytest.mark.parametrize("words", sorted(declared()))
 def test_an_exception_in_a_command_ends_it_with_70(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    one = app.declared()[words]
+    one = declared()[words]
     module = __import__(one.module, fromlist=[one.function])
     raising = _raising(getattr(module, one.function))
     monkeypatch.setattr(module, one.function, raising)

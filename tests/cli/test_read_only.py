@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli.app import app
+from twin.cli.app import carried_out
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.reader import Recording
 
@@ -61,7 +61,7 @@ def test_it_is_one_sentence(command: str, root: Path, force_position: Recording,
     }
     words = [str(names.get(word, word)) for word in shlex.split(command)]
     with pytest.raises(TwinError) as refused:
-        app(words, prog_name="twin", standalone_mode=False)
+        carried_out(words)
     assert refused.value.exit_code in (2, 3)
     assert "cannot be " in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1

@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.studies.sweep.statistics.rows import row
-from twin.cli.app import app
+from twin.cli.app import twin_command
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.studies.sweep.rows import FACTS, MARGINS, ROWS
 
@@ -32,7 +32,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def shown(*arguments: str) -> str:
-    done = CliRunner().invoke(app, ["sweep", "show", *arguments], catch_exceptions=False)
+    done = CliRunner().invoke(twin_command(), ["sweep", "show", *arguments], catch_exceptions=False)
     assert done.exit_code == 0
     return done.stdout
 
@@ -53,12 +53,12 @@ def test_nothing_runs_by_being_looked_at(folder: Path):
     (folder / FACTS).write_text(json.dumps({**facts, "origin": {"file": str(folder / "theirs.toml")}}))
     script = (
         "import sys\n"
-        "from typer.testing import CliRunner\n"
-        "from twin.cli.app import app\n"
+        "from click.testing import CliRunner\n"
+        "from twin.cli.app import twin_command\n"
         "started = []\n"
         "sys.addaudithook(lambda event, _: started.append(event) if event in ('os.fork', 'os.posix_spawn', 'os.exec', "
         "'subprocess.Popen') else None)\n"
-        "done = CliRunner().invoke(app, ['sweep', 'show', sys.argv[1]], catch_exceptions=False)\n"
+        "done = CliRunner().invoke(twin_command(), ['sweep', 'show', sys.argv[1]], catch_exceptions=False)\n"
         "print(done.stdout)\n"
         "print('ran', started, 'twin.robot.assembly.load' in sys.modules)\n"
     )
@@ -70,7 +70,7 @@ def test_nothing_runs_by_being_looked_at(folder: Path):
 @pytest.mark.parametrize("content", ['{"4": {"gain": 1.0}}', "[]", '{"4": ', '{"4": {"run": 4, "gain": 1e999}}'])
 def test_margins_that_twin_did_not_write_are_refused(folder: Path, content: str):
     (folder / MARGINS).write_text(content)
-    done = CliRunner().invoke(app, ["sweep", "show", str(folder)])
+    done = CliRunner().invoke(twin_command(), ["sweep", "show", str(folder)])
     assert isinstance(done.exception, InputRefused) and f"{folder / MARGINS}: not what" in str(done.exception)
 
 
@@ -86,7 +86,7 @@ def test_it_is_told_before_anything_is_drawn(folder: Path, monkeypatch: pytest.M
         raise NotWritten("no room")
 
     monkeypatch.setattr("twin.studies.sweep.show.pictures.write_pictures", refuse)
-    done = CliRunner().invoke(app, ["sweep", "show", str(folder)])
+    done = CliRunner().invoke(twin_command(), ["sweep", "show", str(folder)])
     assert isinstance(done.exception, NotWritten)
     assert done.stdout.startswith("made_up  12 runs: ")
 

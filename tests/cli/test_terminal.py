@@ -24,10 +24,11 @@ from twin.cli import terminal as compiling
 from twin.cli import terminal as display
 from twin.cli import terminal as progress
 from twin.cli.ask import ask
-from twin.cli.streams import Harmless
+from twin.cli.streams import Harmless, show
 from twin.cli.terminal import PIECES, Bar, PlainLine, PlainProgress, TerminalDisplay, program
 from twin.cli.terminal import compiling as compiling_text
 from twin.studies.check.study import check
+from twin.studies.command import Answer
 
 NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
 
@@ -266,6 +267,14 @@ def test_a_command_to_copy_begins_with_what_a_shell_finds(tmp_path: Path, monkey
         monkeypatch.setenv("PATH", str(tmp_path / path))
         monkeypatch.setattr("sys.argv", [argument, "run"])
         assert program() == said
+
+
+@pytest.mark.parametrize("line", ["next  twin run a.toml", "  next       twin report a b", "next: twin run a.toml"])
+def test_every_next_line_begins_with_what_a_shell_finds(line: str, monkeypatch: pytest.MonkeyPatch, capsys):
+    monkeypatch.setattr("sys.argv", ["/some where/twin", "tune"])
+    show(Answer(f"twin\n{line}\n  note  twin", {}))
+    quoted = line.replace("twin", "'/some where/twin'", 1)
+    assert capsys.readouterr().out == f"twin\n{quoted}\n  note  twin\n"
 
 
 pty = pytest.importorskip("pty", reason="Windows has no pseudo-terminals")

@@ -8,7 +8,14 @@ from twin.cli.withdrawn import WITHDRAWN
 
 @pytest.mark.parametrize(("command", "option"), WITHDRAWN)
 def test_a_withdrawn_option_is_refused_with_what_to_type_in_its_place(command: str, option: str, tmp_path):
-    for words in ([option, "x"], [f"{option}=x"]):
-        refused = twin(command, "file", *words, cwd=tmp_path)
+    first = [command, "file"] if command else []
+    for words in ([option], [option, "x"], [f"{option}=x"]):
+        refused = twin(*first, *words, cwd=tmp_path)
         assert refused.returncode == 2 and not refused.stdout and not list(tmp_path.iterdir())
-        assert refused.stderr == f"twin {command}: {option} is no longer an option; {WITHDRAWN[command, option]}\n"
+        name = f"twin {command}".strip()
+        assert refused.stderr == f"{name}: {option} is no longer an option; {WITHDRAWN[command, option]}\n"
+
+
+def test_a_withdrawn_option_is_in_no_help(tmp_path):
+    for command, option in WITHDRAWN:
+        assert option not in twin(*command.split(), "--help", cwd=tmp_path).stdout

@@ -4,7 +4,7 @@ import ast
 import re
 
 from tests.conftest import ROOT
-from twin.cli.app import declared
+from twin.cli.catalogue import declared
 
 PAGE = ROOT / "docs/how_it_works.md"
 HEAD = "| study | commands | about |\n|---|---|---|\n"

@@ -14,8 +14,7 @@ from tests.conftest import ROOT
 from twin.kernel.settings import Settings
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import TASKS
-from twin.robot.experiment import drive_files as stand_in
-from twin.robot.experiment import fault, measure, schema
+from twin.robot.experiment import fault, measure, schema, stand_in
 from twin.robot.experiment.experiment import Head
 from twin.robot.experiment.schema import nested
 

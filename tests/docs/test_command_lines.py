@@ -5,11 +5,11 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
-import typer
 
 from tests.docs.workshop import Workshop
-from twin.cli.app import app
+from twin.cli.app import twin_command
 
 BEFORE = (
     "twin run fig4_force_position fig4_position fig4_imperfect fig4_imperfect_position pressing tapping rolling pushing"
@@ -35,9 +35,9 @@ def parsed(words: list[str], command: Any = None) -> None:
     """Read `words` as the command line they are, without carrying it out.
 
     Raises:
-        typer.TyperException: no such command or option, or a word too many or too few.
+        click.UsageError: no such command or option, or a word too many or too few.
     """
-    command = command or typer.main.get_command(app)
+    command = command or twin_command()
     context = command.make_context("twin", list(words))
     if hasattr(command, "commands"):
         _, inner, rest = command.resolve_command(context, [*context._protected_args, *context.args])
@@ -58,7 +58,7 @@ def test_every_command_line_of_the_readme_has_a_command_and_options_that_exist(r
     "line", ["twin rnu a.toml", "twin run a.toml --boddy back", "twin sweep show", "twin check -j x"]
 )
 def test_a_command_line_that_is_none_is_noticed(line: str):
-    with pytest.raises(typer.TyperException):
+    with pytest.raises(click.UsageError):
         parsed(shlex.split(line)[1:])
 
 

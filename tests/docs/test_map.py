@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.map_rows import PAGE, completed, rows
-from twin.cli.app import declared
+from twin.cli.catalogue import declared
 from twin.kernel.process.job import function_called
 
 OWNERS = {

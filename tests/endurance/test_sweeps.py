@@ -1,15 +1,15 @@
 """A worker of a sweep for ten thousand runs: `make endurance`."""
 
-import threading
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.studies.sweep.definitions import job, stiffness_text, written
+from twin.kernel.process.warm import WarmProcess
+from twin.studies.sweep import SERVED
+from twin.studies.sweep.engine import run_facts
 from twin.studies.sweep.plan import planned
-from twin.studies.sweep.sweep import WorkerProcess
 
 pytestmark = [
     pytest.mark.endurance,
@@ -26,13 +26,14 @@ def test_ten_thousand_runs_in_one_process_neither_leak_nor_need_much(root: Path,
     plan = planned(written(tmp_path, text))
     (task,) = plan.tasks
     memory: list[float] = []
-    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
+    common = job(plan, tmp_path)
+    with WarmProcess(SERVED, common.limits) as process:
         for run in range(1, RUNS + 1):
             stiffness = f"contact.stiffness_N_per_m={500 + run}"
-            facts = worker.facts(replace(task, run=run, settings=(*task.settings, stiffness)), threading.Event())
-            assert facts and facts["status"] == "done"
+            facts = run_facts(common, process, replace(task, run=run, settings=(*task.settings, stiffness)))
+            assert facts["status"] == "done"
             if run % 1000 == 0:
-                memory.append(worker.memory)
+                memory.append(process.memory)
     print(drive, [round(value / MB, 2) for value in memory])
     # the first thousand fill caches and allocators
     assert memory[-1] - memory[0] < (len(memory) - 1) * 1.0 * MB

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 POISON = 'open({marker!r}, "a").write(__name__ + "\\n")\nraise ImportError("imported from the current folder")\n'
 MODULES = [
-    *("asyncio.py", "dask.py", "encodings.py", "hashlib.py", "json.py", "multiprocessing.py", "numba.py", "numpy.py"),
+    *("asyncio.py", "encodings.py", "hashlib.py", "json.py", "multiprocessing.py", "numba.py", "numpy.py"),
     *("random.py", "socket.py", "statistics.py", "twin/__init__.py"),
 ]
 SWEEP = """
@@ -30,7 +30,7 @@ COMMANDS = {
         "drive",
     ),
     "the doctor's run": ("doctor", "--run"),
-    "workers of a cluster": ("sweep", "sweep.toml", "-j", "1", "--engine", "dask", "--out", "elsewhere"),
+    "workers of a sweep": ("sweep", "sweep.toml", "-j", "1", "--out", "elsewhere"),
 }
 
 

@@ -105,7 +105,7 @@ def test_the_source_distribution_carries_the_repository(root: Path, tmp_path: Pa
 
 
 def test_in_an_empty_folder_an_experiment_is_written_and_drives_are_listed(away: Environment, tmp_path: Path):
-    assert "next: twin run my.toml" in away.run("twin", "init", "my.toml", cwd=tmp_path)
+    assert f"next: {away.folder / 'bin' / 'twin'} run my.toml" in away.run("twin", "init", "my.toml", cwd=tmp_path)
     listed = away.run("twin", "drive", "list", cwd=tmp_path)
     assert listed.count(" yes ") == 11
     # read with everything it names, and refused for its length alone

@@ -12,6 +12,7 @@ from tests.memory import growth
 from tests.report.attacks import Attack
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.recording.export.export import export_recording
+from twin.kernel.serialise import to_dict
 from twin.kernel.writing import json_text
 from twin.report.page.page import write_report
 from twin.robot.assembly.load import load_experiment
@@ -30,7 +31,7 @@ Command = Callable[[Path, Path, Random], object]
 
 
 def compare(good: Path, forged: Path, draw: Random) -> object:
-    return json_text(compared(*both(good, forged)).facts())
+    return json_text(to_dict(compared(*both(good, forged))))
 
 
 def export(good: Path, forged: Path, draw: Random) -> object:

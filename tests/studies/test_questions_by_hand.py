@@ -1,4 +1,4 @@
-"""README's questions on logs, faults and accuracy: the commands' answers, computed again by numpy from recordings."""
+"""README's questions on drives, logs, faults and accuracy: the answers, computed again by numpy from recordings."""
 
 import json
 from pathlib import Path
@@ -9,8 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.command_line import twin
+from tests.robot.run import by_hand as hand
 from twin.kernel.recording.reader import Recording, read
+from twin.robot.assembly.load import load_experiment
 from twin.robot.monitor.checks import Reason
+from twin.robot.run.run import execute
+from twin.studies.qualify.comparison import disturbed
 
 FIG4 = "fig4_force_position"
 
@@ -36,6 +40,62 @@ def last_at(times: NDArray[Any], t: NDArray[Any]) -> NDArray[np.intp]:
 
 def moments(e: NDArray[np.float64]) -> dict[str, float]:
     return {"bias": float(e.mean()), "std": float(e.std()), "rms": float(np.sqrt(np.mean(e**2)))}
+
+
+LEAST = {"hold_error": 0.05, "hold_overshoot": 0.01, "chatter": 0.05, "held_lateral_error": 2.5e-5,
+         "held_z_error": 2.5e-5}  # fmt: skip
+"""Smallest difference that counts, SI; of torque and work 5 %."""
+NAMES = {
+    "hold_error": "hold error", "hold_overshoot": "overshoot", "chatter": "chatter",
+    "held_lateral_error": "lateral error while held", "held_z_error": "z error while held",
+    "torque": "largest torque", "shaft_work": "shaft work",
+}  # fmt: skip
+
+
+def judged_by_hand(run: Recording) -> dict[str, float]:
+    """What drives are judged by, SI."""
+    found = hand.measures(run) | hand.efforts(run)
+    # a swing too small to be reported is none
+    return {key: found[key] if key != "chatter" or found[key] >= 0.05 else 0.0 for key in NAMES}
+
+
+@pytest.mark.slow
+def test_the_verdict_on_two_drives_is_that_of_eight_pairs_of_recordings(root: Path, tmp_path: Path):
+    drives = ("velocity_servo", "pmsm_foc")
+    found = answer("drive", "compare", *drives, "--experiment", "pressing", folder=tmp_path)
+    (experiment,) = found["experiments"]
+    table: dict[str, list[NDArray[Any]]] = {}
+    for drive, said in zip(drives, experiment["drives"], strict=True):
+        one = load_experiment(root / "experiments/pressing.toml", (), drive)
+        itself = judged_by_hand(read(execute(one, tmp_path / drive).recording))
+        for key, value in itself.items():
+            own = said["run_measures"][key]["value"]
+            assert (own or 0.0) == pytest.approx(value, rel=1e-9, abs=1e-12), (drive, key)
+        pairs = [
+            judged_by_hand(read(execute(disturbed(one, seed), tmp_path / f"{drive}_{seed}").recording))
+            for seed in range(1, 9)
+        ]
+        for key in NAMES:
+            table.setdefault(key, []).append(np.array([pair[key] for pair in pairs]))
+    said, verdicts = experiment["paired"]["drives"]["pmsm_foc"], {}
+    assert set(said) == set(NAMES)
+    for key, (first, other) in table.items():
+        d = other - first
+        mean, half_width = d.mean(), 2.365 * d.std(ddof=1) / np.sqrt(8.0)
+        least = LEAST.get(key, 0.05 * max(first.mean(), other.mean()))
+        verdicts[key] = "same" if abs(mean) <= max(half_width, least) else "better" if mean < 0.0 else "worse"
+        assert said[key]["mean"] == pytest.approx(mean, rel=1e-7, abs=1e-12), key
+        assert said[key]["half_width"] == pytest.approx(half_width, rel=1e-7, abs=1e-12), key
+        assert said[key]["agreeing"] == np.sum(d * mean > 0.0) and said[key]["runs"] == 8
+        assert said[key]["verdict"] == verdicts[key], key
+    z = table["held_z_error"][1] - table["held_z_error"][0]
+    interval = (
+        f"{1e3 * z.mean():+.4f} +- {1e3 * 2.365 * z.std(ddof=1) / np.sqrt(8.0):.4f} mm, in {np.sum(z < 0.0)} of 8"
+    )
+    same = ", ".join(name for key, name in NAMES.items() if verdicts[key] == "same")
+    assert [key for key, one in verdicts.items() if one != "same"] == ["held_z_error"]
+    sentence = f"pmsm_foc beside velocity_servo: better in z error while held ({interval}); the same in {same}"
+    assert found["verdict"] == [sentence]
 
 
 def test_what_a_replay_says_of_the_force_is_in_the_run_that_it_takes_for_a_log(tmp_path: Path):

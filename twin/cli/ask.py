@@ -29,10 +29,6 @@ LIMITS = ("limit_step", "limit_wall")
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     """Print what a study answers, as text or as JSON, and end with its exit code.
 
-    Args:
-        function: the study.
-        given: values of its options and of those that it shares.
-
     Raises:
         SystemExit: the exit code is not 0.
         InputRefused: limits of a process, and none is to be made.
@@ -120,9 +116,7 @@ def recorded(
 
     Args:
         job, arguments, limits: see `guarded`.
-        display: shows how far it is.
         isolate: none: it runs in this process.
-        hear: takes its notes instead of `display`.
 
     Raises:
         ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.

@@ -80,11 +80,7 @@ def explore(
 
 
 def _session(address: str | None) -> "LiveSession | None":
-    """The session at `address`; None: none is wanted.
-
-    Raises:
-        InputRefused: there is no such address.
-    """
+    """The session at `address`; None: none is wanted."""
     if address is None:
         return None
     # takes a while to load

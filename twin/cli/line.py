@@ -11,7 +11,7 @@ from twin.kernel.errors import (
     plain,
     system_sentence,
 )
-from twin.kernel.process.job import INTERRUPTED, interruption
+from twin.kernel.process.job import interruption
 
 
 def main() -> None:
@@ -26,18 +26,20 @@ def main() -> None:
 
 def _ended() -> tuple[int | str | None, str]:
     """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been printed."""
+    code: int | str | None
     try:
         try:
             # here, so that errors of its imports are reported, too
             from twin.cli.app import carried_out
 
-            code = carried_out(sys.argv[1:])
-            # Typer makes this of Ctrl-C where no command has more to say about it
-            code, sentence = interruption() if code == INTERRUPTED else (code, "")
+            code, sentence = carried_out(sys.argv[1:]), ""
         except SystemExit as end:
             code, sentence = end.code, ""
         sys.stdout.flush()
         return code, sentence
+    except KeyboardInterrupt:
+        # no command has more to say about it
+        return interruption()
     except Unread:
         return READER_GONE, ""
     except TwinError as error:

@@ -135,12 +135,7 @@ def run(
 
 
 class Reported:
-    """Writes one page on all runs when they are over, also if one of them did not end well.
-
-    Args:
-        wanted: whether to.
-        as_json: tell it as JSON.
-    """
+    """Writes one page on all runs when they are over, also if one of them did not end well."""
 
     def __init__(self, wanted: bool, as_json: bool):
         self._wanted = wanted
@@ -193,9 +188,6 @@ def report(
     failed while a budget was made.
 
     Example: twin report results/fig4_force_position results/fig4_position
-
-    Raises:
-        TwinError: see `write_report`.
     """
     from twin.report.page.page import write_report
 
@@ -229,9 +221,6 @@ def drive_compare(
     one failed.
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
-
-    Raises:
-        InputRefused, ComponentFailed, NotWritten: see `compare_drives`.
     """
     name, limits = "twin.studies.qualify.study:compare_drives", JobLimits(limit_step, limit_wall)
     asked = {"fmus": drives, "experiments": experiments, "settings": settings, "body": body, "out": out}
@@ -270,12 +259,8 @@ def sweep_show(
     Exit code: 0 shown, 2 input refused.
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
-
-    Raises:
-        InputRefused: there is no such sweep, metric or parameter.
-        NotWritten: the disk refuses.
     """
-    from twin.robot.experiment.drive_files import sweep_file
+    from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.rows import HOME, stored_sweep
 
     # a sweep by its file or its name; else its folder

@@ -9,6 +9,7 @@ from twin.robot.run.measures import (
     MeasuredValue,
     Values,
     first_measures,
+    fixed,
     labelled,
     measured_values,
     shown,
@@ -98,7 +99,8 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         for one in held:
             yield from wrapped(_held(one, len(held) > 1), _row("", ""))
         if "end_x" in outcome and not held:
-            yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
+            x, y = (fixed(outcome[key], 2) for key in ("end_x", "end_y"))
+            yield _row("", f"{x} N along x, {y} N along y in the last second")
         if outcome["force_error"] is not None:
             yield _row("", f"error since the first touch {outcome['force_error']:.2f} N rms, force loop on")
     else:
@@ -121,11 +123,6 @@ def _held(one: Mapping[str, Any], several: bool) -> str:
     return f"{name}{did}{force}, {one['begin']:.1f} to {one['end']:.1f} s{error}"
 
 
-def _force(value: float) -> str:
-    # no minus before what rounds to nothing
-    return f"{round(value, 2) + 0.0:.2f} N"
-
-
 def _events(run: Mapping[str, Any]) -> Iterator[str]:
     events = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
     for t, text in events[:MOST_EVENTS]:
@@ -137,7 +134,7 @@ def _events(run: Mapping[str, Any]) -> Iterator[str]:
 def _robot(run: Mapping[str, Any]) -> Iterator[str]:
     if counts := run.get("robot_values"):
         # takes a while to load
-        from twin.robot.experiment.recorded import robot_values_text
+        from twin.robot.experiment.differences import robot_values_text
 
         yield _row("robot", robot_values_text(counts))
 

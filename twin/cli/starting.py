@@ -25,7 +25,7 @@ def init(
     Example: twin init my_experiment.toml --from pressing
     """
     from twin.robot.assembly.declared import DECLARED
-    from twin.robot.experiment.recorded import start_experiment
+    from twin.robot.experiment.template import start_experiment
 
     written = [str(path) for path in start_experiment(DECLARED, file, start)]
     return Answer("\n".join([*written, f"next: {shlex.join(['twin', 'run', str(file)])}"]), written)

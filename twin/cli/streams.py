@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import shlex
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
@@ -126,7 +127,14 @@ def guard_terminal() -> None:
         sys.stdout = Harmless(sys.stdout)  # type: ignore[assignment]
 
 
+_FOLLOWING = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
+"""The program in the line of a command that follows."""
+
+
 def show(answer: "Answer", as_json: bool = False) -> None:
-    """Print `answer`."""
+    """Print `answer`; commands that follow begin with the program as the shell finds it."""
+    from twin.cli.terminal import program
+
+    text = _FOLLOWING.sub(lambda found: found[1] + shlex.quote(program()), answer.text)
     # names in a recording are anybody's
-    print(json_text(answer.facts) if as_json else visible_lines(answer.text), flush=True)
+    print(json_text(answer.facts) if as_json else visible_lines(text), flush=True)

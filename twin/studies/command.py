@@ -8,11 +8,12 @@ anything, so such a module imports at its top only what they need, and what comp
 Besides: progress of a study while it runs; its answer, the same for every study.
 """
 
+import inspect
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Record = TypeVar("Record")
 Asked = Mapping[str, Any]
 """Values of a study's arguments, by name."""
 
@@ -58,10 +60,11 @@ class Argument(Option):
 class Study:
     """Marks a function as a study, as `@study(...)`; it stays what it is for who calls it from Python.
 
-    Beside its options it takes `say`, see `Say`; or `reporter`, see `Reporter`, if it records a run; or neither, if
-    there is nothing to wait for. It returns an `Answer`, yields one after the other as it has them, or prints for
-    itself. Options that studies share, such as `--json`, are added; one that needs to know such an option has it among
-    its arguments.
+    An argument whose type is a dataclass, such as `MasterOptions`, stands for its fields: each is an option. Beside its
+    options it takes `say`, see `Say`; or `reporter`, see `Reporter`, if it records a run; or neither, if there is
+    nothing to wait for. It returns an `Answer`, yields one after the other as it has them, or prints for itself.
+    Options that studies share, such as `--json`, are added; one that needs to know such an option has it among its
+    arguments.
 
     Attributes:
         words: of the command, if they are not the function's name.
@@ -86,6 +89,7 @@ class Study:
     on_failure: Callable[[Asked], str] | None = None
 
     def __call__(self, function: Function) -> Function:
+        function = _with_own_options(function)
         vars(function)["study"] = self
         return function
 
@@ -97,6 +101,39 @@ class Study:
 
 
 study = Study
+
+
+def options_of(record: type[Record], asked: Asked) -> Record:
+    """Return a record of options, from what is asked by their names; what is not asked has its default."""
+    return record(**{one.name: asked[one.name] for one in fields(record) if one.name in asked})  # type: ignore[arg-type]
+
+
+def _with_own_options(function: Function) -> Function:
+    """Return `function` with the fields of its records of options as arguments of its own."""
+    parameters = inspect.signature(function).parameters.values()
+    records: dict[str, Any] = {
+        one.name: one.annotation
+        for one in parameters
+        if isinstance(one.annotation, type) and is_dataclass(one.annotation)
+    }
+    if not records:
+        return function
+
+    @wraps(function)
+    def called(**asked: Any) -> Any:
+        made = {name: options_of(record, asked) for name, record in records.items()}
+        return function(**{key: asked[key] for key in asked if key in own}, **made)
+
+    own = {one.name for one in parameters}
+    flat = [
+        inspect.Parameter(option.name, inspect.Parameter.KEYWORD_ONLY, default=option.default, annotation=option.type)
+        if option
+        else one.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for one in parameters
+        for option in (fields(records[one.name]) if one.name in records else [None])
+    ]
+    vars(called)["__signature__"] = inspect.Signature(flat)
+    return called  # type: ignore[return-value]
 
 
 class Interrupted(TwinError):
@@ -113,12 +150,8 @@ Isolation = Literal["run", "drive", "none"]
 """The same of a run, whose drives may have processes of their own."""
 
 
-class PictureFormat(StrEnum):
-    """What pictures are written as for a paper; not a `Literal`, of which Typer takes no lists."""
-
-    SVG = "svg"
-    PDF = "pdf"
-
+PictureFormat = Literal["svg", "pdf"]
+"""What pictures are written as for a paper."""
 
 Isolate = Annotated[
     JobIsolation,
@@ -191,10 +224,7 @@ def answer_apart(
 
     Args:
         name: "module:function", see `answered`.
-        asked: the function's arguments but `say`.
-        say: called with what it is doing.
         isolate: what gets a process of its own; a study that steps no FMU needs none.
-        limits: of that process.
         formats, columns: of pictures for a paper, besides those for the screen.
 
     Raises:
@@ -226,16 +256,15 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
 
     Args:
         name: "module:function"; the function takes what is asked, and `reporter`.
-        asked: its arguments.
     """
     return vars(answer_of(function_called(name)(**asked, reporter=reporter)))
 
 
 def confirmed(question: str) -> bool:
     """Whether who sits at the terminal says yes."""
-    import typer
+    import click
 
-    return typer.confirm(question, err=True)
+    return click.confirm(question, err=True)
 
 
 class Say(Protocol):
@@ -249,12 +278,7 @@ def silent(what: str, share: float | None = None, /) -> None:
 
 
 class Steps:
-    """Counts steps that take about as long as each other.
-
-    Args:
-        say: called at the beginning of each.
-        total: how many there are.
-    """
+    """Counts steps that take about as long as each other."""
 
     def __init__(self, say: Say, total: int):
         self._say, self._total, self._begun = say, total, 0
@@ -288,18 +312,7 @@ class Answer:
 
 
 def judged(name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()) -> Result:
-    """`result` of a comparison with notes and with where its files are; picture and verdict are written.
-
-    Args:
-        name: of the files.
-        folder: where they go.
-        result: with the facts of the verdict.
-        draw: draws the picture, into a file.
-        notes: on what was compared.
-
-    Raises:
-        InputRefused, NotWritten: the folder or the disk refuses.
-    """
+    """`result` of a comparison with notes and with where its files are; picture and verdict are written."""
     files = {"picture": made_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
     draw(files["picture"])
     write_json(files["verdict"], result.facts)
@@ -316,7 +329,6 @@ def answered(
     Args:
         study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing, and
             returns a `Result` or an `Answer`.
-        asked: its arguments.
         formats, columns: of pictures for a paper, see `for_paper`.
     """
 

@@ -163,7 +163,6 @@ def picture(
     The same figure gives the same bytes.
 
     Args:
-        path: of the picture.
         width, height: in inches.
         title: above all panels.
         by_hand: panels are placed by the code that draws them.

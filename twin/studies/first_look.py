@@ -35,7 +35,7 @@ def find_experiments(asked: Asked) -> None:
     Raises:
         InputRefused: one is not, or is no TOML.
     """
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import read_source
 
     for experiment in _named(asked, "experiment"):

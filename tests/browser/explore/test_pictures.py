@@ -12,7 +12,8 @@ from twin.report.explore.asked import Base, asked
 from twin.report.explore.figures import fig4_runs
 from twin.studies.faults.matrix import onsets_of
 from twin.studies.faults.trials import healthy_run
-from twin.studies.paper.fig4 import fig4_score, tally
+from twin.studies.paper.claim import tally
+from twin.studies.paper.fig4 import fig4_score
 
 pytestmark = pytest.mark.slow
 
@@ -77,7 +78,7 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         mark.focus()
         page.keyboard.press("ArrowRight")
         expect(page.get_by_label("at (s)").last).to_have_value("6.05")
-        opened.page.get_by_text("repair").click()
+        opened.page.get_by_text("Remove").click()
         expect(page.locator("#problem")).to_be_hidden()
         expect(page.locator(".box", has_text="largest force").first.locator("strong")).to_have_text(before)
 

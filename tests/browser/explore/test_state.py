@@ -78,9 +78,9 @@ def test_pinned_states_lie_beside_and_can_be_returned_to(opened: Opened):
     expect(opened.page.locator(".pinned")).to_have_count(3)
     opened.page.locator(".pinned input").first.fill("as it was")
     opened.page.locator(".pinned input").first.press("Enter")
-    opened.page.locator(".pinned", has=opened.page.locator("input")).first.get_by_text("go").click()
+    opened.page.locator(".pinned", has=opened.page.locator("input")).first.get_by_text("Show").click()
     expect(opened.row(GAIN).locator(".entry input")).to_have_value("2")
-    opened.page.get_by_label("Unpin as it was").click()
+    opened.page.get_by_label("Remove as it was").click()
     expect(opened.page.locator(".pinned")).to_have_count(2)
     assert opened.messages == []
 

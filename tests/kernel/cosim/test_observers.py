@@ -14,7 +14,8 @@ from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.run import execute
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.robot.run.watch import Tuning, Watch
+from twin.robot.run.tuning import Tuning
+from twin.robot.run.watch import Watch
 
 TOUCHING = ("duration_s=1", "contact.height_mm=-85.5")
 """A scale so high that contact begins soon."""

@@ -11,10 +11,10 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.kernel.fmi.archives import DESCRIPTION, altered
-from twin.cli.app import app
+from twin.cli.app import twin_command
 from twin.kernel.cache_folder import cache_folder
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import COMPILED
@@ -79,7 +79,7 @@ def test_sources_are_built_when_asked_and_step_as_the_binary_does(root: Path, tm
     fmu = sources_only(root, tmp_path, "velocity_servo", extra="#define FMI2_FUNCTION_PREFIX velocity_servo_\n")
     with pytest.raises(InputRefused, match=r"no binary for this platform .* twin drive info .* --compile builds them"):
         described(fmu)
-    done = CliRunner().invoke(app, ["drive", "info", str(fmu), "--compile"])
+    done = CliRunner().invoke(twin_command(), ["drive", "info", str(fmu), "--compile"])
     assert done.exit_code == 0, done.output
     built = theta(root, tmp_path / "built", fmu)
     # another compiler may contract multiplications and additions

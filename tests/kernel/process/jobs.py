@@ -110,3 +110,22 @@ def crawl(reporter: Reporter, ticks: int) -> None:
         return 0.0
 
     Simulation(System([continuous("crawler", step)], [], 1e-3), ticks).run()
+
+
+_count = 0
+
+
+def warm(
+    reporter: Reporter, echo: int = 0, leave: int = 0, sleep: float = 0.0, refuse: str = "", interrupt: bool = False
+) -> dict[str, Any]:
+    """Counts how often it was done, and does what it is asked for."""
+    global _count
+    _count += 1
+    if leave:
+        os._exit(leave)
+    if refuse:
+        raise NotIdentifiable(refuse)
+    if interrupt:
+        os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(sleep)
+    return {"pid": os.getpid(), "count": _count, "echo": echo}

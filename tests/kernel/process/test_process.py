@@ -12,12 +12,9 @@ from twin.cli.ahead import JOB, job_expected
 from twin.kernel.process import process as ahead
 from twin.kernel.process import process as interpreter
 from twin.kernel.process.process import (
-    OURS,
-    SAFE_PATH,
     end_waiting,
     environment,
     module_command,
-    others_safe,
     process_for,
     start_ahead,
 )
@@ -33,18 +30,6 @@ def test_installed_packages_do_not_come_before_the_standard_library(monkeypatch:
     monkeypatch.setattr(interpreter.twin, "__file__", f"{packages}/twin/__init__.py")
     monkeypatch.delenv("PYTHONPATH", raising=False)
     assert environment()["PYTHONPATH"] == ""
-
-
-def test_what_a_package_starts_is_safe_meanwhile_and_what_a_drive_starts_is_left_alone(monkeypatch):
-    monkeypatch.delenv(SAFE_PATH, raising=False)
-    with others_safe():
-        assert os.environ[SAFE_PATH] == OURS and SAFE_PATH not in environment()
-    assert SAFE_PATH not in os.environ
-    # the user's own wish stays
-    monkeypatch.setenv(SAFE_PATH, "1")
-    with others_safe():
-        assert os.environ[SAFE_PATH] == environment()[SAFE_PATH] == "1"
-    assert os.environ[SAFE_PATH] == "1"
 
 
 def test_the_package_is_found_from_any_folder_and_the_folder_is_not_searched(tmp_path: Path):

@@ -8,7 +8,7 @@ import pytest
 from tests.kernel.systems.archives import component, connection, structure, system
 from tests.kernel.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
-from twin.kernel.systems.choice import kinds, order, steps
+from twin.studies.systems.options import kinds, order, steps
 from twin.studies.systems.recorded import system_result
 
 TWO = system(

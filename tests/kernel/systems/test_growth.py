@@ -1,15 +1,13 @@
 """Readers of systems take work in proportion to the number of components, of each format."""
 
 import json
-import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import pytest
 
+from tests.growth import assert_linear_in_lines
 from tests.kernel.systems.archives import archive, component, connection, structure, system
 from twin.kernel.systems.reading import read_system
 
@@ -49,29 +47,9 @@ def ssp(folder: Path, fmu: Path, count: int) -> Path:
     return archive(folder / f"{count}.ssp", structure(system(parts, wires), 0.1), {"a.fmu": fmu})
 
 
-def lines(function: Callable[[], Any]) -> int:
-    """Number of lines of Python that a call runs, which no other load of the machine changes."""
-    count = 0
-
-    def trace(frame: FrameType, event: str, argument: Any) -> Any:
-        nonlocal count
-        count += 1
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        function()
-    finally:
-        sys.settrace(before)
-    return count
-
-
 @pytest.mark.parametrize("written", [maestro, osp, ssp])
 def test_a_system_of_twice_the_components_takes_twice_the_work(
     written: Callable[[Path, Path, int], Path], ideal: Path, tmp_path: Path
 ):
     few, many = (written(tmp_path, ideal, count) for count in (100, 200))
-    # what is read once in a process
-    read_system(few)
-    assert lines(lambda: read_system(many)) < 2.2 * lines(lambda: read_system(few))
+    assert_linear_in_lines(lambda: read_system(few), lambda: read_system(many), 2.0)

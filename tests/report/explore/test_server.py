@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import server as explorer
-from twin.report.explore.server import ExplorerServer, lasting_token
+from twin.report.explore.server import MOST_WAITING, ExplorerServer, lasting_token
 
 TOKEN = "t" * 43
 LINGER = 0.3
@@ -178,7 +178,7 @@ def test_samples_come_as_floats_behind_the_json(served: Served):
     assert np.frombuffer(answer, "<f4", offset=4 + length).tolist() == [0.0, 1.0, 2.0]
 
 
-def test_of_requests_that_wait_the_newest_of_each_kind_is_answered(served: Served):
+def test_of_requests_that_wait_the_newest_of_each_kind_is_served_and_all_are_answered(served: Served):
     with served.link() as link:
         link.recv(5)
         StandIn.may.clear()
@@ -188,15 +188,38 @@ def test_of_requests_that_wait_the_newest_of_each_kind_is_answered(served: Serve
             time.sleep(0.01 if number else 0.2)
         time.sleep(0.2)
         StandIn.may.set()
-        ids = []
-        for _ in range(3):
+        ids, outdated = [], []
+        for _ in range(20):
             answer = link.recv(5)
-            assert isinstance(answer, bytes)
-            ids.append(json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])["id"])
-        with pytest.raises(TimeoutError):
-            link.recv(0.2)
+            if isinstance(answer, bytes):
+                ids.append(json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])["id"])
+            else:
+                outdated.append(json.loads(answer)["id"])
+                assert json.loads(answer)["outdated"]
     # what was under way, and the last of both
-    assert ids[0] == 0 and sorted(ids[1:]) == [18, 19]
+    assert ids[0] == 0 and sorted(ids[1:]) == [18, 19] and sorted(outdated) == list(range(1, 18))
+
+
+def test_a_second_recording_is_refused_at_once_while_the_first_is_made(served: Served):
+    with served.link() as link:
+        link.recv(5)
+        StandIn.may.clear()
+        for number in (1, 2):
+            link.send(json.dumps({"op": "record", "id": number, "state": {}}))
+        answer = json.loads(link.recv(5))
+        assert answer["id"] == 2 and answer["refused"].startswith("a run of this page is being recorded")
+
+
+def test_a_request_beyond_those_that_may_wait_is_refused(served: Served):
+    with served.link() as link:
+        link.recv(5)
+        StandIn.may.clear()
+        for number in range(MOST_WAITING + 2):
+            link.send(json.dumps({"op": "show", "id": number, "slot": number}))
+            # the first one is under way
+            time.sleep(0.0 if number else 0.2)
+        answer = json.loads(link.recv(5))
+        assert answer["id"] == MOST_WAITING + 1 and "are waiting" in answer["refused"]
 
 
 def test_a_crash_is_a_sentence_and_the_page_goes_on(served: Served):

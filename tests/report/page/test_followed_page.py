@@ -86,7 +86,7 @@ def test_of_a_session_that_was_killed_the_page_says_what_is_not_known(session: P
 
 def test_where_samples_are_missing_a_curve_has_a_gap_and_goes_on_in_time(session: Path):
     run = ReportRun("", read(session))
-    t = run.times["encoder"]
+    t = run.time("encoder")
     found = evenly(lambda run: (t, t))(run)
     assert found is not None
     grid, values = found

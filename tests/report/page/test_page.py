@@ -28,11 +28,12 @@ from twin.report.page.page import (
     write_report,
 )
 from twin.report.page.panels import commanded_speed
-from twin.report.page.run import ReportRun, report_runs, verdict
+from twin.report.page.run import ReportRun, report_runs
+from twin.report.page.verdict import verdict
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment, recorded_experiment
-from twin.robot.experiment.recorded import flat, name_and_unit
+from twin.robot.experiment.differences import flat, name_and_unit
 from twin.robot.run.run import SUMMARY, execute
 from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution, accuracy_budget
 
@@ -294,8 +295,16 @@ def test_the_verdict_comes_before_everything_else(page: str):
 def test_four_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str, force_position: Recording):
     first = page[: page.index("Replay</h2>")]
     boxes = re.findall(r'<div class="box"><strong>([^<]*)</strong><span>([^<]*)</span></div>', first)
-    assert [name for _, name in boxes] == ["hold error", "overshoot", "settling time", "error since the first touch"]
-    assert boxes[0][0] == "0.09388 N"
+    assert [name for _, name in boxes] == ["hold error", "overshoot", "settling time", "chatter, below 0.05 N"]
+    # with the digits of the verdict above them
+    assert [value for value, _ in boxes] == ["0.094 N", "0.0 %", "0.85 s", "none"]
+
+
+def test_a_run_with_tasks_has_no_box_for_the_settling_time_that_it_cannot_have(root: Path, tmp_path: Path):
+    run = ReportRun("", read(execute(load_experiment(root / "experiments/pressing.toml"), tmp_path).recording))
+    found = verdict_section([run], verdict([run]))
+    names = re.findall(r"</strong><span>([^<]*)</span>", found)
+    assert names == ["hold error", "overshoot", "chatter, below 0.05 N", "error since the first touch"]
 
 
 def test_of_several_runs_the_same_three_numbers_stand_side_by_side(force_position: Recording, position: Recording):

@@ -9,10 +9,10 @@ import pytest
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.report.page.plain import sweep_page, write_sweep_page
+from twin.studies.sweep.claims import packed
 from twin.studies.sweep.rows import SweepRows
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures
-from twin.studies.sweep.worker import packed
 
 ASKED = Asked("force_error_N", "lateral_error_mm", 5)
 

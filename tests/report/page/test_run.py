@@ -9,7 +9,8 @@ import pytest
 
 from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.run import ReportRun, measures, number, outcome, verdict
+from twin.report.page.run import ReportRun, measures, number, outcome
+from twin.report.page.verdict import verdict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.studies.paper.fig4_measures import FINAL, Fig4Run

@@ -8,7 +8,7 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, Sampled, shipped
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import plant_parameters
-from twin.robot.experiment.drive_files import fill_from_body
+from twin.robot.experiment.experiment_files import fill_from_body
 from twin.robot.experiment.source import Source, override, read_source
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.contact_law import Contact, elastic_force

@@ -7,7 +7,7 @@ import pytest
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file, known_experiments
+from twin.robot.experiment.experiment_files import experiment_file, known_experiments
 
 NAME = "fig4_force_position"
 

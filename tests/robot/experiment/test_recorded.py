@@ -9,16 +9,11 @@ import pytest
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.command_words import repeating_words, run_command, run_words
+from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.recorded import (
-    recorded_fmus,
-    recorded_values,
-    repeating_words,
-    robot_values,
-    run_command,
-    run_words,
-    start_experiment,
-)
+from twin.robot.experiment.recorded import recorded_fmus, recorded_values
+from twin.robot.experiment.template import start_experiment
 
 WHERE = Path("run.mcap")
 

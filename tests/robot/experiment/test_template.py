@@ -8,7 +8,8 @@ import pytest
 from tests.robot.experiment.schema_tables import tables
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.json_schema import commented_experiment, experiment_json_schema
+from twin.robot.experiment.json_schema import experiment_json_schema
+from twin.robot.experiment.template import commented_experiment
 
 EXPERIMENTS = sorted((Path(__file__).parents[3] / "experiments").glob("*.toml"))
 

@@ -19,7 +19,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live import server as on_air
 from twin.robot.live.server import BACKLOG, Broadcast
-from twin.robot.run.watch import Tuning
+from twin.robot.run.tuning import Tuning
 
 CHANNEL = Channel(1, "/words", "foxglove.Log", descriptors_of(Log.DESCRIPTOR), {})
 MOTTO = Channel(2, "/motto", "foxglove.Log", descriptors_of(Log.DESCRIPTOR), {}, constant=True)

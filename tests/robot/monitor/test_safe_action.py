@@ -215,6 +215,45 @@ def test_no_motor_goes_down_past_its_angle_at_the_trip_by_more_than_three_degree
     assert old.monitor.power_off_tick is None and old.F_z.max() > 12.0
 
 
+@pytest.mark.parametrize("speed", [25.0, 30.0, 40.0])
+def test_motors_that_jump_on_in_the_next_sample_run_away_and_lose_their_power_then(speed):
+    def race(omega, k):
+        omega[:] = speed if np.any(omega != 0.0) or k == FAULT else 0.0
+
+    run = Pressing(PRESSES[4], motors=race)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert trip.reason in (Reason.JUMP, Reason.FORCE_RATE) and off is not None
+    assert off - trip.tick <= 2
+    # two samples of 2 ms and the last tick with power: three degrees each at 25 rad/s, 1.1 N per degree
+    assert run.F_z.max() < 5.0 + 5.0 * TICK * math.degrees(speed) * 1.2
+
+
+@pytest.mark.parametrize("size", [100.0, -100.0, 1000.0])
+@pytest.mark.parametrize("back", [True, False])
+def test_an_encoder_that_jumps_once_or_there_and_back_takes_no_power(size: float, back: bool):
+    def glitch(message, k):
+        message[:3] += size * (k < FAULT + 2 or not back)
+
+    run = Pressing(PRESSES[4], counts=glitch)
+    assert latched(run.monitor.trip).reason is Reason.JUMP
+    assert run.monitor.power_off_tick is None and run.F_z[-1] == 0.0
+
+
+@pytest.mark.parametrize("counts", [lost_for_a_while, dead_joint_encoder, dead_motor_encoder])
+@pytest.mark.parametrize("speed", [8.0, 12.0])
+def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_back(counts, speed):
+    def race(omega, k):
+        if k >= 500 and (k == 500 or np.any(omega != 0.0)):
+            omega[:] = speed
+
+    run = Pressing(PRESSES[4], counts=counts, motors=race)
+    off = run.monitor.power_off_tick
+    assert off is not None and off - 500 <= 8
+    assert run.F_z[500:].max() == 0.0
+    old = Pressing(PRESSES[4], counts=counts, motors=race, limits=WAITING, ticks=620)
+    assert old.F_z[500:].max() > 5.0
+
+
 @pytest.mark.parametrize("broken", [dead_motor_encoder, dead_joint_encoder])
 def test_an_encoder_that_is_doubted_leaves_the_other_drives_their_rules(broken):
     run = Pressing(PRESSES[4], counts=broken, motors=runaway)

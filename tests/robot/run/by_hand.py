@@ -1,4 +1,4 @@
-"""The measures of a held force, computed from a recording with numpy alone, as an engineer would by hand."""
+"""The measures of a run with a held force, from a recording with numpy alone, as an engineer would compute them."""
 
 import json
 from itertools import pairwise
@@ -15,6 +15,13 @@ def at(run: Any, key: str, t: NDArray) -> NDArray:
     """A signal as it held at times `t`."""
     times = run.time(key.partition(".")[0])
     return np.asarray(run[key])[np.maximum(np.searchsorted(times, t + 5e-10, side="right") - 1, 0)]
+
+
+def error_from(run: Any, begin: float) -> float:
+    """Root mean square of the force minus its reference from `begin` (s) on."""
+    t = run.time("plant")
+    e = -run["plant.F_ee_B"][:, 2] - at(run, "controller.F_z_ref", t)
+    return float(np.sqrt(np.mean(e[t >= begin - 5e-10] ** 2)))
 
 
 def held_ticks(on: NDArray, R: NDArray, s0: int, two_seconds: int) -> NDArray[np.bool_]:
@@ -44,6 +51,30 @@ def chatter(e: NDArray, dt: float) -> tuple[float, float]:
         elif value < -0.025:
             sign = -1
     return float(np.sqrt(2.0 * np.mean(y**2))), ups / (len(e) * dt)
+
+
+def efforts(run: Any) -> dict[str, Any]:
+    """Largest motor torque (N m) and current (A), work of the shafts and electrical energy (J); None if unknown.
+
+    Of a run in which the monitor does not trip.
+    """
+    t, known = run.time("plant"), run.fields()
+
+    def of_drives(name: str) -> NDArray | None:
+        keys = [f"drive/{joint}.{name}" for joint in (1, 2, 3)]
+        if keys[0] in known:
+            return np.column_stack([at(run, key, t) for key in keys])
+        return at(run, f"drive.{name}", t) if f"drive.{name}" in known else None
+
+    dt, load, speed = t[1] - t[0], run["plant.tau_load"], of_drives("omega_m")
+    torque, current, power = map(of_drives, ("tau_motor", "current", "power"))
+    assert speed is not None
+    return {
+        "torque": np.abs(load if torque is None else torque).max(),
+        "current": None if current is None else np.abs(current).max(),
+        "shaft_work": dt * np.sum(np.maximum(load * speed, 0.0)[:-1]),
+        "energy": None if power is None else dt * np.sum(power[:-1]),
+    }
 
 
 def measures(run: Any) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import HeldForces, Tally
 from twin.robot.run.run import execute
 from twin.studies.metrics.response import rms
-from twin.studies.paper.fig5_measures import task_runs
+from twin.studies.paper.task_run import task_runs
 
 PRESS = {"kind": "press", "point_mm": (0.0, 0.0), "force_N": 8.0, "build_up_s": 1.0, "hold_s": 5.0}
 TAP = {

@@ -1,6 +1,7 @@
 """Runs that go on from the past of another one: the bits of a run from the start, and nothing of one in the next."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.faults import FaultComponent, MessageFault
-from twin.robot.run import past
 from twin.robot.run.past import NOT_WANTED, STATES, SharedPast, before_fault, forked
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.robot.shaft import DriveFault
@@ -228,27 +228,12 @@ def held_up(drive: str) -> Experiment:
     return replace(load_experiment(EXPERIMENTS / "fig4_position.toml", (), drive), reference=at_start)
 
 
-def forks(experiment: Experiment, share: bool = True) -> list[Trace]:
-    keys = ["plant.p_B", "drive/1.theta_m"]
-    ways = [raised, lowered, raised]
-    return [trace for _, trace in forked(lambda: assemble(experiment), REST, END, keys, ways, share=share)]
+def test_runs_that_fork_are_alike_until_they_are_changed():
+    def forks(*ways: Callable[[System], None]) -> list[Trace]:
+        experiment = held_up("velocity_servo")
+        return [trace for _, trace in forked(lambda: assemble(experiment), REST, END, ["plant.p_B"], ways)]
 
-
-@pytest.mark.parametrize("drive", ["velocity_servo", pytest.param("modelica_dc", marks=pytest.mark.slow)])
-def test_runs_that_fork_have_the_bits_of_runs_from_the_start(drive: str):
-    up, down, again = forks(held_up(drive))
-    apart = forks(held_up(drive), share=False)
-    for one, other in zip((up, down, again), apart, strict=True):
-        for key in one.fields():
-            np.testing.assert_array_equal(one[key], other[key], err_msg=key)
-    np.testing.assert_array_equal(up["plant.p_B"], again["plant.p_B"])
-    np.testing.assert_array_equal(up["plant.p_B"][: REST + 1], down["plant.p_B"][: REST + 1])
-    assert up["plant.p_B"][-1, 2] - down["plant.p_B"][-1, 2] > 1e-3
-
-
-def test_where_a_state_does_not_come_back_every_run_begins_at_the_start(monkeypatch):
-    shared, simulations = forks(held_up("velocity_servo")), []
-    monkeypatch.setattr(past, "comes_back", lambda simulation, states: simulations.append(simulation))
-    for one, other in zip(shared, forks(held_up("velocity_servo")), strict=True):
-        np.testing.assert_array_equal(one["plant.p_B"], other["plant.p_B"])
-    assert len(simulations) == 1
+    up, down, again = (one["plant.p_B"] for one in forks(raised, lowered, raised))
+    np.testing.assert_array_equal(up, again)
+    np.testing.assert_array_equal(up[: REST + 1], down[: REST + 1])
+    assert up[-1, 2] - down[-1, 2] > 1e-3

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from twin.kernel.cosim.deadlines import callbacks
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run import watch as pacing
+from twin.robot.run import viewer as pacing
 from twin.robot.run.run import SLICE_TICKS, SUMMARY, execute
-from twin.robot.run.watch import SLICE, Pace
+from twin.robot.run.viewer import SLICE, Pace
 
 FIG4 = "experiments/fig4_force_position.toml"
 

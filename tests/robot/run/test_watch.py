@@ -16,8 +16,9 @@ from twin.kernel.recording.reader import Recording, read
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
+from twin.robot.run.cost import LARGE, estimate, refuse_endless
 from twin.robot.run.run import SLICE_TICKS, Run, execute
-from twin.robot.run.watch import LARGE, Tuning, estimate, refuse_endless
+from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
 
 REFERENCE = "controller.force.reference_N"

@@ -10,6 +10,7 @@ import pytest
 from tests.command_line import twin
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.reader import Recording
+from twin.kernel.serialise import to_dict
 from twin.studies.compare.comparison import Comparison, compared, coverage, differences_lines, experiments_differ
 from twin.studies.compare.tolerance import ComparisonRefused, alignment, rules
 
@@ -180,7 +181,7 @@ def test_a_value_that_is_not_a_number_is_outside_and_the_facts_are_json():
     b[7] = np.nan
     found = against(log_of(T, F=np.sin(T)), log_of(T, F=np.sin(T) + b))
     assert [row.first_exit.t for row in found.outside if row.first_exit] == [T[7]]
-    assert json.loads(json.dumps(found.facts(), allow_nan=False))["rows"][0]["max_error"] is None
+    assert json.loads(json.dumps(to_dict(found), allow_nan=False))["rows"][0]["max_error"] is None
 
 
 def test_the_same_bytes_are_identical():

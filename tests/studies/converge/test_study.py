@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
 from twin.studies.converge.convergence import (
     COUPLINGS,
@@ -16,7 +17,7 @@ from twin.studies.converge.convergence import (
     convergence,
     recommended,
 )
-from twin.studies.converge.text import convergence_facts, convergence_result, draw_convergence
+from twin.studies.converge.text import convergence_result, draw_convergence
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
 
 
 def test_facts_are_plain_numbers(study: CouplingStudy):
-    facts = convergence_facts(study)
+    facts = to_dict(study)
     assert facts["tolerance_N"] == 0.005
     assert len(facts["series"]) == len(COUPLINGS)  # type: ignore[arg-type]
 
@@ -104,6 +105,6 @@ def test_a_run_that_failed_is_never_chosen_and_nothing_may_be_good_enough():
 def test_a_drive_that_cannot_repeat_steps_leaves_that_coupling_out(root):
     path = root / "experiments" / f"{FORCE}.toml"
     found = convergence(load_experiment(path, ["duration_s=0.1"], drive=str(root / "fmus" / "modelica_dc")))
-    assert [name for name, _ in found.left_out] == [COUPLINGS[4].name]
-    assert "modelica_dc.fmu: cannot go back" in found.left_out[0][1]
+    assert list(found.left_out) == [COUPLINGS[4].name]
+    assert "modelica_dc.fmu: cannot go back" in found.left_out[COUPLINGS[4].name]
     assert len(found.series) == 4

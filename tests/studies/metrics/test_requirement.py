@@ -55,35 +55,25 @@ def test_a_distance_is_what_its_definition_says(seed: int, a: list[float]):
     run = Curves(a=a, b=[draw.gauss(0.0, 2.0) for _ in a])
     wanted = requirement(formula(draw, draw.randint(1, 2)))
     # the same minima and maxima of the same differences
-    assert distance(wanted, run) == defined(wanted, run, 0)
+    assert distance(wanted, run.tick, run.held) == defined(wanted, run, 0)
 
 
 def test_of_a_force_it_is_the_room_that_its_peak_leaves():
     run = Curves(a=[0.0, 3.0, 5.0, 4.0])
-    assert distance(requirement("always (x.a <= 18 m)"), run) == 13.0
-    assert distance(requirement("always[0 s, 1 s] (x.a <= 18 m)"), run) == 15.0
-    assert distance(requirement("eventually (x.a >= 6 m)"), run) == -1.0
+    assert distance(requirement("always (x.a <= 18 m)"), run.tick, run.held) == 13.0
+    assert distance(requirement("always[0 s, 1 s] (x.a <= 18 m)"), run.tick, run.held) == 15.0
+    assert distance(requirement("eventually (x.a >= 6 m)"), run.tick, run.held) == -1.0
 
 
 def test_a_vector_between_bars_is_its_length():
-    class Force:
-        tick = 0.001
-
-        def held(self, key: str) -> np.ndarray:
-            return np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 1.0]])
-
-    assert distance(requirement("always (|plant.F_ee_B| <= 18 N)"), Force()) == 13.0
+    force = np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 1.0]])
+    assert distance(requirement("always (|plant.F_ee_B| <= 18 N)"), 0.001, lambda key: force) == 13.0
 
 
 def test_what_is_true_or_false_limits_no_distance():
-    class Run:
-        tick = 1.0
-
-        def held(self, key: str) -> np.ndarray:
-            return np.array([False, True]) if key == "c.on" else np.array([9.0, 4.0])
-
-    assert distance(requirement("always (c.on implies x.a <= 5 N)"), Run()) == 1.0
-    assert distance(requirement("always (x.a <= 5 N)"), Run()) == -4.0
+    signals = {"c.on": np.array([False, True]), "x.a": np.array([9.0, 4.0])}
+    assert distance(requirement("always (c.on implies x.a <= 5 N)"), 1.0, signals.__getitem__) == 1.0
+    assert distance(requirement("always (x.a <= 5 N)"), 1.0, signals.__getitem__) == -4.0
 
 
 def test_a_minute_at_1_ms_is_judged_in_a_tenth_of_a_second():
@@ -91,7 +81,7 @@ def test_a_minute_at_1_ms_is_judged_in_a_tenth_of_a_second():
     run.tick = 0.001
     wanted = requirement("always (x.a >= 0.9 m implies eventually[0 s, 3 s] (always[0 s, 1 s] x.a <= 0.5 m))")
     began = time.process_time()
-    distance(wanted, run)
+    distance(wanted, run.tick, run.held)
     # 10 ms were seen; a window looked at tick by tick takes minutes
     assert time.process_time() - began < 1.0
 

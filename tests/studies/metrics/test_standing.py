@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.robot.run.measures import MeasuredValue, Values, unmeasured
-from twin.studies.metrics.standing import Standing, one_run_each, overall, paired_differences, paired_standing, standing
+from twin.studies.metrics.standing import TORN, one_run_each, overall, paired_differences, standing, standing_sentence
 
 
 def run(**found: float | MeasuredValue) -> Values:
@@ -16,18 +16,18 @@ def test_a_difference_within_the_floor_is_the_same():
     one = run(hold_error=0.09, hold_overshoot=0.03, shaft_work=1.04)
     found = standing(one, run(hold_error=0.05, hold_overshoot=0.01, shaft_work=1.0))
     # 0.04 N, 2 % of the force, 4 % of the work, and no chatter in either
-    assert found == Standing(worse=("overshoot",), same=("hold error", "chatter", "shaft work"))
+    assert found == {"hold error": 0, "overshoot": 1, "chatter": 0, "shaft work": 0}
 
 
 def test_a_force_that_does_not_settle_is_worse_than_one_that_does():
     late = run(hold_error=0.2, hold_settling_time=MeasuredValue(None, "not within 5 %"))
-    assert "settling time" in standing(late, run(hold_error=0.2, hold_settling_time=0.8)).worse
-    assert "settling time" in standing(late, late).same
+    assert standing(late, run(hold_error=0.2, hold_settling_time=0.8))["settling time"] == 1
+    assert standing(late, late)["settling time"] == 0
 
 
 def test_a_load_is_not_compared_with_a_motor_torque():
     load = run(hold_error=0.1, torque=MeasuredValue(0.5, "load of the springs; these drives report no motor torque"))
-    assert standing(load, run(hold_error=0.1, torque=0.1)) == Standing(same=("hold error", "chatter"))
+    assert standing(load, run(hold_error=0.1, torque=0.1)) == {"hold error": 0, "chatter": 0}
 
 
 def test_paired_runs_need_an_interval_without_zero_and_a_mean_beyond_the_floor():
@@ -50,15 +50,15 @@ def test_paired_runs_need_an_interval_without_zero_and_a_mean_beyond_the_floor()
 
 
 def test_over_several_experiments_it_is_torn_where_they_disagree():
-    found = overall([Standing(("a", "b"), ("c",), ("d",)), Standing(("b",), ("a",), ("c", "d"))])
-    assert found == Standing(better=("b",), worse=("c",), same=("d",), torn=("a",))
-    assert found.sentence("B", "A") == (
-        "B beside A: better in b; worse in c; the same in d; now better, now worse in a"
+    found = overall([{"a": -1, "b": -1, "c": 1, "d": 0}, {"b": -1, "a": 1, "c": 0, "d": 0}])
+    assert found == {"a": TORN, "b": -1, "c": 1, "d": 0}
+    assert standing_sentence("B", "A", found, {"b": "-1 N", "a": "0 N"}) == (
+        "B beside A: better in b (-1 N); worse in c; the same in d; now better, now worse in a"
     )
 
 
 def test_nothing_in_common_is_reported():
-    assert paired_standing([]).sentence("B", "A") == "B beside A: no measure that both have"
+    assert standing_sentence("B", "A", {}) == "B beside A: no measure that both have"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.kernel.recording.messages import Field
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.fig4_measures import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
 
@@ -27,6 +28,9 @@ class WrittenSeries:
 
     def time(self, topic: str) -> Curve:
         return T
+
+    def fields(self) -> dict[str, Field]:
+        return {}
 
 
 def written(

@@ -18,11 +18,12 @@ from twin.robot.assembly.build import belief
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
-from twin.studies.metrics.requirement import FIG4
+from twin.studies.metrics.required_series import FIG4
 from twin.studies.metrics.response import first_time, rms, settling_time
-from twin.studies.paper.claim import judged
-from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score, tally
-from twin.studies.paper.fig4_measures import FINAL, SWEEP, Fig4Run, Fig4Runs, draw_fig4, fig4_runs
+from twin.studies.paper.claim import judged, tally
+from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score
+from twin.studies.paper.fig4_figure import draw_fig4
+from twin.studies.paper.fig4_measures import FINAL, SWEEP, Fig4Run, Fig4Runs, fig4_runs
 from twin.studies.paper.study import fig4_result, score_fig4
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")

@@ -8,8 +8,9 @@ from PIL import Image
 
 from tests.studies.paper.fig4_series import runs
 from twin.kernel.recording.reader import Recording
-from twin.studies.paper import fig4_measures as module
-from twin.studies.paper.fig4_measures import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4, fig4_runs
+from twin.studies.paper import fig4_figure as module
+from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4
+from twin.studies.paper.fig4_measures import fig4_runs
 
 
 def test_the_picture_shows_the_four_curves_in_the_papers_colours(

@@ -18,18 +18,10 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.run import Run, execute
 from twin.robot.run.view import outcome_of
-from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig4 import bound_used, tally
+from twin.studies.paper.claim import ClaimFinding, bound_used, tally
 from twin.studies.paper.fig5 import CLAIMS, fig5_score
-from twin.studies.paper.fig5_measures import (
-    body_of,
-    drive_of,
-    force_error,
-    height_before,
-    speed_of_touch,
-    task_runs,
-    trip_sentence,
-)
+from twin.studies.paper.fig5_measures import force_error, height_before, speed_of_touch
+from twin.studies.paper.task_run import body_of, drive_of, task_runs, trip_sentence
 
 GOOD: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 HALF = np.arange(2000) < 500

@@ -10,9 +10,10 @@ from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.kernel.recording.reader import Recording
-from twin.studies.paper import study
-from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
-from twin.studies.paper.study import ESTIMATE, SHIFTED, draw_fig5, fig5_result
+from twin.studies.paper import fig5_figure
+from twin.studies.paper.fig5 import Fig5Score, fig5_score, shown_tasks
+from twin.studies.paper.fig5_figure import ESTIMATE, MOVING, REFERENCE, SHIFTED, TRACE, TRUTH, draw_fig5
+from twin.studies.paper.study import fig5_result
 
 MAKERS: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 
@@ -36,7 +37,7 @@ def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5
 
 def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
     figure = Figure()
-    monkeypatch.setattr(study, "picture", lambda *size, **more: nullcontext(figure))
+    monkeypatch.setattr(fig5_figure, "picture", lambda *size, **more: nullcontext(figure))
     draw_fig5(score, Path())
     columns = {task.kind: figure.axes[3 * k + 1 : 3 * k + 3] for k, task in enumerate(shown_tasks(score))}
     for task in shown_tasks(score):
@@ -56,7 +57,7 @@ def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, m
 
 def test_the_time_that_is_judged_is_marked_in_all_but_taps(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
     figure = Figure()
-    monkeypatch.setattr(study, "picture", lambda *size, **more: nullcontext(figure))
+    monkeypatch.setattr(fig5_figure, "picture", lambda *size, **more: nullcontext(figure))
     draw_fig5(score, Path())
     for k, task in enumerate(shown_tasks(score)):
         marks = [mark for mark in figure.axes[3 * k + 2].patches if mark.get_label() == "judged"]

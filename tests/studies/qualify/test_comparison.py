@@ -13,9 +13,9 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.run import runs
 from twin.robot.run.measures import MEASURES
 from twin.robot.run.trace import run_in_memory
-from twin.studies.qualify import comparison
 from twin.studies.qualify.comparison import (
     COMPARED,
     DriveTrial,
@@ -132,7 +132,7 @@ def test_every_drive_has_the_same_draws_and_the_file_keeps_its_own_noise():
 
 
 def test_a_drive_that_trips_in_a_paired_run_is_not_judged(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(comparison, "trip_reason", lambda simulation: "FORCE")
+    monkeypatch.setattr(runs, "trip_reason", lambda simulation: "FORCE")
     (done,) = trials([PRESSING], ["velocity_servo", "pmsm_foc"])
     assert not done.differences()
     said = "pmsm_foc trips the safety monitor in pressing with seed 1, and is not judged there (FORCE)"

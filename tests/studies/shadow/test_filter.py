@@ -17,8 +17,9 @@ from tests.studies.shadow.robots import (
 )
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.shadow.filter import Shadow
-from twin.studies.shadow.layout import LONGEST_GAP, STATES
+from twin.studies.shadow.layout import STATES
 from twin.studies.shadow.samples import (
     UNKNOWN_DRIVE,
     Columns,

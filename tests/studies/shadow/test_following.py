@@ -13,7 +13,8 @@ from twin.kernel.recording.logs.reader import recorded
 from twin.kernel.recording.reader import Recording
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Belief
-from twin.studies.replay.model import LONGEST_GAP, RobotModel, model_of
+from twin.robot.plant.dynamics import LONGEST_GAP
+from twin.studies.replay.model import RobotModel, model_of
 from twin.studies.replay.replay import robot_log
 from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
 from twin.studies.shadow.deviations import NOT_IDENTIFIED

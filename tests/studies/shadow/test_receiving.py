@@ -27,7 +27,8 @@ from twin.studies.shadow.layout import INPUTS
 from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
 from twin.studies.shadow.receiving import Receiver
 from twin.studies.shadow.samples import RobotSamples
-from twin.studies.shadow.session import Followed, Session
+from twin.studies.shadow.session import Session
+from twin.studies.shadow.verdict import Followed
 
 MS = 1_000_000
 

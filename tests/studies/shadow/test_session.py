@@ -24,10 +24,10 @@ from twin.studies.shadow import session as session_module
 from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
 from twin.studies.shadow.following import AlarmWatch, twin_of
 from twin.studies.shadow.mapping import wanted_signals
-from twin.studies.shadow.session import Followed, Session
+from twin.studies.shadow.session import Session
 from twin.studies.shadow.study import shadow
 from twin.studies.shadow.text import shadow_result
-from twin.studies.shadow.verdict import verdict_of
+from twin.studies.shadow.verdict import Followed, verdict_of
 
 START = 10**18
 JOINTS, COMMANDS = tuple(range(6)), (6, 7, 8)

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from twin.kernel.process.job import JobLimits
+from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import SweepFile, SweepPlan, planned
-from twin.studies.sweep.sweep import Job
 
 STIFFNESS = "contact.stiffness_N_per_m"
 GAIN = "controller.force.kp_mm_per_N"

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from twin.robot.experiment.drive_files import experiment_file
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.run.past import SharedPast
 from twin.robot.run.runs import Runs
 from twin.studies.sweep import worker

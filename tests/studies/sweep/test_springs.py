@@ -10,13 +10,13 @@ from twin.kernel.process.job import JobLimits
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
+from twin.studies.sweep.engine import LocalEngine
 from twin.studies.sweep.margins import trial as margins_of
 from twin.studies.sweep.plan import plan_of, short_definition
 from twin.studies.sweep.rows import Row, stored_sweep
 from twin.studies.sweep.show.parts import headline
 from twin.studies.sweep.statistics.ranking import best, equal_to_best, usual_metric, value
 from twin.studies.sweep.study import carried_out
-from twin.studies.sweep.sweep import Pool
 from twin.studies.sweep.worker import trial
 
 SPRINGS = (0.2, 0.3, 0.5, 0.8, 0.9, 1.5, 3.0)
@@ -83,7 +83,7 @@ def test_margins_are_computed_once_at_the_end_and_kept_beside_the_rows(root: Pat
     plan = plan_of(short_definition(original, ["robot.k_s_Nm_per_rad=0.5:1:2"], None), original, "mine", "--sweep")
     said: list[str] = []
     for _ in range(2):
-        carried_out(plan, tmp_path / "s", Pool(1), JobLimits(), lambda text, *_: said.append(text))
+        carried_out(plan, tmp_path / "s", LocalEngine(1), JobLimits(), lambda text, *_: said.append(text))
     found = [*stored_sweep(tmp_path / "s").margins.values()]
     assert [(one["run"], one["reason"]) for one in found] == [(1, ""), (2, "")]
     assert [round(one["gain"] or 0.0) for one in found] == [129, 97]

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing, suppress
@@ -25,20 +24,14 @@ from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.definitions import STIFFNESS, job, stiffnesses, written
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.process.job import JobLimits
+from twin.kernel.process.warm import WarmProcess
+from twin.studies.sweep import SERVED
+from twin.studies.sweep.engine import Job, LocalEngine, Result, run_facts
+from twin.studies.sweep.interrupts import PATIENCE, raise_if_pressed, remembered
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import SweepPlan, Task, planned
 from twin.studies.sweep.rows import FACTS, ROWS, DiskFailed, read_rows, stored_sweep
-from twin.studies.sweep.sweep import (
-    PATIENCE,
-    Job,
-    Pool,
-    Result,
-    State,
-    WorkerProcess,
-    raise_if_pressed,
-    remembered,
-    run_sweep,
-)
+from twin.studies.sweep.sweep import State, run_sweep
 
 RUNS = 12
 VALUES = str([500 + 10 * number for number in range(RUNS)])
@@ -211,9 +204,7 @@ def test_a_sweep_ends_though_ctrl_c_was_swallowed(root: Path, tmp_path: Path):
 
     folder = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(
-            stiffnesses(root, tmp_path, str([500 + number for number in range(2000)])), folder, Pool(1), show=show
-        )
+        run_sweep(stiffnesses(root, tmp_path, str([*range(500, 2500)])), folder, LocalEngine(1), show=show)
     assert 0 < len(stored_sweep(folder).rows) < 2000
 
 
@@ -238,7 +229,7 @@ def test_what_was_pressed_last_of_all_is_not_lost():
 
 PRESSED_TWICE = """
 import os, signal, sys
-from twin.studies.sweep.sweep import remembered
+from twin.studies.sweep.interrupts import remembered
 
 def press():
     os.kill(os.getpid(), signal.SIGINT)
@@ -268,7 +259,7 @@ for moment in range(1, 60):
 """
 PRESSED_AGAIN = """
 import os, signal
-from twin.studies.sweep.sweep import remembered
+from twin.studies.sweep.interrupts import remembered
 
 with remembered():
     for number in range({times}):
@@ -327,7 +318,7 @@ def results(
 ):
     """Facts by run, without the cost."""
     found: dict[int, dict] = {}
-    for batch in Pool(processes).results(job(plan, folder, record, limits), tasks):
+    for batch in LocalEngine(processes).results(job(plan, folder, record, limits), tasks):
         for task, facts in batch:
             assert task.run not in found
             found[task.run] = {key: value for key, value in facts.items() if key not in COST}
@@ -406,37 +397,24 @@ def test_rows_are_the_same_in_any_order_in_any_number_of_processes(root: Path, t
 def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, tmp_path: Path):
     plan = stiffnesses(root, tmp_path, "[500, 700]")
     first, task = plan.tasks
-    stopping = threading.Event()
-    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
-        assert worker.facts(first, stopping)
-        assert worker._process is not None
-        pid = worker._process.pid
+    common = job(plan, tmp_path)
+    with WarmProcess(SERVED, common.limits) as process:
+        assert run_facts(common, process, first)
+        assert process._process is not None
+        pid = process._process.pid
         # so that it cannot be ready before it is killed
         os.kill(pid, signal.SIGSTOP)
         threading.Timer(0.2, os.kill, (pid, signal.SIGKILL)).start()
-        facts = worker.facts(task, stopping)
-        assert worker._process.pid != pid
-        again = worker.facts(task, stopping)
-    assert facts and again
+        facts = run_facts(common, process, task)
+        assert process._process.pid != pid
+        again = run_facts(common, process, task)
     assert facts["status"] == "done" and facts["metrics"] == again["metrics"]
-
-
-def test_once_a_worker_listens_it_leaves_nothing_behind_however_the_sweep_ends(
-    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    plan = stiffnesses(root, tmp_path, "[500]")
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
-    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
-        assert worker.facts(plan.tasks[0], threading.Event())
-        assert list(scratch.iterdir()) == []
 
 
 def test_letting_results_go_ends_every_process_at_once(hostile, tmp_path: Path):
     plan, tasks = hostile(3, {2: HANG, 3: HANG})
     before = children()
-    with closing(Pool(2).results(job(plan, tmp_path, limits=JobLimits(step=60.0)), tasks)) as batches:
+    with closing(LocalEngine(2).results(job(plan, tmp_path, limits=JobLimits(step=60.0)), tasks)) as batches:
         next(batches)
         assert len(children() - before) == 2
     assert children() == before
@@ -446,7 +424,7 @@ def test_a_full_disk_ends_the_sweep_and_what_was_finished_is_handed_over_first(r
     plan = stiffnesses(root, tmp_path, "[500, 700, 900]")
     place = tmp_path / "no_folder"
     place.write_text("")
-    batches = Pool(1).results(job(plan, place, "all"), list(plan.tasks))
+    batches = LocalEngine(1).results(job(plan, place, "all"), list(plan.tasks))
     with pytest.raises(TwinError):
         list(batches)
 

@@ -19,9 +19,10 @@ from twin.studies.check.measurement import measured, run_for_measures
 from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import fig4_runs
+from twin.studies.sweep.claims import PERIOD, packed, unpacked
 from twin.studies.sweep.measures import BY_KIND, METRICS, metric_names, metrics_of
 from twin.studies.sweep.plan import planned
-from twin.studies.sweep.worker import PERIOD, packed, record, trial, unpacked
+from twin.studies.sweep.worker import record_run, trial
 
 SETTINGS = ("duration_s=6", f"{STIFFNESS}=2000")
 
@@ -98,7 +99,7 @@ def test_a_trip_of_the_monitor_is_a_status_with_its_reason_and_metrics(root: Pat
 def test_a_recording_is_that_of_twin_run(root: Path, tmp_path: Path):
     path, settings = root / "experiments/fig4_force_position.toml", ("duration_s=1",)
     execute(load_experiment(path, settings), tmp_path)
-    record(path, None, settings, tmp_path / "mine")
+    record_run(path, None, settings, tmp_path / "mine")
     assert (tmp_path / "mine" / "run.mcap").read_bytes() == (tmp_path / "run.mcap").read_bytes()
     assert read(tmp_path / "mine" / "run.mcap").complete
 

@@ -159,6 +159,21 @@ def by_hand(gains: LawGains) -> Sequence[ByHand]:
     return [touch_down(shipped(), gains, K) for K in (None, 300.0, 1224.744871391589, 5000.0)]
 
 
+def printed(one: ByHand) -> list[str]:
+    """Overshoot, settling time and hold error in the words of the table."""
+    # a difference of two times misses the middle between two digits
+    settling = [f"{round(one.settling, 6):.2f}", "s"] if np.isfinite(one.settling) else ["never"]
+    return [f"{100.0 * one.overshoot:.1f}", "%", *settling, f"{one.hold:.3f}", "N"]
+
+
+def test_gains_tuned_by_steps_alone_overshoot_in_the_experiment_itself():
+    itself, stiff = by_hand(TOO_FAST)[0], by_hand(TOO_FAST)[3]
+    assert (printed(itself)[0], printed(itself)[-2]) == ("9.4", "0.113")
+    assert (printed(stiff)[0], printed(stiff)[-2]) == ("18.9", "0.117")
+    before = by_hand(FIG4)[3]
+    assert (printed(before)[0], printed(before)[-2]) == ("19.4", "0.290")
+
+
 def test_the_measures_of_a_touch_down_are_those_computed_by_hand():
     runs = whole_runs([shipped()], ["drive"], TOO_FAST, (None, 5000.0))
     for found, expected in zip(runs, (by_hand(TOO_FAST)[0], by_hand(TOO_FAST)[3]), strict=True):
@@ -181,6 +196,20 @@ def test_the_gains_for_soft_and_stiff_are_better_by_hand_on_every_stiffness(tmp_
     assert done.exit_code == 0
     found = LawGains(**done.facts["after"]["gains"])
     before, after = by_hand(FIG4), by_hand(found)
+    for when, expected in (("before", before), ("after", after)):
+        runs = [*done.facts[when]["runs"], *done.facts[when]["touch_downs"]]
+        for run, one in zip(runs, expected, strict=True):
+            values = [run["measures"][key]["value"] for key in ("hold_overshoot", "hold_settling_time", "hold_error")]
+            settling = one.settling if np.isfinite(one.settling) else None
+            assert values[0] == pytest.approx(one.overshoot, abs=1e-9)
+            assert values[1] == (settling and pytest.approx(settling, abs=1e-9))
+            assert values[2] == pytest.approx(one.hold, rel=1e-9)
+    # the table that README's reader sees
+    lines = {line[:16].strip(): line[16:].split() for line in done.text.splitlines() if line.startswith("  on ")}
+    lines["as in its file"] = next(line for line in done.text.splitlines() if "as in its file" in line)[16:].split()
+    places = ("as in its file", "on 300 N/m", "on 1225 N/m", "on 5000 N/m")
+    for place, *pair in zip(places, before, after, strict=True):
+        assert lines[place] == [word for one in pair for word in printed(one)], place
     assert after[0].overshoot <= 0.05 and after[0].settling < before[0].settling - 0.05
     for old, new in zip(before, after, strict=True):
         assert new.overshoot <= max(0.05, old.overshoot + 0.01)

@@ -24,7 +24,6 @@ from twin.studies.tune.tuned import (
     misses,
     step_bandwidth,
     step_trial,
-    still_and_moved,
     tuned,
     worst_misses,
 )
@@ -112,13 +111,6 @@ def test_the_co_simulation_answers_a_step_as_predicted_in_spite_of_backlash_and_
     assert trial.swing < 0.03
     # where the answer creeps into the band such a difference is much time
     assert trial.answer.settling == pytest.approx(found.settling, rel=0.2)
-
-
-@pytest.mark.parametrize("i", [1, 2])
-def test_a_step_from_a_shared_rest_has_the_bits_of_a_run_of_its_own(i):
-    corner = fig4_corners()[i]
-    for shared, alone in zip(still_and_moved(corner, FAST), still_and_moved(corner, FAST, share=False), strict=True):
-        np.testing.assert_array_equal(shared, alone)
 
 
 def test_a_corner_is_co_simulated_on_its_own_stiffness_at_its_own_height():

@@ -13,17 +13,12 @@ import signal
 import sys
 import sysconfig
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from subprocess import PIPE, Popen
 from typing import Any
 
 import twin
 from twin.kernel.process.black_box import BlackBox
-
-SAFE_PATH, OURS = "PYTHONSAFEPATH", "twin"
-"""Environment variable that has the effect of -P, and the value by which it is known that we set it."""
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
@@ -41,19 +36,7 @@ def environment() -> dict[str, str]:
     inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     # an empty entry is the current folder; site-packages are found anyway, and not before the standard library
     paths = [path for path in (home, *inherited) if path and path != sysconfig.get_path("purelib")]
-    environment = {key: value for key, value in os.environ.items() if (key, value) != (SAFE_PATH, OURS)}
-    return {**environment, "PYTHONPATH": os.pathsep.join(paths)}
-
-
-@contextmanager
-def others_safe() -> Iterator[None]:
-    """Meanwhile no Python that other packages start imports from the current folder either."""
-    before = os.environ.setdefault(SAFE_PATH, OURS)
-    try:
-        yield
-    finally:
-        if before == OURS:
-            os.environ.pop(SAFE_PATH, None)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 TAIL = 8192

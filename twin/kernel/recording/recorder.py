@@ -15,10 +15,11 @@ from typing import Any, get_args
 import numpy as np
 
 from twin.kernel.cosim.observers import Level, Observer, TickEvent
+from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import of_plain, plain
 from twin.kernel.errors import ComponentFailed, EndRequested
-from twin.kernel.recording.messages import Topic
+from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
 
 Drawings = Callable[[int, np.ndarray], Iterable[tuple[Any, ...]]]
@@ -80,6 +81,11 @@ class RowBlock:
 
 
 BLOCK_TICKS = 100
+
+
+def port_fields(ports: Iterable[Port]) -> tuple[Field, ...]:
+    """Return the fields of a message with the values of `ports`."""
+    return tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in ports)
 
 
 class EventLog(Observer):

@@ -1,9 +1,8 @@
-"""What a user asks of the master of a system, beside what the system says itself: the options of `twin cosim`."""
+"""Choices of the master of a system: step, times, coupling, kinds and order of its FMUs."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from twin.kernel.errors import InputRefused, nearest
 
@@ -86,84 +85,3 @@ class MasterChoice:
                 f"{where}: --order says who steps first, and in Jacobi order all step at once; leave it out, or choose "
                 "--scheme gauss_seidel"
             )
-
-
-def chosen(asked: Mapping[str, Any]) -> MasterChoice:
-    """Of the options of `twin cosim` by their names.
-
-    Raises:
-        InputRefused: one says nothing, or two contradict each other.
-    """
-    start = asked["start_s"]
-    if start is not None and not 0.0 <= start < math.inf:
-        raise InputRefused(f"--start-s {start:g}: expected a number, 0 or more")
-    return MasterChoice(
-        tick=None if asked["tick_ms"] is None else asked["tick_ms"] / 1000.0,
-        start=start,
-        stop=asked["stop_s"],
-        scheme=asked["scheme"].value if asked["scheme"] else None,
-        kinds=kinds(asked["kind"]),
-        solver=asked["solver"].value if asked["solver"] else None,
-        steps=steps(asked["step"]),
-        order=order(asked["order"]),
-        loops=asked["loops"].value,
-        lenient=asked["lenient"],
-    )
-
-
-def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
-    """Of `--kind [NAME=]KIND`, by name, "" for all.
-
-    Raises:
-        InputRefused: no kind, or two for one name.
-    """
-    found: dict[str, Kind] = {}
-    known = {str(kind): kind for kind in KINDS}
-    for text in texts:
-        name, _, value = text.rpartition("=")
-        if value not in known:
-            raise InputRefused(f"--kind {text}: {nearest(value, known, 'expected {}')}")
-        _once(found, name, "--kind")
-        found[name] = known[value]
-    return found
-
-
-def steps(texts: Sequence[str]) -> dict[str, float]:
-    """Of `--step NAME=MS` (s).
-
-    Raises:
-        InputRefused: no name, no number above 0, or two for one name.
-    """
-    found: dict[str, float] = {}
-    for text in texts:
-        name, _, value = text.rpartition("=")
-        try:
-            milliseconds = float(value)
-        except ValueError:
-            milliseconds = math.nan
-        if not name or not 0.0 < milliseconds < math.inf:
-            raise InputRefused(f"--step {text}: expected COMPONENT=MS with a number above 0")
-        _once(found, name, "--step")
-        found[name] = milliseconds / 1000.0
-    return found
-
-
-def order(text: str) -> list[str]:
-    """Of `--order A,B`.
-
-    Raises:
-        InputRefused: a name twice, or none.
-    """
-    found: dict[str, None] = {}
-    for name in (part.strip() for part in text.split(",") if text):
-        if not name:
-            raise InputRefused(f"--order {text}: expected names of components with commas between them")
-        _once(found, name, "--order")
-        found[name] = None
-    return list(found)
-
-
-def _once(found: Iterable[str], name: str, option: str) -> None:
-    if name in found:
-        raise InputRefused(f"{option}: '{name}' is given twice; expected it once" if name else f"{option} is given "
-                           "twice without a component; expected it once")  # fmt: skip

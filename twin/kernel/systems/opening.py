@@ -12,18 +12,11 @@ from twin.kernel.errors import TwinError
 from twin.kernel.fmi.description import build
 from twin.kernel.ssp.flat import FlatSystem, flattened
 from twin.kernel.ssp.package import Package
-from twin.kernel.systems.additions import (
-    Additions,
-    SystemNames,
-    inputs_beside,
-    overruled,
-    tables_beside,
-    with_parameters,
-    with_settings,
-)
+from twin.kernel.systems.additions import Additions, SystemNames, overruled, with_parameters, with_settings
 from twin.kernel.systems.beside import Beside
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem, coupled, folders_of
+from twin.kernel.systems.fed_inputs import inputs_beside, tables_beside
 from twin.kernel.systems.plan import SystemPlan, fmu_sources, planned
 from twin.kernel.systems.topics import topics
 from twin.kernel.writing import made_folder, write_bytes

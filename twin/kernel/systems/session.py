@@ -33,10 +33,11 @@ from twin.kernel.ssp.structure import (
     Structure,
     Transformation,
 )
-from twin.kernel.systems.additions import INPUTS, Additions, given_text
+from twin.kernel.systems.additions import Additions, given_text
 from twin.kernel.systems.beside import Beside, Feed
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem
+from twin.kernel.systems.fed_inputs import INPUTS
 from twin.kernel.systems.naming import matching
 from twin.kernel.systems.opening import opened
 from twin.kernel.systems.plan import SystemPlan

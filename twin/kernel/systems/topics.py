@@ -3,7 +3,7 @@
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.recording.messages import Field, Topic, message_names
-from twin.kernel.recording.recorder import RowStream
+from twin.kernel.recording.recorder import RowStream, port_fields
 from twin.kernel.systems.coupling import PreparedSystem
 from twin.kernel.systems.naming import distinct, element, field
 from twin.kernel.systems.plan import SystemPart, SystemPlan
@@ -25,13 +25,7 @@ def topics(plan: SystemPlan) -> list[Topic]:
     Raises:
         InputRefused: two components have names that a recording cannot tell apart.
     """
-    found = [
-        Topic(
-            one.name, tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in one.outputs), 1
-        )
-        for one in plan.beside.components
-        if one.outputs
-    ]
+    found = [Topic(one.name, port_fields(one.outputs), 1) for one in plan.beside.components if one.outputs]
     found += [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.recorded]
     try:
         message_names(found)

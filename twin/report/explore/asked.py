@@ -20,18 +20,21 @@ from twin.kernel.places import located
 from twin.kernel.writing import write_text
 from twin.report.explore.catalogue import PACE, Slider, checked, sliders
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import FOLDERS, experiment_file, shelved
+from twin.robot.experiment.command_words import run_command, run_words
+from twin.robot.experiment.drive_files import shelved
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.recorded import run_command, run_words
+from twin.robot.experiment.experiment_files import FOLDERS, experiment_file
+from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
-from twin.studies.faults.matrix import GLITCH_SHARE
 
 MOST_FAULTS = 8
 """That one state may have."""
 MOST_KEYS = 200
 """That one state may change."""
 SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+AS_FAULT = {"k_s_share": "spring_softened", "slip": "belt_slip"}
+"""Of one joint no key says anything; a fault from the start does."""
+CONTACT_KEY = "contact.stiffness_N_per_m"
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,6 @@ class PageState:
     """One state of a page, checked.
 
     Attributes:
-        base: of the command line.
         drive: what `--drive` takes; None: the file's own.
         body: what `--body` takes; None: the file's own.
         values: by key, as a file would have them; of `PACE` the factor.
@@ -102,11 +104,7 @@ class PageState:
         return [*self.base.settings, *texts]
 
     def loaded(self) -> Experiment:
-        """The experiment.
-
-        Raises:
-            InputRefused: with every mistake, one sentence each.
-        """
+        """The experiment."""
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property
@@ -143,12 +141,8 @@ def asked(base: Base, state: Any) -> PageState:
     """What the `state` of a page asks for.
 
     Args:
-        base: of the command line.
         state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]};
             each may be missing. It may come from anybody.
-
-    Raises:
-        InputRefused: it is something else, or names what is not there.
     """
     if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
         raise InputRefused("state: expected set, drive, body and faults")
@@ -164,21 +158,11 @@ def asked(base: Base, state: Any) -> PageState:
     return PageState(base, drive, body, values, tuple(map(_fault, faults)))
 
 
-AS_FAULT = {"k_s_share": "spring_softened", "slip": "belt_slip"}
-"""Of one joint no key says anything; a fault from the start does."""
-CONTACT_KEY = "contact.stiffness_N_per_m"
-
-
 def adopted(base: Base, state: Any, accepted: Any) -> dict[str, Any]:
     """The `state` of a page, of a robot as it is now: by its own keys and faults.
 
     Args:
-        base: of the command line.
-        state: see `asked`.
         accepted: what a session has accepted, see `twin.studies.shadow.seen.accepted_values`; it may be anything.
-
-    Raises:
-        InputRefused: `state` or `accepted` is something else, or the experiment has no such parameter.
     """
     k_s = asked(base, state).loaded().plant.k_s
     found = {**state, "set": dict(state.get("set") or {}), "faults": list(state.get("faults") or [])}
@@ -227,11 +211,7 @@ def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
 
 
 def first_state(base: Base, settings: Sequence[str]) -> tuple[Base, dict[str, Any]]:
-    """What `settings` of the command line are to a page: (the base with those that no slider stands for, the state).
-
-    Raises:
-        InputRefused: one is not of the form key=value, or the experiment is refused.
-    """
+    """What `settings` of the command line are to a page: (the base with those that no slider stands for, the state)."""
     names = {"drive": base.drive, "body": base.body}
     there = known(Base(base.experiment), base.drive, base.body)
     rest, changed = [], {}
@@ -257,16 +237,7 @@ def _single(text: str) -> tuple[str, Any]:
 
 
 def saved(state: PageState, name: str) -> Path:
-    """Write an experiment that extends the old one with exactly what differs, in the current folder.
-
-    Args:
-        state: what it shall do.
-        name: of the file, without suffix.
-
-    Raises:
-        InputRefused: the name is none, there is such a file, or the experiment is refused.
-        NotWritten: the disk refuses.
-    """
+    """Write an experiment that extends the old one with exactly what differs, in the current folder."""
     if not SAVED_NAME.fullmatch(name):
         raise InputRefused(f"{name[:80]!r}: expected a name of letters, digits, - and _")
     path = Path(f"{name}.toml")

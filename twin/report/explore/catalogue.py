@@ -106,7 +106,7 @@ def _all(experiment: Experiment) -> Iterator[Slider]:
         if isinstance(value, float | int) and not isinstance(value, bool) and name.replace("_", "a").isalnum():
             key = f"drive.parameters.{name}"
             low, high, log = _ends(float(value), {"ge": 0.0} if value >= 0.0 else {}, "")
-            help_ = "a parameter of the drive's FMU, in the FMU's own unit"
+            help_ = f"{name}: a parameter of the drive's FMU, in its own unit"
             yield Slider(key, "", help_, "number", own.get(name, value), None, low, high, log, (), None)
 
 
@@ -164,11 +164,7 @@ def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, floa
 
 
 def checked(known: Mapping[str, Slider], key: str, value: Any) -> Any:
-    """`value` for `key`, as a file would have it.
-
-    Raises:
-        InputRefused: no such key, or another kind of value; whether it lies in bounds is left to the experiment.
-    """
+    """`value` for `key`, as a file would have it."""
     if key not in known:
         raise InputRefused(f"{key}: no key that can be changed here; {nearest(key, known, 'see twin schema')}")
     slider = known[key]

@@ -1,4 +1,4 @@
-"""The paper's figures of a state: their experiments, the verdicts on the paper's claims, the panels of Fig. 4.
+"""The paper's figures of a state: their experiments, and the verdicts on the paper's claims.
 
 Fig. 4 takes four runs: with force control and without it, on a robot and a scale that stand straight and on those of
 fig4_imperfect.toml; the state is laid over all four. Fig. 5 takes one run of tasks.
@@ -7,26 +7,21 @@ fig4_imperfect.toml; the state is laid over all four. Fig. 5 takes one run of ta
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, cast
-
-import numpy as np
+from typing import Any, Literal
 
 from twin.report.explore.asked import PageState
-from twin.report.explore.picture import drawn
-from twin.report.page.markup import DataBlock
-from twin.report.page.panels import MM, Panel, PanelCurve, Reader, Samples
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.source import toml_value
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.metrics.requirement import FIG4, FIG5
-from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score, tally
+from twin.studies.metrics.required_series import FIG4, FIG5
+from twin.studies.paper.claim import ClaimFinding, judged, tally
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import CLAIMS
-from twin.studies.paper.fig5_measures import TaskRun
-from twin.studies.sweep.worker import COMPANION, refuse_unfit
+from twin.studies.paper.task_run import TaskRun
+from twin.studies.sweep.claims import COMPANION, refuse_unfit
 
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'
@@ -59,9 +54,6 @@ def fig4_experiments(state: PageState) -> list[Experiment]:
     """The four of Fig. 4 in the order of `FIG4_EXPERIMENTS`, `state` laid over each.
 
     Of another file than those the first one is the file itself; the others are made of it as they are of the first.
-
-    Raises:
-        InputRefused: Fig. 4 cannot be asked of it.
     """
     own = experiment_file(state.base.experiment).resolve()
     base = FIG4_EXPERIMENTS[0] if own in map(Path.resolve, map(experiment_file, FIG4_EXPERIMENTS)) else own
@@ -78,12 +70,7 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
     """Their runs.
 
     Args:
-        state: of the page.
         known: an experiment with its run, which need not be made again.
-
-    Raises:
-        InputRefused: Fig. 4 cannot be asked of it.
-        ComponentFailed: one failed.
     """
     own = known[0].values if known else None
     titled = {"title": own["title"]} if own else {}
@@ -94,24 +81,14 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
     return Fig4Runs(first, second, (others[0], others[1]))
 
 
-def task_runs(experiment: Experiment, trace: Trace) -> list[TaskRun]:
-    """The tasks of a run in memory, which is read as a recording is."""
-    return [TaskRun(cast(Any, trace), number, task) for number, task in enumerate(experiment.tasks, start=1)]
-
-
 def claims(state: PageState) -> dict[str, Any]:
-    """What the runs of a state say to the paper, for JSON.
-
-    Raises:
-        InputRefused: the paper says nothing of such an experiment.
-        ComponentFailed: a run failed.
-    """
+    """What the runs of a state say to the paper, for JSON."""
     experiment = state.loaded()
     if figure_of(experiment) == "fig5":
+        trace = run_in_memory(experiment, only=FIG5_SIGNALS)
+        tasks = [TaskRun(trace, number, task) for number, task in enumerate(experiment.tasks, start=1)]
         rows = [
-            (f"{task.number} {task.task.kind}: ", judged(claim, task))
-            for task in task_runs(experiment, run_in_memory(experiment, only=FIG5_SIGNALS))
-            for claim in CLAIMS[task.task.kind]
+            (f"{run.number} {run.task.kind}: ", judged(claim, run)) for run in tasks for claim in CLAIMS[run.task.kind]
         ]
         scores = [_score("of the paper's Fig. 5", [finding for _, finding in rows])]
         return {"figure": "fig5", "claims": [_claim(*row) for row in rows], "scores": scores}
@@ -136,76 +113,3 @@ def _claim(of: str, finding: ClaimFinding) -> dict[str, Any]:
         "expected": f"{finding.expected} {finding.claim.unit}".rstrip(),
         "reason": finding.reason,
     }
-
-
-def _of_run(name: str, curve: str, scale: float = 1.0) -> Reader:
-    """Reads a curve of one of the two straight runs at the controller's rate."""
-
-    def samples(runs: Any) -> Samples:
-        run = getattr(runs, name)
-        return run.t, scale * getattr(run, curve)
-
-    return samples
-
-
-def _askew_force(number: int) -> Reader:
-    def samples(runs: Any) -> Samples:
-        run = runs.imperfect[number]
-        return run.t, run.F_ee_B[:, 0]
-
-    return samples
-
-
-def _force_along_y(name: str) -> Reader:
-    def samples(runs: Any) -> Samples:
-        run = getattr(runs, name)
-        return run.t, run.F_ee_B[:, 1]
-
-    return samples
-
-
-def _desired_force(runs: Any) -> Samples:
-    run = runs.force_position
-    return run.t, np.full(len(run.t), run.F_z_ref)
-
-
-BLUE, VERMILION, ORANGE, INK = 0, 1, 4, 6
-"""Numbers of the page's colours that are the nearest to the paper's."""
-FIG4_PANELS = (
-    Panel(
-        "A: z position", "mm",
-        (
-            PanelCurve("Pre-define", "truth", _of_run("force_position", "z_ref", MM), BLUE),
-            PanelCurve("P-based", "truth", _of_run("position", "z", MM), ORANGE),
-            PanelCurve("F&P-based", "truth", _of_run("force_position", "z", MM), VERMILION),
-            PanelCurve("F&P-based-ref", "reference", _of_run("force_position", "z_cmd", MM), INK),
-        ),
-    ),
-    Panel(
-        "B: F_z, pressing", "N",
-        (
-            PanelCurve("Pre-define", "truth", _desired_force, BLUE),
-            PanelCurve("P-based", "truth", _of_run("position", "F_z"), ORANGE),
-            PanelCurve("F&P-based", "truth", _of_run("force_position", "F_z"), VERMILION),
-        ),
-    ),
-    Panel(
-        "C: F_x, imperfect runs", "N",
-        (
-            PanelCurve("P-based", "truth", _askew_force(1), ORANGE),
-            PanelCurve("F&P-based", "truth", _askew_force(0), VERMILION),
-        ),
-    ),
-    Panel(
-        "D: F_y", "N",
-        (
-            PanelCurve("P-based", "truth", _force_along_y("position"), ORANGE),
-            PanelCurve("F&P-based", "truth", _force_along_y("force_position"), VERMILION),
-        ),
-    ),
-)  # fmt: skip
-
-
-def fig4_panels(runs: Fig4Runs, block: DataBlock, span: tuple[float, float], width: int) -> list[dict[str, Any]]:
-    """Fig. 4 as the paper has it, by the controller's estimates; see `drawn`."""
-    return drawn(FIG4_PANELS, runs, block, span, width)

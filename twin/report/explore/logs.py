@@ -15,8 +15,9 @@ from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import read_log
-from twin.kernel.recording.messages import Field
+from twin.report.page.panels import PanelRun
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.view import LogView
 from twin.studies.metrics.response import Curve
 from twin.studies.replay.model import model_of
 from twin.studies.replay.replay import estimates, pressing, robot_log
@@ -70,89 +71,51 @@ def _chosen(name: Any) -> Path:
     return Path(name)
 
 
-class LogRun:
-    """A log as the panels read a run, see `PanelRun`: every topic on one clock, gaps are no numbers.
+def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
+    """Return a log with every topic on one clock, gaps as NaN.
 
     Args:
-        log: as it was read.
-        experiment: describes the robot, whose estimator makes position and force of the encoders' counts.
-        shift: of its times (s).
-
-    Raises:
-        InputRefused: its encoders are not those of the robot, or it has none of the signals that panels show.
+        experiment: describes the robot, whose estimator computes position and force from the encoders' counts.
+        shift: added to its times (s).
     """
-
-    def __init__(self, log: Log, experiment: Experiment, shift: float):
-        self.values, self.times, self._shift = experiment.values, dict[str, Curve](), shift
-        self._columns: dict[str, Curve] = {}
-        vectors = {name.partition("[")[0] for name in log.series if name.endswith("[0]")}
-        for key in (*(name for name in log.series if not name.endswith("]")), *vectors):
-            self._add(key, log.vector(key) if key in vectors else log[key])
-        if any(f"{topic}.{name}[0]" in log.series for topic, names in COUNTED.items() for name in names):
-            self._estimate(log, experiment)
-
-    def _estimate(self, log: Log, experiment: Experiment) -> None:
-        model = model_of(experiment)
-        robot = robot_log(log, model.belief)
-        found = estimates(robot, model.belief, model.gravity_compensation)
-        series = {f"estimator.{name}": values for name, values in found.items() if name != "valid"}
-        series["controller.F_z"] = pressing(found)
-        for key, values in series.items():
-            if key not in self._columns:
-                self._add(key, LogSeries(robot.t, values, ""))
-
-    def _add(self, key: str, one: LogSeries) -> None:
+    vectors = {name.partition("[")[0] for name in log.series if name.endswith("[0]")}
+    series = {name: log[name] for name in log.series if not name.endswith("]")}
+    series |= {name: log.vector(name) for name in vectors}
+    if any(f"{topic}.{name}[0]" in log.series for topic, names in COUNTED.items() for name in names):
+        series |= {key: one for key, one in _estimates(log, experiment).items() if key not in series}
+    times: dict[str, Curve] = {}
+    columns: dict[str, Curve] = {}
+    for key, one in series.items():
         topic, period = key.rpartition(".")[0], one.sampling.period
-        if topic not in self.times:
+        if topic not in times:
             count = int((one.t[-1] - one.t[0]) / period + 1e-6) + 1
             if count > MOST_SAMPLES:
                 raise InputRefused(f"{key}: {count:.3g} samples with its gaps; expected at most {MOST_SAMPLES:,}")
-            self.times[topic] = self._shift + one.t[0] + period * np.arange(count)
-        grid = self.times[topic] - self._shift
-        place = np.searchsorted(one.t, grid + 0.5 * period, side="right") - 1
-        values = one.values[np.maximum(place, 0)].astype(float)
+            times[topic] = shift + one.t[0] + period * np.arange(count)
+        grid = times[topic] - shift
+        place = np.maximum(np.searchsorted(one.t, grid + 0.5 * period, side="right") - 1, 0)
+        columns[key] = one.values[place].astype(float)
         if one.sampling.regular:
-            values[grid - one.t[np.maximum(place, 0)] > MISSING * period] = np.nan
-        self._columns[key] = values
-
-    @property
-    def recording(self) -> "LogRun":
-        """Itself: it knows its series."""
-        return self
-
-    @property
-    def end(self) -> float:
-        """Time of the last sample (s)."""
-        return max(float(t[-1]) for t in self.times.values())
-
-    def fields(self) -> Mapping[str, Field]:
-        """Of drives nothing is known."""
-        return {}
-
-    def has(self, *keys: str) -> bool:
-        """Whether the log has all these series, or the estimator makes them of it."""
-        return all(key in self._columns for key in keys)
-
-    def column(self, key: str, column: int | None) -> Curve:
-        """Samples of a series (n,), or of one column of it."""
-        values = self._columns[key]
-        return values if column is None else values[:, column]
-
-    def held(self, key: str, t: Curve) -> Curve:
-        """Samples of a series as they held at times `t` (n,) in s."""
-        grid = self.times[key.rpartition(".")[0]]
-        return self._columns[key][np.clip(np.searchsorted(grid, t, side="right") - 1, 0, len(grid) - 1)]
+            columns[key][grid - one.t[place] > MISSING * period] = np.nan
+    return LogView(columns, times)
 
 
-def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[LogRun, str]:
+def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
+    """Return the outputs of the estimator, and the pressing force as the controller computes it."""
+    model = model_of(experiment)
+    robot = robot_log(log, model.belief)
+    found = estimates(robot, model.belief, model.gravity_compensation)
+    series = {f"estimator.{name}": values for name, values in found.items() if name != "valid"}
+    series["controller.F_z"] = pressing(found)
+    return {key: LogSeries(robot.t, values, "") for key, values in series.items()}
+
+
+def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
     """Return a log for the panels, read with the NAME.map.toml beside it if there is one, and notes on its file.
 
     Args:
         ask: "log" one of `known_logs`, "shift_s"; values may be anything.
         experiment: describes the robot.
-
-    Raises:
-        InputRefused: the log is not listed, or as `read_log` and `LogRun`.
     """
     path, shift = _chosen(ask.get("log")), ask.get("shift_s") or 0.0
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MOST_SHIFT:
@@ -164,4 +127,4 @@ def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[LogRun, str
     except InputRefused as refusal:
         hint = "" if mapped else f"; a map of its columns belongs beside it as {beside.name}: twin log new {path}"
         raise InputRefused(f"{refusal}{hint}") from None
-    return LogRun(log, experiment, float(shift)), "; ".join(log.notes)
+    return PanelRun(_view_of(log, experiment, float(shift)), experiment.values), "; ".join(log.notes)

@@ -26,10 +26,6 @@ def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
     Args:
         experiment: its faults are left out.
         chosen: number of the operating point; None: the last one at which it presses, or else the last.
-
-    Raises:
-        InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
-        ComponentFailed: a drive failed while it was measured.
     """
     refuse_other_parts(experiment, "the loops", ("controller", "estimator"))
     if experiment.controller.force.schedule:

@@ -1,32 +1,27 @@
 """What the page draws of a run: the panels of a report, as far and as finely as the screen shows them."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from twin.kernel.compiled.function import carray
 from twin.kernel.compiled.native import entry
-from twin.kernel.recording.messages import Field
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import (
     MM,
     PANELS,
-    Panel,
-    PanelCurve,
     PanelRun,
-    Reader,
-    Samples,
     panel_facts,
     row_facts,
     scene,
     series,
 )
-from twin.robot.run.measures import HEADLINE, MEASURES, RunOutcome
+from twin.robot.run.measures import MEASURES, RunOutcome
 from twin.robot.run.outcome import HeldForces
-from twin.robot.run.trace import Trace
 from twin.studies.metrics.response import Curve
+from twin.studies.panel import Panel, PanelCurve, Reader, Samples
 
 CORRECTION = Panel(
     "Correction of the force loop", "mm",
@@ -41,66 +36,11 @@ AT_FIRST = (
 """Titles of those that are shown until others are chosen."""
 MOST_POSES = 600
 """Of the robot; the player goes straight between them."""
-
-
-class MemoryRun:
-    """A run in memory as the panels read it, see `PanelRun`.
-
-    Args:
-        trace: of the run; it may lack signals.
-        fields: of all signals of the run.
-        values: of its experiment.
-
-    Attributes:
-        looked_at: signals that were read.
-    """
-
-    def __init__(self, trace: Trace, fields: Mapping[str, Field], values: Mapping[str, Any]):
-        self.recording, self.values, self._fields = trace, values, fields
-        self.times = _Times(trace)
-        self.looked_at: set[str] = set()
-
-    @property
-    def end(self) -> float:
-        """Time of the last row (s)."""
-        return float(self.recording.t[-1])
-
-    def has(self, *keys: str) -> bool:
-        """Whether the run has all these series."""
-        return all(key in self._fields for key in keys)
-
-    def column(self, key: str, column: int | None) -> Curve:
-        """Samples of a series (n,), or of one column of it.
-
-        Raises:
-            UnknownSeries: the trace lacks it.
-        """
-        self.looked_at.add(key)
-        values = self.recording[key]
-        return values if column is None else values[:, column]
-
-    def held(self, key: str, t: Curve) -> Curve:
-        """Samples of a series as they held at times `t` (n,) in s.
-
-        Raises:
-            UnknownSeries: the trace lacks it.
-        """
-        self.looked_at.add(key)
-        place = np.rint(t / self.recording.tick).astype(np.intp)
-        held: Curve = self.recording.held(key)[place]
-        return held
-
-
-class _Times(dict[str, Curve]):
-    """Times of the samples of each topic (s), made when they are asked for."""
-
-    def __init__(self, trace: Trace):
-        super().__init__()
-        self._trace = trace
-
-    def __missing__(self, topic: str) -> Curve:
-        self[topic] = self._trace.time(topic)
-        return self[topic]
+TILES = (
+    "hold_error", "hold_overshoot", "hold_settling_time", "chatter", "held_lateral_error", "peak", "held_z_error",
+    "torque", "force_error", "end", "lateral_error", "z_error",
+)  # fmt: skip
+"""Measures above the plots, the first ones first."""
 
 
 def shown_panels(run: PanelRun) -> list[str]:
@@ -117,9 +57,6 @@ def drawn(
     stays coarse.
 
     Args:
-        panels: which ones.
-        run: what is drawn: what the panels read.
-        block: takes the samples.
         span: from when to when (s).
         width: of a plot (pixels).
     """
@@ -186,11 +123,6 @@ def extremes(values: Curve, width: int) -> Curve:
 def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
     """The robot for the player, see `twin.report.page.panels.scene`."""
     return scene(run, block, MOST_POSES)
-
-
-TILES = (*HEADLINE, "held_lateral_error", "peak", "held_z_error", "torque", "force_error", "end", "lateral_error",
-         "z_error")  # fmt: skip
-"""Measures above the plots, the first ones first."""
 
 
 class Tile(NamedTuple):

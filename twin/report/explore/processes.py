@@ -7,81 +7,52 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.process.guard import JobEnded, JobEndedLoading, Watchdog, raise_failure
+from twin.kernel.process.guard import JobEnded, JobEndedLoading
 from twin.kernel.process.job import JobLimits
-from twin.kernel.process.process import GuardedProcess, process_for
+from twin.kernel.process.warm import WarmProcess
 from twin.report.explore import ANSWERED
 
-POLL = 0.05
-"""How often (s) limits are looked at while an answer is waited for."""
-OUTDATED = 3.0
-"""How long (s) an outdated answer may go on taking a process."""
+OUTDATED_TIMEOUT = 3.0
+"""Maximum time (s) that an outdated answer keeps a process."""
 
 
 class Outdated(TwinError):
-    """A newer state was asked for, and this one took too long to be waited for."""
+    """A newer state was requested, and this answer took too long to be waited for."""
 
 
 class AnsweringProcess:
-    """One process; a fresh one takes the place of one that has ended.
-
-    What ends it, a crash of a drive say, costs the answer that it was making and nothing else.
+    """A warm process for the requests of pages.
 
     Args:
         limits: of the process.
     """
 
     def __init__(self, limits: JobLimits):
-        self._limits = limits
-        self._process: GuardedProcess | None = None
-
-    def close(self) -> None:
-        """End the process."""
-        if self._process:
-            self._process.close()
-        self._process = None
-
-    @property
-    def memory(self) -> int:
-        """Resident memory (bytes); 0 if there is no process, or the system does not tell."""
-        return self._process.memory if self._process else 0
+        self._process = WarmProcess(ANSWERED, limits, self._raise_if_outdated)
+        self.close = self._process.close
 
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """What `twin.report.explore.worker.answered` answers.
+        """Return the answer of `twin.report.explore.worker.answered`.
 
         Args:
             base: fields of `Base`.
             ask: of the page.
-            outdated: set when a newer one is wanted.
+            outdated: set when a newer answer is requested.
 
         Raises:
             ComponentFailed: a drive crashed, hung or ended the process: which one, where and when, in one sentence.
             Outdated: it was given up.
-            TwinError: a mistake of ours.
+            TwinError: an internal error.
         """
-        if self._process is None:
-            self._process = process_for(ANSWERED)
-            self._watch = Watchdog(self._process, self._limits)
-        process = self._process
-        process.start({"here": str(Path.cwd()), "base": dict(base), "ask": dict(ask)})
-        began = time.monotonic()
+        self._outdated, self._began = outdated, time.monotonic()
         try:
-            while True:
-                for report in process.reports(POLL):
-                    self._watch.account.take(report)
-                    raise_failure(report)
-                    if "finished" in report:
-                        found: dict[str, Any] = report["finished"]
-                        # a fresh process is better than one that grows for ever
-                        if process.memory > 0.5 * self._limits.memory:
-                            self.close()
-                        return found
-                self._watch.raise_if_over()
-                if outdated.is_set() and time.monotonic() - began > OUTDATED:
-                    raise Outdated("given up for a newer state")
+            found: dict[str, Any] = self._process.answer(
+                {"here": str(Path.cwd()), "base": dict(base), "ask": dict(ask)}
+            )
         except (JobEnded, JobEndedLoading) as ended:
-            self.close()
             raise ComponentFailed(str(ended)) from None
-        except BaseException:
-            self.close()
-            raise
+        return found
+
+    def _raise_if_outdated(self) -> None:
+        if self._outdated.is_set() and time.monotonic() - self._began > OUTDATED_TIMEOUT:
+            raise Outdated("given up for a newer state")

@@ -14,6 +14,19 @@ Check = Callable[[Any], bool]
 LONGEST_TEXT, MOST_ITEMS = 2**17, 1000
 LARGEST_INTEGER = 2**53
 """Integers beyond it are not exact as numbers of a page."""
+NEEDED = ("state", "run", "log", "settings", "name", "accepted")
+"""Fields without which an operation that has them is refused; others may be missing or null."""
+EXPECTED = {
+    "state": "set, drive, body and faults",
+    "panels": "a list of titles",
+    "span": "two times in s",
+    "width": "a number of pixels",
+    "run": "a run of results/",
+    "log": "the path of a log",
+    "point": "a whole number",
+    "shift_s": "a time in s",
+}
+"""What the fields are, where their names do not say it."""
 
 
 def _is_text(value: Any) -> bool:
@@ -82,32 +95,10 @@ FIELDS: Mapping[str, Mapping[str, Check]] = {
     "score": OF_STATE,
 }
 """Operation -> its fields."""
-NEEDED = ("state", "run", "log", "settings", "name", "accepted")
-"""Fields without which an operation that has them is refused; others may be missing or null."""
-
-
-EXPECTED = {
-    "state": "set, drive, body and faults",
-    "panels": "a list of titles",
-    "span": "two times in s",
-    "width": "a number of pixels",
-    "run": "a run of results/",
-    "log": "the path of a log",
-    "point": "a whole number",
-    "shift_s": "a time in s",
-}
-"""What the fields are, where their names do not say it."""
 
 
 def checked_request(ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the operation and the fields of a request; other fields are dropped.
-
-    Args:
-        ask: a JSON object, whatever it holds.
-
-    Raises:
-        InputRefused: no such operation, a field that is missing, or one of another type.
-    """
+    """Return the operation and the fields of a request; other fields are dropped."""
     op = ask.get("op")
     if not isinstance(op, str) or op not in FIELDS:
         raise InputRefused(f"op {str(op)[:80]!r}: no such operation")

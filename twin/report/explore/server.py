@@ -1,8 +1,9 @@
 """The server of the explorer: pages of its own on this machine's own address, and one link to each of them.
 
-A page sends what it wants to see as JSON; of requests of one kind the newest counts, and what was not begun yet is
-dropped. It gets JSON, or where there are samples: the length of the JSON (unsigned 32 bits), the JSON padded with
-spaces to a multiple of 4 bytes, and the samples as 32 bit floats, all little-endian.
+A page sends requests as JSON; every request is answered. Of requests of one kind the newest counts: older ones are
+answered with "outdated", and what cannot be done now with "refused". The page gets JSON, or where there are samples:
+the length of the JSON (unsigned 32 bits), the JSON padded with spaces to a multiple of 4 bytes, and the samples as
+32 bit floats, all little-endian.
 """
 
 import asyncio
@@ -310,13 +311,16 @@ class Lane:
         self._some = asyncio.Event()
         self._kind = ""
 
-    def put(self, kind: str, ask: dict[str, Any]) -> None:
-        """A request comes; one too many is dropped."""
-        if kind in self._waiting or len(self._waiting) < MOST_WAITING:
-            self._waiting[kind] = ask
-            if kind == self._kind:
-                self.outdated.set()
-            self._some.set()
+    def put(self, kind: str, ask: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
+        """Add a request. Return the request that will not be served, if any, and its answer."""
+        before = self._waiting.get(kind)
+        if before is None and len(self._waiting) >= MOST_WAITING:
+            return ask, {"refused": f"{MOST_WAITING} requests of this page are waiting; try again"}
+        self._waiting[kind] = ask
+        if kind == self._kind:
+            self.outdated.set()
+        self._some.set()
+        return before, {"outdated": True}
 
     async def next(self) -> dict[str, Any]:
         """The one that has waited longest, or will come."""
@@ -330,12 +334,7 @@ class Lane:
 
 
 class PageLink:
-    """The link to one page.
-
-    Args:
-        link: to it.
-        server: that answers.
-    """
+    """The link to one page."""
 
     def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
@@ -351,7 +350,7 @@ class PageLink:
             answering.append(asyncio.create_task(self._show(self._server.session)))
         try:
             async for frame in self._link:
-                self._take(frame)
+                await self._take(frame)
         except ConnectionClosed:
             pass
         finally:
@@ -360,7 +359,7 @@ class PageLink:
             for lane in self._lanes.values():
                 lane.outdated.set()
 
-    def _take(self, frame: str | bytes) -> None:
+    async def _take(self, frame: str | bytes) -> None:
         try:
             ask = json.loads(frame)
         except (ValueError, RecursionError):
@@ -368,18 +367,25 @@ class PageLink:
         if not isinstance(ask, dict) or not isinstance(ask.get("op"), str):
             return
         kind = f"{ask['op']} {str(ask.get('slot', ''))[:40]}"
-        if ask["op"] == "record":
-            if not self._tasks:
-                task = asyncio.create_task(self._aside(ask))
-                self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+        if ask["op"] != "record":
+            unserved, answer = self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
+        elif self._tasks:
+            unserved, answer = ask, {"refused": "a run of this page is being recorded; record again when it is done"}
         else:
-            self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
+            unserved, answer = None, {}
+            task = asyncio.create_task(self._aside(ask))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+        if unserved is not None:
+            await self._reply(unserved, answer)
 
     async def _aside(self, ask: Mapping[str, Any]) -> None:
         """Record a run, which takes long and delays no other answer."""
         found = await self._server.record(ask)
-        await self._send({"op": ask["op"], "id": ask.get("id"), **found})
+        await self._reply(ask, found)
+
+    async def _reply(self, ask: Mapping[str, Any], found: Mapping[str, Any]) -> None:
+        await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
 
     async def _answer(self, lane: "Lane") -> None:
         while True:
@@ -392,7 +398,7 @@ class PageLink:
                 found = await self._server.adopt(ask, lane.outdated)
             else:
                 found = {"refused": "not understood"}
-            await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
+            await self._reply(ask, found)
 
     async def _show(self, session: "LiveSession") -> None:
         """What has become of the robot, as long as something is heard of it."""
@@ -419,9 +425,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
     """The folder of a run that was made in a process of its own, with its report.
 
     Args:
-        experiment: file or name.
         how: "drive", "body" and "settings" as `twin run` takes them.
-        limits: of the process.
 
     Raises:
         TwinError: see `guarded`.

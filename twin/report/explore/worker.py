@@ -1,6 +1,7 @@
 """The job of a process that runs experiments for pages: one answer after the other, warm.
 
-An answer is {"refused": sentence}, or what was asked for. Samples are 32 bit floats in base 64 under "block".
+An answer is {"refused": sentence}, for an InputRefused or ComponentFailed of any operation, or what was asked for.
+Samples are 32 bit floats in base 64 under "block".
 """
 
 import base64
@@ -9,17 +10,18 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.recorder import EventLog
 from twin.report.explore import EXPLORED_FOLDER
 from twin.report.explore.asked import Base, PageState, adopted, asked, first_state, known, saved
-from twin.report.explore.figures import claims, fig4_panels, fig4_runs, figure_of
+from twin.report.explore.figures import claims, fig4_runs, figure_of
 from twin.report.explore.logs import known_logs, log_run
-from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, Tile, drawn, poses, shown_panels, tiles
+from twin.report.explore.picture import AT_FIRST, EXPLORED, Tile, drawn, poses, shown_panels, tiles
 from twin.report.explore.request import checked_request
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
@@ -33,7 +35,8 @@ from twin.robot.run.trace import Trace, fields_of
 from twin.robot.run.watch import run_observers
 from twin.studies.faults.matrix import default_onsets
 from twin.studies.faults.trials import healthy_run
-from twin.studies.metrics.requirement import FIG4
+from twin.studies.metrics.required_series import FIG4
+from twin.studies.paper.fig4_figure import FIG4_PANELS
 from twin.studies.paper.fig4_measures import Fig4Runs
 from twin.studies.results.stored import stored_runs
 
@@ -55,7 +58,6 @@ def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str,
 
     Args:
         here: the folder in which the command was started; an FMU may have changed it.
-        base: fields of `Base`.
         ask: "op" and what belongs to it, as it came from the page: it may say anything.
     """
     reporter.loading()
@@ -95,16 +97,6 @@ def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-class _Events(Observer):
-    """Keeps the events of a run."""
-
-    def __init__(self) -> None:
-        self.found: list[TickEvent] = []
-
-    def take(self, first: int, rows: Any, events: list[TickEvent]) -> None:
-        self.found += events
-
-
 _looked_at: dict[tuple[object, ...], frozenset[str]] = {}
 """What was read of a run for what a page wants to see: of the next one no more is kept."""
 
@@ -122,11 +114,7 @@ def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _bounded(experiment: Experiment) -> Experiment:
-    """It, if it is not too long.
-
-    Raises:
-        InputRefused: it is.
-    """
+    """Return an experiment that is not too long to be run while a slider moves."""
     if experiment.duration_ticks > MOST_TICKS:
         raise InputRefused(
             f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
@@ -137,7 +125,7 @@ def _bounded(experiment: Experiment) -> Experiment:
 
 def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
     """What a run of `experiment`, which is `state`, comes to; only those signals of it are kept; none: all of them."""
-    trace, events = Trace(only=only), _Events()
+    trace, events = Trace(only=only), EventLog()
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
         own = run_observers(experiment, assembly)
@@ -152,17 +140,17 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
         if not monitor and watched:
             none = "a third-party monitor reports no time"
         numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))
-    run = MemoryRun(trace, fields, experiment.values)
+    run = PanelRun(trace, experiment.values, fields)
     if look.layout and figure_of(experiment) != look.layout:
         raise InputRefused("layout: this experiment is none of the paper's Fig. 4")
-    found = look.picture(run, run.end, fig4_runs(state, (experiment, trace)) if look.layout else None)
-    _looked_at[look.form] = frozenset(run.looked_at).union(FIG4 if look.layout else ())
+    found = look.picture(run, float(trace.t[-1]), fig4_runs(state, (experiment, trace)) if look.layout else None)
+    _looked_at[look.form] = frozenset(run.used).union(FIG4 if look.layout else ())
     return found | {
         "trip": trip_reason(done.simulation),
         "numbers": numbers,
         "events": [
             {"run": 0, "t": event.tick * tick, "level": event.level.lower(), "text": event.text}
-            for event in events.found
+            for event in events.events
             if event.level != "DEBUG"
         ],
     }
@@ -176,23 +164,24 @@ def _moved(state: PageState, experiment: Experiment) -> dict[str, Any]:
     return {key: value for key, value in found.items() if value != at(before, key)}
 
 
-class Look:
-    """What a page wants to see of a run.
+class Look(NamedTuple):
+    """View of a run that a page asks for.
 
     Attributes:
-        titles: of panels.
+        titles: titles of panels.
         span: from when to when (s).
-        width: of a plot (pixels).
+        width: width of a plot (pixels).
         robot: whether the player is open.
-        listed: whether it wants to know which panels there are.
-        layout: of the figure of the paper that takes the place of the panels; "": of none.
+        listed: whether the answer lists the panels that the run has.
+        layout: figure of the paper that takes the place of the panels; "" for none.
     """
 
-    def __init__(
-        self, titles: list[str], span: tuple[float, float], width: int, robot: bool, listed: bool, layout: Layout
-    ):
-        self.titles, self.span, self.width, self.robot, self.listed = titles, span, width, robot, listed
-        self.layout = layout
+    titles: list[str]
+    span: tuple[float, float]
+    width: int
+    robot: bool
+    listed: bool
+    layout: Layout
 
     @property
     def form(self) -> tuple[object, ...]:
@@ -201,26 +190,16 @@ class Look:
 
     @classmethod
     def of(cls, ask: Mapping[str, Any]) -> "Look":
-        """What `ask` says; it may say anything.
-
-        Raises:
-            InputRefused: it says something else.
-        """
-        titles, span, width = ask.get("panels"), ask.get("span"), ask.get("width")
-        if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles) or len(titles) > 100:
-            raise InputRefused("panels: expected a list of titles")
-        whole = span is None
-        numbers = [0.0, math.inf] if whole else span
-        if not isinstance(numbers, list) or len(numbers) != 2 or not all(isinstance(t, int | float) for t in numbers):
-            raise InputRefused("span: expected two times in s")
-        if not whole and not 0.0 <= numbers[0] < numbers[1] < math.inf:
+        """Return the view that a checked request asks for."""
+        titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
+        if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):
             raise InputRefused("span: expected two times in s, the earlier one first")
-        if not isinstance(width, int) or not 10 <= width <= WIDEST:
+        if not 10 <= width <= WIDEST:
             raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
         layout: Layout = ask.get("layout") or ""
         if layout not in ("", "fig4"):
             raise InputRefused("layout: expected fig4")
-        begin, end = map(float, numbers)
+        begin, end = map(float, span or (0.0, math.inf))
         return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
     def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
@@ -238,10 +217,9 @@ class Look:
             "all_panels": shown_panels(run) if self.listed else None,
             "scene": poses(run, block) if self.robot else None,
         }
-        panels = [] if self.layout else [panel for panel in EXPLORED if panel.title in self.titles]
-        found["panels"] = (
-            fig4_panels(fig4, block, span, self.width) if fig4 else drawn(panels, run, block, span, self.width)
-        )
+        chosen = [] if self.layout else [panel for panel in EXPLORED if panel.title in self.titles]
+        shown, of = (FIG4_PANELS, fig4) if fig4 else (chosen, run)
+        found["panels"] = drawn(shown, of, block, span, self.width)
         return found | {"block": base64.b64encode(block.content()).decode("ascii")}
 
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import matplotlib.backends.backend_agg  # noqa: F401
 
-import twin.report.page.run
-import twin.studies.paper.fig4_measures  # noqa: F401
+import twin.report.page.picture
+import twin.studies.paper.fig4_figure
+import twin.studies.paper.fig5_figure  # noqa: F401
 from twin.kernel.process.job import function_called
 from twin.kernel.process.reporter import Reporter
 

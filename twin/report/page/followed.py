@@ -13,19 +13,37 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of
 from twin.kernel.recording.reader import Recording
 from twin.report.page.markup import Markup, element, joined, table
-from twin.report.page.panels import DEG, MM, MOST_SAMPLES, Panel, PanelCurve, PanelRun, Reader, Samples, series
-from twin.report.page.run import PageVerdict, ReportRun, number
+from twin.report.page.panels import DEG, MM, MOST_SAMPLES, PanelRun, series
+from twin.report.page.run import ReportRun, number
+from twin.report.page.verdict import PageVerdict
 from twin.studies.metrics.response import Curve
+from twin.studies.panel import Panel, PanelCurve, Reader, Samples
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
 from twin.studies.shadow.branching import HORIZON, LEADS, SPACING
-from twin.studies.shadow.session import Running
+from twin.studies.shadow.verdict import Running
 
 MOST_GAPS = 30
 """That are listed, the longest."""
 LONGEST_INTERVAL = 1.5
 """Periods between two samples; a longer one is a gap, as the session counts them."""
 UNFINISHED = "The session did not come to its end, so this was not written down."
+Whole = Annotated[int, Field(ge=0, lt=2**63)]
+TABLE = (
+    ("residual/joints.theta_l", "joint {}, plant model less robot", "deg", DEG),
+    ("residual/force.F_z", "pressing force, by counts less measured", "N", 1.0),
+    ("residual/command.omega_ref", "command of motor {}, twin's controller less robot's", "rad/s", 1.0),
+    ("shadow.residual_l", "joint {}, less what the filter expected", "deg", DEG),
+    ("shadow.residual_m", "motor {}, less what the filter expected", "deg", DEG),
+    ("shadow.residual_F", "measured force, less what the filter expected", "N", 1.0),
+    ("shadow.residual_tau", "torque of motor {}, less what the filter expected", "mN m", 1e3),
+)
+"""Residuals: what they are called, unit, and what SI is multiplied with."""
+COUNTS = {
+    "samples": "samples", "missing": "missing", "gaps": "gaps", "incomplete": "incomplete", "invalid": "with NaN",
+    "duplicates": "messages twice", "out_of_order": "out of order", "late": "too late",
+    "restarts": "restarts of the robot's clock",
+}  # fmt: skip
 
 
 def is_followed(recording: Recording) -> bool:
@@ -51,9 +69,6 @@ class _Read(BaseModel):
     """Out of a recording, which may come from anybody."""
 
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
-
-Whole = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class StateChange(_Read):
@@ -133,7 +148,7 @@ def _spread(run: PanelRun) -> Samples | None:
     if not run.has("shadow.NIS", "shadow.used"):
         return None
     NIS, used = (np.asarray(run.column(f"shadow.{name}", None), dtype=float) for name in ("NIS", "used"))
-    return run.times["shadow"], nis_per_count(NIS, used)
+    return run.time("shadow"), nis_per_count(NIS, used)
 
 
 def foreseen(key: str, topic: str = "ahead") -> Reader:
@@ -154,7 +169,7 @@ def foreseen(key: str, topic: str = "ahead") -> Reader:
 
 
 def _limit(run: PanelRun) -> Samples | None:
-    return (run.times["alarm"], np.ones(len(run.times["alarm"]))) if run.has("alarm.level") else None
+    return (run.time("alarm"), np.ones(len(run.time("alarm")))) if run.has("alarm.level") else None
 
 
 def _of_three(label: str, key: str, scale: float) -> tuple[PanelCurve, ...]:
@@ -198,16 +213,6 @@ PANELS = (
          PanelCurve("plant model", "truth", evenly(series("plant.p_B", 2, MM)))),
     ),
 )  # fmt: skip
-TABLE = (
-    ("residual/joints.theta_l", "joint {}, plant model less robot", "deg", DEG),
-    ("residual/force.F_z", "pressing force, by counts less measured", "N", 1.0),
-    ("residual/command.omega_ref", "command of motor {}, twin's controller less robot's", "rad/s", 1.0),
-    ("shadow.residual_l", "joint {}, less what the filter expected", "deg", DEG),
-    ("shadow.residual_m", "motor {}, less what the filter expected", "deg", DEG),
-    ("shadow.residual_F", "measured force, less what the filter expected", "N", 1.0),
-    ("shadow.residual_tau", "torque of motor {}, less what the filter expected", "mN m", 1e3),
-)
-"""Residuals: what they are called, unit, and what SI is multiplied with."""
 
 
 def followed_verdict(runs: Sequence[ReportRun]) -> PageVerdict:
@@ -269,7 +274,7 @@ def _residuals(run: ReportRun, shown: Sequence[tuple[str, str, str, float]] = TA
     for key, text, unit, scale in shown:
         if not run.has(key):
             continue
-        t = run.times[key.rpartition(".")[0]]
+        t = run.time(key.rpartition(".")[0])
         values = run.column(key, None).reshape(len(t), -1)
         for i in range(values.shape[1]):
             one = Running()
@@ -300,13 +305,6 @@ def alarms(run: ReportRun) -> Markup:
     return table(head, rows, f"states of the alarm in {run.label}")
 
 
-COUNTS = {
-    "samples": "samples", "missing": "missing", "gaps": "gaps", "incomplete": "incomplete", "invalid": "with NaN",
-    "duplicates": "messages twice", "out_of_order": "out of order", "late": "too late",
-    "restarts": "restarts of the robot's clock",
-}  # fmt: skip
-
-
 def gaps(run: ReportRun) -> Markup:
     """What did not come: counts, and the longest gaps."""
     facts, parts = recorded_facts(run), [element("p", UNFINISHED)]
@@ -325,7 +323,7 @@ def gaps(run: ReportRun) -> Markup:
 
 def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
     """When each begins and how long it is (s), and how many samples are missing in it."""
-    t: Curve = run.times.get("encoder", np.empty(0))
+    t: Curve = run.time("encoder") if any(key.startswith("encoder.") for key in run.fields) else np.empty(0)
     if len(t) < 3:
         return
     between = np.diff(t)
@@ -350,7 +348,7 @@ def punctuality(run: ReportRun) -> Markup:
     most = max((count for _, count in bins), default=1)
     rows = [
         (text, str(count), f"{count / max(facts.messages, 1):.2%}",
-         element("div", element("div", style=f"width:{100 * count / most:.1f}%"), class_="bar"))
+         element("div", element("div", style=f"width:{100 * count / most:.1f}%"), class_="share"))
         for text, count in bins
     ]  # fmt: skip
     clock = [

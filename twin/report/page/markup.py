@@ -13,6 +13,17 @@ from numpy.typing import NDArray
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of
 
+TO_DARK = (
+    (0.60, -1.15, -0.36, 1.01),
+    (-0.57, 0.15, -0.49, 1.03),
+    (-0.52, -0.84, 0.46, 1.03),
+)
+"""Weights of red, green and blue (0 .. 1, sRGB) and a constant, a row for each of the new ones, which are then clipped.
+
+Light turned dark with every hue kept would make mud of yellow and orange, which are as light as the ground they lie on.
+These were fitted to the colours of `twin.studies.figure` (Powell's method, distances in CIELAB): white becomes the
+page's ground, ink light, and every colour a lighter one of its own name, as far from the others as it was."""
+
 
 class Markup(str):
     """HTML as it stands in the page; any other text is escaped where it is put into an element."""
@@ -93,18 +104,6 @@ def thinned(values: Curve, factor: int) -> Curve:
 def thinning(samples: int, most: int) -> int:
     """The factor by which `samples` have to be thinned so that about `most` are left."""
     return max(1, math.ceil(samples / most))
-
-
-TO_DARK = (
-    (0.60, -1.15, -0.36, 1.01),
-    (-0.57, 0.15, -0.49, 1.03),
-    (-0.52, -0.84, 0.46, 1.03),
-)
-"""Weights of red, green and blue (0 .. 1, sRGB) and a constant, a row for each of the new ones, which are then clipped.
-
-Light turned dark with every hue kept would make mud of yellow and orange, which are as light as the ground they lie on.
-These were fitted to the colours of `twin.studies.figure` (Powell's method, distances in CIELAB): white becomes the
-page's ground, ink light, and every colour a lighter one of its own name, as far from the others as it was."""
 
 
 def dark_filter() -> Markup:

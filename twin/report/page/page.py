@@ -27,54 +27,62 @@ from twin.report.page.followed import (
     refuse_others,
 )
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
-from twin.report.page.panels import Panel, curves, scene
+from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
-from twin.report.page.run import (
-    PageVerdict,
-    ReportRun,
-    RunGroup,
-    RunMeasure,
-    key_measures,
-    number,
-    report_runs,
-    verdict,
-)
+from twin.report.page.run import ReportRun, RunMeasure, key_measures, number, report_runs
 from twin.report.page.system import is_system, system_sections
+from twin.report.page.verdict import PageVerdict, RunGroup, verdict
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import recorded_experiment
-from twin.robot.experiment.recorded import (
+from twin.robot.experiment.command_words import options, repeating_words, run_command
+from twin.robot.experiment.differences import (
     FROM_ROBOT,
     differing,
     flat,
     name_and_unit,
-    options,
     recorded_facts,
-    repeating_words,
     robot_values,
     robot_values_text,
-    run_command,
     toml_text,
 )
 from twin.robot.experiment.source import COMMAND_LINE
 from twin.studies.accuracy import budget as budgeting
 from twin.studies.accuracy.budget import headline
 from twin.studies.command import Answer, Say, silent
-from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig4 import standing, tally
-from twin.studies.result import Cell, Column, Table
+from twin.studies.panel import Panel
+from twin.studies.paper.claim import ClaimFinding, standing, tally
+from twin.studies.result import Cell, Column, Table, wrapped
 
 HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
 MEANING = "what it means"
 WHY = "why so much, assumed"
+MARKS = {
+    "holds": ("✓ holds", "good"),
+    "fails": ("✗ fails", "bad"),
+    "trivial": ("- trivial", ""),
+    "not reproduced": ("- not reproduced", ""),
+    "reproduced after all": ("✓ reproduced after all", "good"),
+    "not scored": ("? not scored", ""),
+}
+MOST_BOXED = 4
+"""Runs whose key numbers stand beside the verdict."""
+FEW = 5
+"""Claims that are shown at once even if all of them hold."""
+LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
+ASSETS = files("twin.report.page") / "assets"
+SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
+"""In an order in which each finds what it needs."""
+REPORT = "report.html"
+SEVERAL = Path("results/report")
+FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
+SESSION_KEY = Markup(
+    '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
+)
+"""What the player shows."""
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
-    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off.
-
-    Args:
-        budget: of the run's experiment.
-        label: of the run.
-    """
+    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off."""
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
     added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
@@ -222,23 +230,6 @@ def _format_value(value: object, unit: str) -> str:
     return number(value, unit) if isinstance(value, float) else "not recorded"
 
 
-MARKS = {
-    "holds": ("✓ holds", "good"),
-    "fails": ("✗ fails", "bad"),
-    "trivial": ("- trivial", ""),
-    "not reproduced": ("- not reproduced", ""),
-    "reproduced after all": ("✓ reproduced after all", "good"),
-    "not scored": ("? not scored", ""),
-}
-
-
-MOST_BOXED = 4
-"""Runs whose key numbers stand beside the verdict."""
-FEW = 5
-"""Claims that are shown at once even if all of them hold."""
-LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
-
-
 class Section(NamedTuple):
     """A section of the page, and what the list of contents calls it."""
 
@@ -289,8 +280,8 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
         boxes = [
             element(
                 "div",
-                element("strong", number(m.true, m.unit)),
-                element("span", m.short or m.text),
+                element("strong", m.shown),
+                element("span", m.name),
                 class_="box",
             )
             for m in found
@@ -394,18 +385,6 @@ def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) ->
     return joined([part for run in runs for part in (element("h3", run.label), write(run))])
 
 
-ASSETS = files("twin.report.page") / "assets"
-SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
-"""In an order in which each finds what it needs."""
-REPORT = "report.html"
-SEVERAL = Path("results/report")
-FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
-SESSION_KEY = Markup(
-    '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
-)
-"""What the player shows."""
-
-
 def write_report(
     runs: Sequence[Path],
     out: Path | None = None,
@@ -445,7 +424,8 @@ def write_report(
     made_folder(path.parent)
     write_text(path, html)
     page = seen_from_here(path)
-    return Answer(f"{headline}\n  page  {page}", {"headline": headline, "page": str(page)})
+    lines = [*wrapped(headline, later=2, whole=True), f"  page  {page}"]
+    return Answer("\n".join(lines), {"headline": headline, "page": str(page)})
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:
@@ -508,12 +488,7 @@ def _filled(
 def _data(
     runs: Sequence[ReportRun], shown: Sequence[Panel] | None = None, robot: str = "plant", model: str = ""
 ) -> tuple[dict[str, Any], int]:
-    """What the scripts of the page work on, and the factor by which samples are thinned.
-
-    Args:
-        shown: see `curves`.
-        robot, model: see `scene`.
-    """
+    """What the scripts of the page work on, and the factor by which samples are thinned."""
     blocks = [DataBlock() for _ in runs]
     # side by side: what adds up and compresses holds no lock
     with ThreadPoolExecutor(2) as pool:
@@ -576,7 +551,6 @@ def plain_page(
     """The HTML of a page.
 
     Args:
-        title, subtitle: at its head.
         sections: key, title and content of each.
         links: key of a section and text, for the head.
         made_of: what follows "Made by twin VERSION" at its foot.

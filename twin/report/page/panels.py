@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -11,46 +11,73 @@ from twin.kernel.recording.messages import Field
 from twin.report.page.markup import DataBlock, thinned, thinning
 from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, skeleton
 from twin.robot.plant.contact import apex_frame
+from twin.robot.run.view import RunView, held_samples
 from twin.studies.metrics.response import Curve
+from twin.studies.panel import Panel, PanelCurve, Reader, Role, Samples
 
 RATE = 50.0
 """Poses a second; between them the player goes straight."""
 MOST_FRAMES = 20_000
 """Of a long run fewer a second are kept."""
-MM = 1e3
+MM, DEG = 1e3, math.degrees(1.0)
+JOINTS = (0, 1, 2)
+MOST_SAMPLES = 4_000_000
+"""In a page: about 4 MB, and a dozen milliseconds of decoding."""
+KNOWN = ("theta_m", "omega_m", "tau_motor")
+"""What every drive has to say."""
 PATCH, LINES = 45.0, 10
 """Half the width of the surface that is drawn (mm), and into how many fields."""
 
 
-class PanelRun(Protocol):
-    """What panels and player read of a run: of a recording, or of one in memory.
+class PanelRun:
+    """A run with the values of its experiment, as panels and the player read it.
 
     Attributes:
-        values: the experiment, keys with units.
-        times: of the samples of each topic (s), (n,).
-        recording: knows the fields of the run.
+        view: the run.
+        values: checked values of the experiment, keys with units.
+        fields: fields of the signals that it has samples of.
+        used: signals that were read.
     """
 
-    @property
-    def values(self) -> Mapping[str, Any]: ...
+    def __init__(self, view: RunView, values: Mapping[str, Any], fields: Mapping[str, Field] | None = None):
+        self.view, self.values, self.used = view, values, set[str]()
+        self._times: dict[str, Curve] = {}
+        self.fields = fields if fields is not None else {
+            key: field for key, field in view.fields().items() if len(self.time(_topic(key)))
+        }  # fmt: skip
+
+    def time(self, topic: str) -> Curve:
+        """Return the times of the samples of a topic (s), (n,)."""
+        if topic not in self._times:
+            self._times[topic] = self.view.time(topic)
+        return self._times[topic]
 
     @property
-    def times(self) -> Mapping[str, Curve]: ...
+    def end(self) -> float:
+        """Time of the last sample (s)."""
+        return max(float(self.time(_topic(key))[-1]) for key in self.fields)
 
-    @property
-    def recording(self) -> "HasFields": ...
+    def has(self, *keys: str) -> bool:
+        """Return whether it has samples of all these signals."""
+        return all(key in self.fields for key in keys)
 
-    def has(self, *keys: str) -> bool: ...
+    def column(self, key: str, column: int | None) -> Curve:
+        """Return the samples of a signal, or of one column of it.
 
-    def column(self, key: str, column: int | None) -> Curve: ...
+        Raises:
+            UnknownSeries: the run lacks it.
+        """
+        self.used.add(key)
+        values = self.view[key]
+        return values if column is None else values[:, column]
 
-    def held(self, key: str, t: Curve) -> Curve: ...
+    def held(self, key: str, t: Curve) -> Curve:
+        """Return the samples of a signal that hold at times `t` (s), (n,); raise as `column`."""
+        return self.column(key, None)[held_samples(self.time(_topic(key)), t)]
 
 
-class HasFields(Protocol):
-    """Says which series there are, by `topic.field`."""
-
-    def fields(self) -> Mapping[str, Field]: ...
+def _topic(key: str) -> str:
+    return key.rpartition(".")[0]
 
 
 def scene(
@@ -71,7 +98,7 @@ def scene(
     if not run.has(*poses) or None in lengths:
         return None
     geometry = Geometry(*(length / MM for length in lengths))
-    times = run.times[robot]
+    times = run.time(robot)
     step = max(1.0 / RATE, float(times[-1] - times[0]) / most)
     t = times[0] + step * np.arange(int((times[-1] - times[0]) / step + 1e-6) + 1)
     theta_l, p_B, *second = (run.held(key, t) for key in poses)
@@ -118,50 +145,13 @@ def _or_still(run: PanelRun, key: str, t: Curve) -> Curve:
     return run.held(key, t) if run.has(key) else np.zeros((len(t), 3))
 
 
-Role = Literal["truth", "belief", "reference", "shifted", "display"]
-Samples = tuple[Curve, Curve]
-"""Times (n,) in s, and values (n,) in the panel's unit."""
-Reader = Callable[[PanelRun], Samples | None]
-"""A run's samples of a quantity, or None if it holds none."""
-
-DEG = math.degrees(1.0)
-JOINTS = (0, 1, 2)
-MOST_SAMPLES = 4_000_000
-"""In a page: about 4 MB, and a dozen milliseconds of decoding."""
-
-
-class PanelCurve(NamedTuple):
-    """One curve of a panel, in every run that has it.
-
-    Attributes:
-        role: what it is to the others; decides colour and line.
-        read: its samples.
-        member: joint or axis, 0..2, if the panel shows several; decides the colour then. -1: neither.
-        shown: at first; one that is not can be switched on.
-    """
-
-    label: str
-    role: Role
-    read: Reader
-    member: int = -1
-    shown: bool = True
-
-
-class Panel(NamedTuple):
-    """One plot. Values in `unit`."""
-
-    title: str
-    unit: str
-    quantities: tuple[PanelCurve, ...]
-
-
 def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
     """Reads `topic.field`, one `column` of it, times `scale`."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(key):
             return None
-        return run.times[key.rpartition(".")[0]], scale * run.column(key, column)
+        return run.time(key.rpartition(".")[0]), scale * run.column(key, column)
 
     return samples
 
@@ -172,7 +162,7 @@ def deviation(axis: int) -> Reader:
     def samples(run: PanelRun) -> Samples | None:
         if not run.has("plant.p_B", "controller.p_ref_B"):
             return None
-        t = run.times["plant"]
+        t = run.time("plant")
         return t, MM * (run.column("plant.p_B", axis) - run.held("controller.p_ref_B", t)[:, axis])
 
     return samples
@@ -182,7 +172,7 @@ def surface_height(run: PanelRun) -> Samples | None:
     """Reads where the apex of a surface that moves is, mm."""
     if not run.has("body.s_B") or "contact" not in run.values:
         return None
-    return run.times["body"], run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)
+    return run.time("body"), run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)
 
 
 def spring_deflection(joint: int, motor: str, load: str) -> Reader:
@@ -191,7 +181,7 @@ def spring_deflection(joint: int, motor: str, load: str) -> Reader:
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(motor, load) or "N" not in run.values.get("plant", {}):
             return None
-        t = run.times[load.rpartition(".")[0]]
+        t = run.time(load.rpartition(".")[0])
         theta_m = run.held(motor, t)
         theta_m = theta_m if theta_m.ndim == 1 else theta_m[:, joint]
         return t, DEG * (theta_m - run.values["plant"]["N"] * run.column(load, joint))
@@ -282,8 +272,6 @@ PANELS = (
         (PanelCurve("largest share of any limit", "truth", series("monitor.utilisation")),),
     ),
 )  # fmt: skip
-KNOWN = ("theta_m", "omega_m", "tau_motor")
-"""What every drive has to say."""
 
 
 def panels(runs: Iterable[PanelRun], shown: Sequence[Panel] | None = None) -> list[Panel]:
@@ -295,7 +283,7 @@ def panels(runs: Iterable[PanelRun], shown: Sequence[Panel] | None = None) -> li
 
 def _own_panels(runs: Sequence[PanelRun]) -> list[Panel]:
     """What drives say beyond the contract: a panel per name, a curve per joint."""
-    fields = {key: field for run in runs for key, field in run.recording.fields().items() if key.startswith("drive/")}
+    fields = {key: field for run in runs for key, field in run.fields.items() if key.startswith("drive/")}
     names = {field.name: field.unit for field in fields.values() if field.name not in KNOWN and field.size == 1}
 
     def read(name: str) -> Callable[[int], Reader]:

@@ -1,4 +1,4 @@
-"""The paper's figure for the runs of a report, as a picture in the page."""
+"""The picture of a report: the paper's figure of its runs, or one run laid out like Fig. 4."""
 
 import base64
 import pickle
@@ -13,7 +13,12 @@ from twin.kernel.process.job import function_called
 from twin.kernel.process.process import GuardedProcess, taken
 from twin.report.page import DRAWN
 from twin.report.page.markup import Markup, element
-from twin.report.page.run import PageVerdict, ReportRun
+from twin.report.page.panels import PANELS, PanelRun, series
+from twin.report.page.run import ReportRun
+from twin.report.page.verdict import PageVerdict
+from twin.studies import figure as style
+from twin.studies.panel import Panel, PanelCurve, draw_panel
+from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, PRE_DEFINE, THIN, TRUE, WIDE
 from twin.studies.paper.fig4_measures import Fig4Run
 from twin.studies.paper.fig5 import Fig5Score, shown_tasks
 
@@ -22,6 +27,18 @@ POLL, PATIENCE = 0.05, 60.0
 
 LARGEST = 200_000_000
 """Bytes that are handed over; to write and read more would take time and room, and a minute of drawing is ahead."""
+CURVES = (
+    "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
+    "estimator.F_ee_B", "plant.p_B", "plant.F_ee_B",
+)  # fmt: skip
+"""Series of a run that is laid out like Fig. 4."""
+MAGNIFIED = 2.0
+"""Most pixels of the page for a pixel of a picture."""
+ROLES = {
+    "shifted": {"color": FP_REFERENCE, "lw": 1.2}, "reference": {"color": PRE_DEFINE, "lw": WIDE},
+    "belief": {"color": FP_BASED, "lw": WIDE}, "truth": TRUE,
+}  # fmt: skip
+FRICTION_ROLES = {"belief": {"color": FP_BASED, "lw": THIN}, "truth": TRUE}
 
 
 @contextmanager
@@ -61,33 +78,21 @@ def _is_finished(process: GuardedProcess) -> bool:
     return False
 
 
-CURVES = (
-    "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
-    "estimator.F_ee_B", "plant.p_B", "plant.F_ee_B",
-)  # fmt: skip
-
-
-MAGNIFIED = 2.0
-"""Most pixels of the page for a pixel of a picture."""
-
-
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
     """What waits for a picture that is being drawn: Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out
     like Fig. 4; None if none of these fits."""
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
-        return _figure(runs, "twin.studies.paper.fig4_measures:draw_fig4", verdict.fig4, text)
+        return _figure(runs, "twin.studies.paper.fig4_figure:draw_fig4", verdict.fig4, text)
     if verdict.fig5 is not None and (tasks := shown_tasks(verdict.fig5)):
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
         # what was judged by cannot be pickled, and is not drawn
         score = Fig5Score(tuple(replace(task, findings=()) for task in tasks), ())
-        return _figure(runs, "twin.studies.paper.study:draw_fig5", score, text)
-    if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*CURVES):
-        run = Fig4Run(runs[0].recording)
-        if run.is_in_step:
-            text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
-            return _figure(runs, "twin.report.page.run:draw_one_run", run, text)
+        return _figure(runs, "twin.studies.paper.fig5_figure:draw_fig5", score, text)
+    if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*CURVES) and Fig4Run(runs[0].recording).is_in_step:
+        text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
+        return _figure(runs, "twin.report.page.picture:draw_one_run", PanelRun(runs[0].recording, {}), text)
     return nullcontext(lambda: None)
 
 
@@ -108,3 +113,26 @@ def figure(content: bytes, text: str) -> Markup:
         "img", src=source, alt=text, width=str(width), height=str(height), style=style, class_="picture"
     ).removesuffix("</img>")
     return element("figure", Markup(image), element("figcaption", text))
+
+
+def draw_one_run(run: PanelRun, path: Path) -> None:
+    """Write the picture of one run to `path` (PNG): the robot's own estimates coloured, the truth dotted."""
+    friction = [
+        Panel(f"F_{letter}", "N", (
+            PanelCurve("estimated", "belief", series("estimator.F_ee_B", axis)),
+            PanelCurve("true", "truth", series("plant.F_ee_B", axis)),
+        )) for axis, letter in enumerate("xy")
+    ]  # fmt: skip
+    force, height = PANELS[:2]
+    labels = ("z position (mm)", "F_z, pressing (N)", "F_x (N)", "F_y (N)")
+    with style.picture(path, 12, 7.5, by_hand=True) as figure:
+        grid = figure.subplots(2, 2, sharex=True)
+        # a layout that is worked out draws everything twice
+        figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)
+        for axes, panel, letter, label in zip(grid.flat, (height, force, *friction), "ABCD", labels, strict=True):
+            draw_panel(axes, panel, run, FRICTION_ROLES if panel in friction else ROLES)
+            axes.set_ylabel(label)
+            axes.set_title(letter, loc="left", fontweight="bold")
+            axes.legend()
+        for axes in grid[1]:
+            axes.set_xlabel("time (s)")

@@ -31,6 +31,7 @@ NAMES = {
     "reasons": "Not done",
 }  # fmt: skip
 """Of parts in the list of contents."""
+COMPARED = "compare.html"
 
 
 def write_sweep_page(sweep: SweepRows, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
@@ -80,9 +81,6 @@ def _cell(text: str, part: ReportPart) -> str:
     unbroken = text.replace(" .. ", "\u00a0..\u00a0")
     note = part.notes.get(text)
     return joined([unbroken, element("small", note)]) if note else unbroken
-
-
-COMPARED = "compare.html"
 
 
 def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:

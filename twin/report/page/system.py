@@ -86,7 +86,7 @@ def _drawn(run: ReportRun, unit: str, curves: Sequence[tuple[str, str, int | Non
             axes = drawing.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
             for axis, shown in zip(axes, panels, strict=True):
                 for name, key, column in shown:
-                    t, values = run.times[key.rpartition(".")[0]], run.column(key, column).astype(float)
+                    t, values = run.time(key.rpartition(".")[0]), run.column(key, column).astype(float)
                     factor = thinning(len(t), SAMPLES)
                     # the extremes stand where pairs of samples are
                     stamps = t if factor == 1 else np.interp(np.arange(-(-len(t) // (2 * factor)) * 2) * factor,

@@ -29,8 +29,8 @@ from twin.robot.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS
 from twin.robot.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
 from twin.robot.drive.contract import Role
 from twin.robot.drive.mapping import Binding, Wiring, filled, split_mapped, with_units
-from twin.robot.experiment.drive_files import StandIn
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.stand_in import StandIn
 from twin.robot.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.robot.monitor.component import OUTPUTS as MONITOR_OUTPUTS
 from twin.robot.plant.contact_law import OUTPUTS as BODY_OUTPUTS

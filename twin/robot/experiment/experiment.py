@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, Triple, setting
 from twin.robot.experiment import schema
-from twin.robot.experiment.drive_files import StandIn, checked_apart, fill_from_body, joint_tables, role_named
+from twin.robot.experiment.drive_files import joint_tables
+from twin.robot.experiment.experiment_files import fill_from_body
 from twin.robot.experiment.fault import Fault, checked_faults
 from twin.robot.experiment.measure import Measure, checked_measures
 from twin.robot.experiment.mistakes import checked, keys, unknown
@@ -30,6 +31,7 @@ from twin.robot.experiment.schema import (
     whole_ticks,
 )
 from twin.robot.experiment.source import RETAINED, Source, with_numbers
+from twin.robot.experiment.stand_in import StandIn, checked_apart, role_named
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone

@@ -7,6 +7,7 @@ Each kind has a magnitude of its own, with its unit in the key.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 from pydantic import create_model
@@ -22,6 +23,8 @@ memory. body: done by the component of what the robot presses on."""
 
 Detection = Literal["yes", "if large", "no"]
 
+GLITCH_SHARE = 0.02
+"""Share of the samples that is hit where none is given, by kinds with a magnitude besides: ten a second at 2 ms."""
 EVERY = 0.0
 """Said of a magnitude: every one of them, and kinds that have none."""
 
@@ -70,7 +73,7 @@ class Kind:
     reason: str
     unit: str | None = None
     magnitudes: tuple[float, float, float] | None = None
-    bounds: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, float] = field(default_factory=dict, hash=False)
     has_share: bool = False
     beyond: float | None = None
 
@@ -388,6 +391,7 @@ class FaultTable(Settings):
     seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
 
 
+@cache
 def table_of(known: Kind) -> type[FaultTable]:
     """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
     own: dict[str, Any] = {}

@@ -1,8 +1,7 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`.
 
-TOML files that are no experiments, recognised by their tables.
-
-Tables of an experiment that name something altogether: what files below said of another one is forgotten.
+A table that names a whole, such as a drive or a third-party part, replaces what the files below say of another one;
+files of other kinds are recognised by their tables and refused.
 """
 
 import contextlib

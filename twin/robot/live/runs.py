@@ -16,10 +16,11 @@ from twin.kernel.recording.reader import origin
 from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
+from twin.robot.experiment.differences import robot_values
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.recorded import robot_values
+from twin.robot.run.cost import refuse_endless
 from twin.robot.run.run import Run, execute
-from twin.robot.run.watch import Viewer, refuse_endless
+from twin.robot.run.viewer import Viewer
 
 if TYPE_CHECKING:
     from twin.robot.live.server import LiveServer

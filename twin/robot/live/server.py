@@ -38,7 +38,7 @@ WATCHES = "refused: this viewer watches only; to tune, open the address that twi
 
 
 class Parameters(Protocol):
-    """What viewers may change, of `twin.robot.run.watch.Tuning` say; called by the server's thread."""
+    """What viewers may change, of `twin.robot.run.tuning.Tuning` say; called by the server's thread."""
 
     def values(self) -> Mapping[str, bool | float | str]:
         """All of them, by name."""

@@ -148,7 +148,7 @@ SEEN = record(
         started="i8",
         **alike("3f8", "theta_m theta_l"),
         **alike("3i8", "moved_m moved_l"),
-        **alike("3f8", "rate_m rate_l deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
+        **alike("3f8", "rate_m rate_l last_m deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
         **alike("f8", "speed force force_rate"),
         touching="i8",
         **alike("f8", "z_touch depth"),
@@ -158,12 +158,12 @@ SEEN = record(
     ),
 )
 """The last observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
-before (rad/s, the joint's on the motor's side), deflection (rad), joint torques (N m), fastest
-change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and
-commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length (N/s); position (m); the
-contact: height where it began (m), depth below that (m), duration (ticks); motor speed that the
-command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint), and
-for how long that is a hidden force (ticks)."""
+before (rad/s, the joint's on the motor's side), the motor's of the sample before (rad/s), deflection (rad), joint
+torques (N m), fastest change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed
+on the motor's side and commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length
+(N/s); position (m); the contact: height where it began (m), depth below that (m), duration (ticks); motor speed that
+the command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint),
+and for how long that is a hidden force (ticks)."""
 
 
 @njit(cache=True)
@@ -200,7 +200,7 @@ def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
             rate_l = belief.N * (theta_l - seen.theta_l[i]) / dt
             seen.moved_m[i] = theta_m != seen.theta_m[i]
             seen.moved_l[i] = theta_l != seen.theta_l[i]
-            seen.rate_m[i], seen.rate_l[i] = rate_m, rate_l
+            seen.last_m[i], seen.rate_m[i], seen.rate_l[i] = seen.rate_m[i], rate_m, rate_l
             seen.fastest[i] = max(abs(rate_m), abs(rate_l), abs(rate_m - rate_l))
             seen.omega_m[i] += share * (rate_m - seen.omega_m[i])
             seen.omega_l[i] += share * (rate_l - seen.omega_l[i])

@@ -41,7 +41,8 @@ SINK_LIMIT = math.radians(3.0)
 """Largest angle (rad) of a motor below that at the trip, beyond what the slowest drive that obeys still travels down:
 less than 4 N on a rigid body."""
 HALF = 0.5
-"""Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips."""
+"""Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips; and of
+`jump_limit`, from which two samples in the same direction are a motion."""
 SLACK = 0.25
 """Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
 of its low-passed speed, 0.33 rad/s."""
@@ -55,10 +56,22 @@ def retraction_speed(limits, retraction, since):
 
 
 @njit(cache=True)
+def runs_on(limits, seen, i):
+    """Whether the motor encoder of drive `i` moved fast, and the same way, in the last two samples.
+
+    A wrong count jumps once, or there and back; a drive that runs away goes on. At HALF, since one count more or less
+    takes a motion at `jump_limit` below it.
+    """
+    fast = min(abs(seen.last_m[i]), abs(seen.rate_m[i])) >= HALF * limits.jump_limit
+    return fast and (seen.last_m[i] > 0.0) == (seen.rate_m[i] > 0.0)
+
+
+@njit(cache=True)
 def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
     """Mark the encoders that are doubted: those of the trip's `reason`, and each that later jumps or is unusable.
 
-    A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey.
+    A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey. A
+    motor encoder that runs on is believed again: its drive moves.
 
     Args:
         reason: of the trip, in its tick; later 0.
@@ -72,8 +85,10 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
         still = tick * abs(timers.still[i]) >= HALF * limits.frozen_time
         stuck = abs(seen.theta_m[i] - timers.anchor[i]) >= HALF * limits.frozen_travel
         deflected = abs(seen.deflection[i]) >= limits.deflection_limit
+        if ticks > 0 and runs_on(limits, seen, i):
+            retraction.doubt_m[i] = 0
         # not >=: that would let NaN pass
-        if (
+        elif (
             not abs(count_m[i]) < LARGEST_COUNT
             or (reason == FROZEN_MOTOR and still)
             or (jumped and m >= min(l, limits.jump_limit))
@@ -93,7 +108,7 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
 def follow_travel(limits, seen, retraction, dt):
     """Add up how far each shaft has turned since the trip, `dt` (s) after the sample before; jumps are no travel."""
     for i in range(3):
-        if abs(seen.rate_m[i]) < limits.jump_limit:
+        if abs(seen.rate_m[i]) < limits.jump_limit or runs_on(limits, seen, i):
             retraction.travel_m[i] += dt * seen.rate_m[i]
         if abs(seen.rate_l[i]) < limits.jump_limit:
             retraction.travel_l[i] += dt * seen.rate_l[i]
@@ -113,21 +128,29 @@ def remember(limits, retraction, sent, dt):
 
 
 @njit(cache=True)
-def disobeys(limits, seen, retraction, i, since):
-    """Whether drive `i`, `since` (s) the trip, does what no drive does that obeys.
+def races(limits, seen, retraction, i, retracting):
+    """Whether drive `i` turns faster than anything that it was commanded of late, either way, by `follow_limit`.
 
-    It turns faster than anything that it was commanded of late, either way, by `follow_limit`; or it is later in
-    turning back than the slowest drive that obeys, by its joint, too, unless that is doubted. Where the motor's
-    encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is unwound.
+    Where the motor's encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is
+    unwound; once the retraction is over it swings as fast as the retraction was.
     """
-    speed, least = seen.omega_m[i], min(retraction.least[i], -limits.retract_speed)
+    speed, most, least = seen.omega_m[i], retraction.most[i], min(retraction.least[i], -limits.retract_speed)
+    if retraction.doubt_m[i]:
+        return not retracting and seen.omega_l[i] >= max(most, limits.retract_speed) + limits.follow_limit
+    return speed >= most + limits.follow_limit or speed <= least - limits.follow_limit
+
+
+@njit(cache=True)
+def lags(limits, seen, retraction, i, since):
+    """Whether drive `i`, `since` (s) the trip, is later in turning back than the slowest drive that obeys.
+
+    By its joint, too, unless that is doubted; by that alone where the motor's encoder is doubted.
+    """
     left = math.exp(-max(0.0, since - limits.obey_delay) / limits.obey_lag)
     slowest = (retraction.most[i] + limits.retract_speed) * left - limits.retract_speed
     if retraction.doubt_m[i]:
         return seen.omega_l[i] >= max(0.0, slowest) + limits.follow_limit
-    if speed >= retraction.most[i] + limits.follow_limit or speed <= least - limits.follow_limit:
-        return True
-    late = speed if retraction.doubt_l[i] else min(speed, seen.omega_l[i])
+    late = seen.omega_m[i] if retraction.doubt_l[i] else min(seen.omega_m[i], seen.omega_l[i])
     return late >= slowest + SLACK * limits.follow_limit
 
 
@@ -141,7 +164,7 @@ def sinks(limits, retraction, i):
     if unmoved and retraction.doubt_l[i]:
         return False
     most, back = max(0.0, retraction.most[i]), limits.retract_speed
-    # integral of the speed in `disobeys` down to 0
+    # integral of the speed in `lags` down to 0
     coasting = most * (limits.obey_delay + limits.obey_lag) - back * limits.obey_lag * math.log(1.0 + most / back)
     return (retraction.travel_l[i] if unmoved else retraction.travel_m[i]) >= SINK_LIMIT + coasting
 
@@ -168,7 +191,7 @@ def cut(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut at once the drives that do not obey the retraction, `since` (s) the trip, or sink below where they tripped.
+    """Cut at once drives that do not obey the retraction, `since` (s) the trip, race, or sink below where they tripped.
 
     Those that no sound encoder shows lose their power when the retraction is over. Once all of them stand still, force
     or depth at a limit cut all.
@@ -186,7 +209,8 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
         if unseen or (retraction.doubt_m[i] and retraction.doubt_l[i]):
             failed = not retracting
         else:
-            failed = sinks(limits, retraction, i) or (retracting and disobeys(limits, seen, retraction, i, since - age))
+            failed = sinks(limits, retraction, i) or races(limits, seen, retraction, i, retracting)
+            failed = failed or (retracting and lags(limits, seen, retraction, i, since - age))
         if failed and retraction.off[i] == 0:
             cut(retraction, i, lines, now)
     if not unseen and stands(limits, since) and presses(limits, seen, retraction):

@@ -56,6 +56,9 @@ from twin.robot.plant.contact import (
 from twin.robot.plant.contact_law import Contact
 
 ZEROS = (0.0, 0.0, 0.0)
+LONGEST_GAP = 0.1
+"""Maximum gap in samples of the motor angles (s) that a line may bridge: several periods of the springs' slowest free
+motion, 75 rad/s."""
 
 
 class Robot(Model):

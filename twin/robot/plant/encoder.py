@@ -1,10 +1,6 @@
-"""Measurements of the plant: encoder counts and the display of the scale.
+"""Measurements of the plant: encoder counts and the display of the scale, all that a controller ever gets.
 
-The encoders: angles become counts, and that is all a controller ever gets.
-
-White noise from a generator whose whole state is one word in a component's memory: same seed, same bytes.
-
-The electronic scale under the robot: it shows the vertical force in steps.
+White noise comes from a generator whose whole state is one word in a component's memory: same seed, same bytes.
 """
 
 import math

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from twin.robot.run.hold import HoldSums
 
 
+def fixed(value: float, digits: int, sign: str = "") -> str:
+    """`value` with `digits` after the point, without a minus before what rounds to nothing."""
+    return f"{round(value, digits) + 0.0:{sign}.{digits}f}"
+
+
 class ShownUnit(NamedTuple):
     """A unit of numbers that people read.
 
@@ -119,8 +124,7 @@ class MeasureRow:
 
     def shown(self, value: float) -> str:
         """`0.094 N`."""
-        # no minus before what rounds to nothing
-        return f"{round(value * self.unit.per_SI, self.digits) + 0.0:.{self.digits}f} {self.unit.text}".rstrip()
+        return f"{fixed(value * self.unit.per_SI, self.digits)} {self.unit.text}".rstrip()
 
     def differs(self, one: float, other: float) -> bool:
         """Whether two values differ by more than the floor."""

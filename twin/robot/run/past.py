@@ -39,7 +39,7 @@ SEEN_BEFORE = {"body": "surface_jump", "drive": "drive_runaway"}
 
 
 def before_fault(experiment: Experiment) -> Experiment:
-    """The run whose past `experiment`, of at most one fault, has: without it, or with one like it that never acts.
+    """The run whose past `experiment` has: without its faults, or with such as never act.
 
     A surface that will move has a body from the start. A shaft behind a drive is a continuous component more: where
     these do not see each other's newest outputs as they are, what passes through it is late.
@@ -183,76 +183,37 @@ def forked(
     ways: Sequence[Callable[[System], None]],
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
     slice_ticks: int = LONG_SLICE,
-    share: bool = True,
 ) -> list[tuple[Simulated, Trace]]:
-    """Runs of one system, for each of `ways` one, which are the same until tick `at`: that much is run once.
+    """Run a system once for each of `ways`, which change it at tick `at`.
 
     Args:
         make: assembles the system.
-        at: from which tick on they differ.
+        at: tick of the change.
         last: tick that gets the last row.
         only: signals that are kept, see `Trace`.
-        ways: what is done to the system at the beginning of tick `at`. What one has written is there for the next.
-        watch: those who watch the runs of a system besides; each run begins them anew.
+        ways: change the system at the beginning of tick `at`.
+        watch: further observers of a system's run.
         slice_ticks: see `simulate`.
-        share: False: every run is made from the start, for comparison. So it is where a component has no state.
 
     Returns:
-        Of each way the run and what was kept of it; shorter where a component failed, or somebody had seen enough.
+        Per way the simulation and its trace; shorter on failure or if an observer stopped it.
 
     Raises:
         InputRefused: a part of the robot does not fit.
     """
-    found: list[tuple[Simulated, Trace]] = []
-    while len(found) < len(ways):
+    found = []
+    for way in ways:
         with make() as assembly:
-            simulation = Simulation(assembly.system, last, slice_ticks)
-            past, watching = Trace(only=only), watch(assembly.system)
-            done = _watched(simulation, [*watching, past], at)
-            if simulation.next_tick < at:
-                return [(done, past)] * len(ways)
-            state = _state_there(simulation) if share else None
-            if share and state is None:
-                # it has been stepped to find that out
-                share = False
-                continue
-            for way in ways[len(found) :]:
-                if state is not None:
-                    simulation.restore(state)
+            simulation, trace = Simulation(assembly.system, last, slice_ticks), Trace(only=only)
+            observers = [*watch(assembly.system), trace]
+            for observer in observers:
+                observer.begin(simulation)
+            done = stepped(simulation, observers, at)
+            if simulation.next_tick >= at:
                 way(assembly.system)
-                trace = Trace(only=only, past=past)
-                found.append((_watched(simulation, [*watching, trace], last + 1), trace))
-                if state is None:
-                    break
-            if state is not None:
-                state.close()
+                done = stepped(simulation, observers, last + 1)
+            found.append((done, trace))
     return found
-
-
-def _watched(simulation: Simulation, observers: Sequence[Observer], until: int) -> Simulated:
-    for observer in observers:
-        observer.begin(simulation)
-    return stepped(simulation, observers, until)
-
-
-LOOKED_AT = 100
-"""Ticks after a state in which it is seen whether it brings the same future back."""
-
-
-def _state_there(simulation: Simulation) -> SystemState | None:
-    """The state of `simulation`; None: a component has none, or none that brings the same future back."""
-    if stateless(simulation.system.components, portable=False):
-        return None
-    try:
-        states = [simulation.state()]
-        simulation.advance(min(LOOKED_AT, simulation.last_tick - simulation.next_tick))
-        states.append(simulation.state())
-        same = comes_back(simulation, states)
-    except ComponentFailed:
-        return None
-    for state in states[same:]:
-        state.close()
-    return states[0] if same else None
 
 
 class _Keeper(Observer):

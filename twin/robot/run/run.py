@@ -42,7 +42,8 @@ from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.watch import Pace, Punctuality, Shown, Viewer, run_observers
+from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
+from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
 

@@ -16,6 +16,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.monitor.checks import Trip
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.hold import HoldRequest
@@ -30,7 +31,8 @@ class RunRequest(NamedTuple):
     """Data to keep of each run.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; None: all; empty: no trace.
+        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which no
+            past has: every run is made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
         check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
@@ -224,8 +226,10 @@ class Runs:
     def _past(self, experiment: Experiment) -> _Past | None:
         """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
         base = replace(before_fault(experiment), changes=())
-        if not self._most or (base.faults and len(experiment.faults) > 1):
-            # which of several faults an idle one stands for is unknown
+        if not self._most or self.request.signals is None:
+            return None
+        if len(experiment.faults) > 1 and any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults):
+            # which of several faults an idle shaft stands for is unknown
             return None
         key = _identifying(base)
         past = next((one for one in self._pasts if one.key == key), None) or _Past(key)

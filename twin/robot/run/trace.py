@@ -13,7 +13,7 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import UnknownSeries, nearest
 from twin.kernel.recording.messages import VALUE_TYPES, Field, Topic
-from twin.kernel.recording.recorder import RowStream
+from twin.kernel.recording.recorder import RowStream, port_fields
 from twin.kernel.recording.scan import NANOSECONDS
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
@@ -30,9 +30,8 @@ def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
     streams = []
     for c, component in enumerate(system.components):
         name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
-        fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
         columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
-        streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
+        streams.append(RowStream(Topic(name, port_fields(component.outputs), max(shortest, component.period)), columns))
     return streams
 
 

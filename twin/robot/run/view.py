@@ -14,7 +14,11 @@ from twin.robot.run.outcome import BLOCK, DEVIATION_SIGNALS, RunOutcome, Tally
 
 
 class RunView(Protocol):
-    """A run that is read; `Trace` and `Recording` fulfil it."""
+    """A run to read: a `Trace`, a `Recording`, or a log by its adapter."""
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """Metadata of the recording, by name and key; empty for a run in memory and a log."""
 
     def __getitem__(self, key: str) -> NDArray:
         """Values of `topic.field`: (n,) or (n, size)."""
@@ -26,22 +30,53 @@ class RunView(Protocol):
         """`topic.field` -> the field."""
 
 
+class LogView:
+    """A log as a run to read.
+
+    Args:
+        series: values by `topic.field`, (n,) or (n, size).
+        times: times of each topic (s), (n,).
+    """
+
+    def __init__(self, series: Mapping[str, NDArray], times: Mapping[str, NDArray[np.float64]]):
+        self.metadata: Mapping[str, Mapping[str, str]] = {}
+        self._series, self._times = series, times
+
+    def __getitem__(self, key: str) -> NDArray:
+        return self._series[key]
+
+    def time(self, topic: str) -> NDArray[np.float64]:
+        return self._times[topic]
+
+    def fields(self) -> Mapping[str, Field]:
+        return {
+            key: Field(key.rpartition(".")[2], values[:1].size, "double", "", "")
+            for key, values in self._series.items()
+        }
+
+
 def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return the index of the sample at `times` (s) that holds at each of `t` (s), (n,); 0 before the first sample."""
     # half a nanosecond: rounding of the recorded times
     return (times.searchsorted(t + 5e-10, side="right") - 1).clip(min=0)
 
 
+def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
+    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); the first before it came."""
+    values: NDArray = run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
+    return values
+
+
 class BelievedRun:
     """A run with the controller's own pressing force in place of the true one."""
 
     def __init__(self, run: RunView):
-        self._run, self.time, self.fields = run, run.time, run.fields
+        self._run, self.time, self.fields, self.metadata = run, run.time, run.fields, run.metadata
 
     def __getitem__(self, key: str) -> NDArray:
         if key != "plant.F_ee_B":
             return self._run[key]
-        F_z = self._run["controller.F_z"][held_samples(self.time("controller"), self.time("plant"))]
+        F_z = sample_and_hold(self._run, "controller.F_z", self.time("plant"))
         return np.column_stack([np.zeros((len(F_z), 2)), -F_z])
 
 

@@ -58,19 +58,12 @@ class Aftermath(NamedTuple):
 
 
 def aftermaths(
-    experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float], share: bool = True
+    experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float]
 ) -> list[Aftermath]:
-    """What each of `nudges` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force".
-
-    Args:
-        share: False: each run is made from the start, for comparison.
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
-    """
+    """What each of `nudges` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force"."""
     tick, found = experiment.cosim.tick, []
     width, before = round(WINDOW / tick), round(NUDGED / tick)
-    for p_B in nudged_paths(experiment, point, law, factor, nudges, share=share):
+    for p_B in nudged_paths(experiment, point, law, factor, nudges):
         gone = len(p_B) <= round(OVER / tick)
         found.append(
             Aftermath(0.0, np.inf) if gone else Aftermath(swing(p_B[before - width : before]), swing(p_B[-width:]))
@@ -85,7 +78,6 @@ def nudged_paths(
     factor: float,
     nudges: Sequence[float],
     over: float = OVER,
-    share: bool = True,
 ) -> list[Matrix]:
     """The platform's ways (n, 3) in m, tick by tick until `over` (s); shorter if it went far off or a component failed.
 
@@ -104,7 +96,6 @@ def nudged_paths(
         [partial(hold_at, p_B=[p + nudge for p in point.p_B]) for nudge in nudges],
         lambda system: [_Raising(system, point, law, factor)],
         max(1, round(SLICE / experiment.cosim.tick)),
-        share,
     )
     # what ends in the slice in which it goes far off has been seen to its end, too
     paths = [path["plant.p_B"] for _, path in runs]

@@ -71,11 +71,8 @@ class OperatingPoint:
     """The robot at rest.
 
     Attributes:
-        name: for people.
         p_B: platform position (m).
         F_z: pressing force (N); 0 in free air.
-        force_on: whether the force loop is closed.
-        parameters: what is true.
         x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its bristle straight.
     """
 
@@ -97,9 +94,6 @@ def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list
     and 1 mm above.
 
     A surface that moves is taken where it is at the beginning.
-
-    Raises:
-        InputRefused: there is not one point with a linear model.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     points: list[OperatingPoint] = []
@@ -263,10 +257,6 @@ def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
     """The linear model of a drive around a steady load `tau_load` (N m).
 
     The same drive gives the same model: the draws of the phases are always the same.
-
-    Raises:
-        InputRefused: the drive cannot be loaded, or no linear model describes it.
-        ComponentFailed: the drive failed.
     """
     measured = frequency_response(plan, tick, tau_load, AT_REST)
     # whatever it refuses, the measurement of the turning shaft may still be shown
@@ -284,9 +274,6 @@ def frequency_response(
     """(frequencies (n,) in Hz from 0, advance of the shaft per tick over command and load (n, 2), its uncertainty), SI.
 
     The uncertainty (n, 2) is the standard deviation of the mean over the draws.
-
-    Raises:
-        ComponentFailed: the drive failed.
     """
     samples = round(PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, HIGHEST * samples, LINES)).astype(int))
@@ -345,7 +332,6 @@ class LinearPoint:
     """The loops at one operating point.
 
     Attributes:
-        point: where.
         loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
         gains: 1 for each loop that is closed there.
     """
@@ -365,10 +351,6 @@ class Linearised:
     Attributes:
         drives: one model per joint.
         labels: what the drives are called.
-
-    Raises:
-        InputRefused: a drive has no linear model, or a rate is not one that the analysis knows.
-        ComponentFailed: a drive failed while it was measured.
     """
 
     def __init__(self, experiment: Experiment, points: list[OperatingPoint]):

@@ -10,7 +10,7 @@ The stiffness that the force loop renders along z, over virtual stiffness and da
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -55,7 +55,6 @@ class PassivityTrial:
     """A mass in the hand, in the air.
 
     Attributes:
-        point: where.
         mass: at which the linear model begins to swing (kg).
         predicted: growth at `INSIDE` and `OUTSIDE` of it (1/s).
         simulated: the same of the co-simulation; infinite: it flew off.
@@ -71,17 +70,12 @@ class PassivityTrial:
         """Whether a nudge dies out just inside and grows just outside."""
         return self.simulated[0] < 0.0 < self.simulated[1]
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        simulated = [growth if np.isfinite(growth) else None for growth in self.simulated]
-        return {
-            "p_B": list(self.point.p_B),
-            "mass": self.mass,
-            "tried": [INSIDE * self.mass, OUTSIDE * self.mass],
-            "growth_predicted": list(self.predicted),
-            "growth_simulated": simulated,
-            "confirmed": self.confirmed,
-        }
+    @property
+    def tried(self) -> tuple[float, float]:
+        """Masses (kg) that were tried."""
+        return INSIDE * self.mass, OUTSIDE * self.mass
+
+    JSON_KEYS = "p_B=point.p_B mass tried growth_predicted=predicted growth_simulated=simulated confirmed"
 
 
 def tried_mass(shared: Linearised, points: list[OperatingPoint], most: float) -> PassivityTrial | None:
@@ -157,7 +151,6 @@ class Width:
     1/(kp kp_F) beside it.
 
     Attributes:
-        point: where.
         stiffness, damping: virtual, N/m (n,) and N s/m (m,).
         least: smallest `power_share` (m, n); NaN: unstable in the air.
         largest: stiffness at rest that the robot renders passively (N/m), and the virtual stiffness and damping with
@@ -172,19 +165,11 @@ class Width:
     largest: tuple[float, float, float]
     spring: float
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        rendered, stiffness, damping = self.largest
-        return {
-            "p_B": list(self.point.p_B),
-            "largest_passive_stiffness": rendered,
-            "its_virtual_stiffness": stiffness,
-            "its_virtual_damping": damping,
-            "spring_stiffness": self.spring,
-            "virtual_stiffness": self.stiffness.tolist(),
-            "virtual_damping": self.damping.tolist(),
-            "least_power_share": [[None if np.isnan(v) else v for v in row] for row in self.least.tolist()],
-        }
+    JSON_KEYS = (
+        "p_B=point.p_B largest_passive_stiffness=largest.0 its_virtual_stiffness=largest.1 "
+        "its_virtual_damping=largest.2 spring_stiffness=spring virtual_stiffness=stiffness "
+        "virtual_damping=damping least_power_share=least"
+    )
 
 
 def z_width(shared: Linearised, point: OperatingPoint) -> Width:
@@ -280,8 +265,6 @@ class PointPassivity:
     """What a hand feels at one operating point.
 
     Attributes:
-        point: where.
-        stable: whether the robot is, with nothing in the hand.
         frequency: Hz (n,).
         admittance: (n, 3, 3), m/s per N.
         springs: stiffness (3,) with the motors held and the other axes held (N/m).
@@ -297,18 +280,10 @@ class PointPassivity:
     bands: dict[str, Band | None]
     worst: Environment
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        return {
-            "name": self.point.name,
-            "p_B": list(self.point.p_B),
-            "F_z": self.point.F_z,
-            "force_loop": self.point.force_on,
-            "stable": self.stable,
-            "spring_stiffness": self.springs.tolist(),
-            "not_passive": {name: band._asdict() if band else None for name, band in self.bands.items()},
-            "worst_environment": self.worst._asdict(),
-        }
+    JSON_KEYS = (
+        "name=point.name p_B=point.p_B F_z=point.F_z force_loop=point.force_on stable "
+        "spring_stiffness=springs not_passive=bands worst_environment=worst"
+    )
 
 
 @dataclass(frozen=True)
@@ -316,11 +291,8 @@ class Passivity:
     """A robot in the hand, judged.
 
     Attributes:
-        experiment: what it is of.
-        points: each operating point.
         problems: sentences about points that have no linear model.
         width: None where no force loop presses.
-        tried: whether what was predicted was to be tried in the co-simulation.
         trial: what came of it; None: there was nothing to try.
     """
 
@@ -331,27 +303,11 @@ class Passivity:
     tried: bool
     trial: PassivityTrial | None
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        return {
-            "experiment": self.experiment.name,
-            "points": [point.facts() for point in self.points],
-            "without_linear_model": self.problems,
-            "z_width": self.width.facts() if self.width else None,
-            "trial": self.trial.facts() if self.trial else None,
-        }
+    JSON_KEYS = "experiment=experiment.name points without_linear_model=problems z_width=width trial"
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
-    """Judge `experiment`, of which the body is taken away; its drives are run in this process.
-
-    Args:
-        tried: whether the mass that makes it swing is tried in the co-simulation.
-        say: called with what is being done.
-
-    Raises:
-        InputRefused: as of `twin.studies.analyse.stability.stability`. ComponentFailed: a drive failed.
-    """
+    """Judge `experiment`, of which the body is taken away; its drives are run in this process."""
     refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, DriveModel, closed_poles, spectral_radius
@@ -52,8 +53,6 @@ class LimitCheck:
     """The gain limit of a law at an operating point, predicted and tried.
 
     Attributes:
-        law: "position" or "force".
-        point: where.
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
         holds: whether the prediction is confirmed within `HOLDS`.
@@ -80,28 +79,18 @@ class LimitCheck:
         """Whether a nudge lasts with the gains as they are set."""
         return self.high is not None and self.high <= 1.0
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI; factors on the gains that are set."""
-        return {
-            "law": self.law,
-            "p_B": list(self.point.p_B),
-            "F_z": self.point.F_z,
-            "predicted": self.predicted,
-            "holds": self.holds,
-            "simulated": self.simulated,
-            "simulated_between": [self.low, self.high],
-            "reason": self.reason,
-        }
+    @property
+    def between(self) -> tuple[float | None, float | None]:
+        """`low` and `high`."""
+        return self.low, self.high
+
+    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated simulated_between=between reason"
 
 
 def checked_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-    """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides.
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
-    """
+    """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides."""
 
     @cache
     def lasting(factor: float) -> Lasting:
@@ -124,7 +113,6 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
     These are `borders` if the limit is between them, else at most `CLOSE` apart.
 
     Args:
-        lasts: whether a nudge lasts with a factor on the gains.
         ends: whether `expected` is a limit, not just a value up to which there is none.
     """
     low, high = borders(expected)
@@ -158,11 +146,7 @@ def narrowed(lasts: Callable[[float], bool], low: float, high: float) -> tuple[f
 
 
 def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> Lasting:
-    """Which nudges, large and small, last at `point` with `factor` times the gains of `law`.
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
-    """
+    """Which nudges, large and small, last at `point` with `factor` times the gains of `law`."""
     sizes = (LARGE_PRESSING if point.in_contact else LARGE, SMALL)
     left = aftermaths(experiment, point, law, factor, sizes)
     return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
@@ -198,10 +182,8 @@ class PointStability:
     """One operating point, judged; margins only where it is stable, for elsewhere they mean nothing.
 
     Attributes:
-        linear: its loops.
         stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
-        margins: by loop.
         disks: of all loops at once, opened at the "laws", at the "motors", or at "both".
         sensitivity: of all loops at once, largest singular value; None if unstable.
         limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
@@ -221,22 +203,15 @@ class PointStability:
         """The pole of the smallest damping ratio."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        point = self.linear.point
-        return {
-            "name": point.name,
-            "p_B": list(point.p_B),
-            "F_z": point.F_z,
-            "force_loop": point.force_on,
-            "stable": self.stable,
-            "loops": {name: found._asdict() for name, found in self.margins.items()},
-            "disk_margins": {name: found.facts() for name, found in self.disks.items()},
-            "sensitivity": self.sensitivity,
-            "gain_limits": self.limits,
-            "poles": [pole._asdict() for pole in self.poles[:MOST_POLES]],
-            "least_damped": self.least_damped._asdict(),
-        }
+    @property
+    def slowest(self) -> list[Pole]:
+        """The poles of the slowest decay."""
+        return self.poles[:MOST_POLES]
+
+    JSON_KEYS = (
+        "name=linear.point.name p_B=linear.point.p_B F_z=linear.point.F_z force_loop=linear.point.force_on "
+        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest least_damped"
+    )
 
 
 @dataclass(frozen=True)
@@ -244,8 +219,6 @@ class StabilityMap:
     """Damping over contact stiffness and gains at one pressing point, its pose and force kept.
 
     Attributes:
-        law: "position" or "force".
-        at: the point.
         stiffness: N/m (n,).
         factors: on all gains of the law (m,).
         zeta: smallest damping ratio of a pole (m, n); < 0: unstable; NaN: no operating point.
@@ -257,16 +230,7 @@ class StabilityMap:
     factors: np.ndarray
     zeta: np.ndarray
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI; None where there is no operating point."""
-        return {
-            "law": self.law,
-            "p_B": list(self.at.point.p_B),
-            "F_z": self.at.point.F_z,
-            "stiffness": self.stiffness.tolist(),
-            "factors": self.factors.tolist(),
-            "zeta": [[None if np.isnan(value) else value for value in row] for row in self.zeta.tolist()],
-        }
+    JSON_KEYS = "law p_B=at.point.p_B F_z=at.point.F_z stiffness factors zeta"
 
 
 @dataclass(frozen=True)
@@ -274,9 +238,6 @@ class Stability:
     """An experiment's loops, judged.
 
     Attributes:
-        experiment: what it is of.
-        shared: drives, settings and stepping of all points.
-        points: judged.
         problems: sentences about points that have no linear model.
         maps: empty where nothing is pressed on.
         checks: the gain limits that were tried in the co-simulation.
@@ -311,24 +272,15 @@ class Stability:
                 {"drive": label, "states": len(model.A), "residual": model.residual, "turning": model.turning}
                 for label, model in zip(self.shared.labels, self.shared.drives, strict=True)
             ],
-            "points": [point.facts() for point in self.points],
-            "gain_limits": [check.facts() for check in self.checks],
+            "points": to_dict(self.points),
+            "gain_limits": to_dict(self.checks),
             "without_linear_model": self.problems,
-            "maps": [chart.facts() for chart in self.maps],
+            "maps": to_dict(self.maps),
         }
 
 
 def stability(experiment: Experiment, tried: bool = False, say: Say = silent) -> Stability:
-    """Judge the loops of `experiment`; its drives are run in this process, its faults are left out.
-
-    Args:
-        tried: whether the gain limits are tried in the co-simulation, too.
-        say: called with what is being done.
-
-    Raises:
-        InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
-        ComponentFailed: a drive failed while it was measured.
-    """
+    """Judge the loops of `experiment`; its drives are run in this process, its faults are left out."""
     _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
     steps = Steps(say, len(points) + 2 + tried)
@@ -346,12 +298,7 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
 
 
 def force_loop_margins(experiment: Experiment) -> list[Margins]:
-    """Compute the margins of the force loop at each operating point in contact; its drives are run in this process.
-
-    Raises:
-        InputRefused: see `stability`; or no force loop closes in contact, or the loops are unstable there.
-        ComponentFailed: a drive failed while it was measured.
-    """
+    """Compute the margins of the force loop at each operating point in contact; its drives are run in this process."""
     _refuse_other_laws(experiment)
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:

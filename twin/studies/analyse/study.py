@@ -43,9 +43,6 @@ def analyse(
     model, 3 a drive failed, crashed or hung.
 
     Example: twin analyse experiments/fig4_force_position.toml
-
-    Raises:
-        InputRefused, ComponentFailed: see `stability` and `passivity`; or the folder cannot be used.
     """
     from twin.kernel.writing import made_folder
     from twin.robot.assembly.load import load_experiment

@@ -11,6 +11,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
+from twin.kernel.serialise import to_dict
 from twin.studies.analyse import passivity, stability
 from twin.studies.analyse.linear.hand import AXES, power_share
 from twin.studies.analyse.linear.loops import Matrix, closed_poles
@@ -458,7 +459,7 @@ def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Re
         "",
     ]
     verdict = f"{done.experiment.name}  passive in the hand at {passive} of {len(done.points)} operating points"
-    facts, stable = done.facts() | {"files": [*files]}, all(point.stable for point in done.points)
+    facts, stable = to_dict(done) | {"files": [*files]}, all(point.stable for point in done.points)
     return Result(Note(verdict, later=4), parts, facts, {file: file for file in files}, 0, 0 if stable else 1)
 
 

@@ -34,13 +34,9 @@ def model_description(
     """modelDescription.xml, UTF-8, the same bytes for the same part.
 
     Args:
-        fmi: "2.0" or "3.0".
-        name: modelName and modelIdentifier.
         guid: that the binary knows.
         about: what the part is, and what delay its steps mean.
         variables: of scalars in FMI 2.0; the value reference is the place in it.
-        tick: of the experiment (s).
-        duration: of the experiment (s).
     """
     new = fmi == "3.0"
     root = ET.Element(
@@ -151,21 +147,7 @@ def packed(
     wanted: Path,
     say: Callable[[str], None],
 ) -> bytes:
-    """The archive.
-
-    Args:
-        part: what is built.
-        layout: of it.
-        fmi: "2.0" or "3.0".
-        platforms: for which.
-        about: for the description.
-        readme: documentation.
-        wanted: the file, for sentences.
-        say: called with what is being done.
-
-    Raises:
-        InputRefused: a step cannot leave Python, or the compiler refuses.
-    """
+    """The archive."""
     steps = linking.emitted_steps(layout, platforms, say)
     variables = layout.variables if fmi == "3.0" else layout.scalars()
     experiment = part.experiment
@@ -225,17 +207,9 @@ def build_fmu(
     """Write a part of the robot as a co-simulation FMU with native code.
 
     Args:
-        experiment: file or name.
         part: "plant", "computer", or a component by its name.
-        fmi: "2.0" or "3.0".
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/PART.fmu.
-        settings: laid over the experiment.
-        say: called with what is being done.
-
-    Raises:
-        InputRefused: the experiment or the part cannot be used, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     targets = linking.platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings)

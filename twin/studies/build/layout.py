@@ -28,12 +28,9 @@ class ExportedVariable(NamedTuple):
 
     Attributes:
         name: `plant.F_ee_B`.
-        kind: what it is to FMI.
-        meaning: one phrase.
         unit, text: what its values are in, and as it is written.
         first: where its values begin.
         start: they, at the start; an output's before anything is known of inputs.
-        limits: as of a parameter.
     """
 
     name: str
@@ -60,8 +57,6 @@ class EntryRow(NamedTuple):
     """A component's row of the table of C, or that of what begins it.
 
     Attributes:
-        symbol: of its function.
-        step: the function.
         period: in ticks; 0: before the first step only.
         memory: where its memory begins (bytes).
         u, y: where its inputs begin, and among the values its outputs.

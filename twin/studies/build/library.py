@@ -196,15 +196,8 @@ def build_c(
     """Write what the robot's own computer runs, from the counts of the encoders to the speeds of the drives, as C.
 
     Args:
-        experiment: file or name.
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the folder; None: results/build/EXPERIMENT/c.
-        settings: laid over the experiment.
-        say: called with what is being done.
-
-    Raises:
-        InputRefused: the experiment cannot be used, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     targets = linking.platforms_named(platforms)
     loaded = load_experiment(experiment, settings)

@@ -82,15 +82,7 @@ HERE = PLATFORMS["x86_64-linux"]
 
 
 def platforms_named(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
-    """The platform where it is built, and those of `names` beside it; "all" are all.
-
-    Args:
-        names: tuples of FMI 3.0.
-        fmi: for which version; None: for no FMU.
-
-    Raises:
-        InputRefused: there is no such platform, or FMI 2.0 knows no folder for it.
-    """
+    """The platform where it is built, and those of `names` beside it; "all" are all."""
     able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
     for name in names:
         if name == ALL or name in able:
@@ -112,13 +104,7 @@ def summary(title: str, rows: Mapping[str, str]) -> str:
 
 
 class Emitted(NamedTuple):
-    """A step for one platform.
-
-    Attributes:
-        symbol: of the function.
-        text: LLVM's assembly of what was written.
-        content: of the object file.
-    """
+    """A step for one platform."""
 
     symbol: str
     text: str
@@ -149,11 +135,7 @@ def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
 def emitted_steps(
     layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
 ) -> dict[Platform, list[Emitted]]:
-    """All steps of a layout in all forms for each platform.
-
-    Raises:
-        InputRefused: a step cannot leave Python.
-    """
+    """All steps of a layout in all forms for each platform."""
     modules = []
     for row in layout.rows:
         say(f"compiling {row.component.name}")
@@ -192,11 +174,7 @@ def guid_of(*contents: bytes) -> str:
 
 
 def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
-    """Refuse where code cannot be linked for all of `platforms`, or cannot be tried.
-
-    Raises:
-        InputRefused: this is not x86-64 Linux, or there is no C compiler for one of them.
-    """
+    """Refuse where code cannot be linked for all of `platforms`, or cannot be tried."""
     if sys.platform != "linux" or machine.machine() not in ("x86_64", "AMD64"):
         here = f"{machine.machine()} {machine.system()}"
         raise InputRefused(f"{wanted}: native code is built on x86-64 Linux; this is {here}")
@@ -211,13 +189,7 @@ def shared_library(
 
     Args:
         name: without a suffix.
-        source: the C file.
         files: it, what it includes, and object files, by name.
-        options: of the compiler.
-        wanted: what is built, for sentences.
-
-    Raises:
-        InputRefused: there is no compiler, or it refuses.
     """
     # nothing undefined but what the system's own libraries have
     elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
@@ -234,15 +206,7 @@ def shared_library(
 
 
 def static_library(source: str, platform: Platform, files: Mapping[str, bytes], wanted: Path) -> bytes:
-    """A static library of one C file, and of the object files beside it, which needs libm at most.
-
-    Args:
-        source: the C file.
-        platform, files, wanted: as of `shared_library`.
-
-    Raises:
-        InputRefused: there is no compiler, or it refuses.
-    """
+    """A static library of one C file, and of the object files beside it, which needs libm at most."""
     # none of what a system adds to have its C library look on
     bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")
     built = Path(source).with_suffix(".o").name

@@ -64,8 +64,6 @@ class RobotPart:
     """What is built.
 
     Attributes:
-        name: of the part.
-        experiment: that it is from.
         components: in the order of a tick, sampled ones first.
         feeds: what joins them.
         beginnings: by component.
@@ -101,11 +99,7 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
 
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:
-    """The part `name` of the robot of `experiment`.
-
-    Raises:
-        InputRefused: there is no such part, or it cannot be taken out of the experiment.
-    """
+    """The part `name` of the robot of `experiment`."""
     plant, theta_m = at_rest(experiment, "body" in experiment.stand_ins)
     build = Build(experiment, (), HERE, plant, theta_m)
     made = {row.name: _made(row, build) for row in ROBOT}
@@ -219,11 +213,9 @@ class OpenParameter(NamedTuple):
 
     Attributes:
         key: of the file, `plant.k_s_Nm_per_rad`.
-        meaning: one phrase.
         start: its values.
         unit: of them; `text` as the file spells it.
         limits: above, at least, below, at most; None where there is none.
-        destinations: where it goes.
         tunable: whether it may change between two steps.
     """
 

@@ -45,15 +45,7 @@ from twin.robot.experiment.fault import CATALOGUE
 
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
-    """Refuse what is not twin's own, or is nothing that a master could step.
-
-    Args:
-        experiment: whose part `name` it is.
-        wanted: the components of the part.
-
-    Raises:
-        InputRefused: it is.
-    """
+    """Refuse what is not twin's own, or is nothing that a master could step."""
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
     for role in wanted:
@@ -87,11 +79,7 @@ def _refuse_alone(name: str, kind: str) -> None:
 
 
 def refuse_changed(experiment: Experiment, wanted: Sequence[str]) -> None:
-    """Refuse components that the experiment itself changes on the way.
-
-    Raises:
-        InputRefused: it does.
-    """
+    """Refuse components that the experiment itself changes on the way."""
     for change in experiment.changes:
         if PLACES[change.key].component in wanted:
             raise InputRefused(
@@ -104,12 +92,7 @@ def refuse_broken(experiment: Experiment, name: str, wanted: Sequence[str], soun
     """Refuse a part within which something breaks: a fault is a part of its own.
 
     Args:
-        experiment: whose part `name` it is.
-        wanted: the components of the part.
         sound, feeds: what joins all components without faults, and with them.
-
-    Raises:
-        InputRefused: a fault acts within the part.
     """
     instead = f"or build the sound {name} with --set fault=[]"
     for target, source in sound.items():
@@ -148,7 +131,6 @@ class Element:
     Attributes:
         name: in the system, "drive_1".
         part: of the drive, "" if it is but one FMU.
-        content: what it is.
         settings: of an FMU, in its own units: values of parameters, and of inputs at the start.
         variables: of an FMU, that have a role.
         starts: of a component of ours, by input, at the start.
@@ -180,11 +162,7 @@ class JointDrive:
 
 
 def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
-    """The drives of the three joints.
-
-    Raises:
-        InputRefused: a drive cannot be used, or one needs more than a step of its FMUs in each tick.
-    """
+    """The drives of the three joints."""
     plans = planned_drives(experiment)
     if experiment.monitor is not None:
         plans = tuple(plan.switchable() for plan in plans)
@@ -367,11 +345,8 @@ class Member:
     """An element of the system.
 
     Attributes:
-        name: of the element.
         about: what it is, one sentence.
         entry: of the archive, its FMU.
-        connectors: of it.
-        values: that it is set to.
     """
 
     name: str
@@ -391,11 +366,8 @@ def structure(
     """The whole of it.
 
     Args:
-        experiment: that is built.
         members: elements in the order in which a Gauss-Seidel master steps them.
-        drives: of the joints.
         hashes: SHA-256 by entry of the archive.
-        metadata: of the file.
     """
     units = defined(unit for member in members for _, unit in member.connectors)
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
@@ -531,13 +503,9 @@ def foreign_values(
     """What an FMU of a drive is set to before it is initialised.
 
     Args:
-        experiment: whose values they are.
-        name: of the element.
         table: of the experiment that says its parameters, "drive.parameters".
-        description: of the FMU.
         settings: in its own units.
         source: entry of the archive.
-        metadata: of the file.
     """
     facts = {variable.name: (_type(variable), _unit(variable, description)) for variable, _ in settings}
     units = defined(unit for _, unit in facts.values())

@@ -44,7 +44,7 @@ def build(
     scale. --fmu computer: one of encoders, estimator, controller, delay,
     monitor. --c: the same from the encoders' counts on, as C with static
     libraries. --ssp: plant, computer and the unchanged drives as an SSP
-    archive.
+    archive; this loads the libraries of the drives' FMUs.
 
     Built for x86-64 Linux and the platforms of --platform. The experiment's
     numbers stay open as parameters, with the names of the file.
@@ -52,10 +52,6 @@ def build(
     Exit code: 0 written, 2 refused, 3 it could not be written.
 
     Example: twin build fig4_force_position --fmu plant --fmi 3
-
-    Raises:
-        InputRefused: the experiment or the part cannot be used, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     version = f"{fmi or 2}.0"
     if c:

@@ -55,11 +55,7 @@ def own_values(
     """The parameters of a part of ours, each with where it comes from.
 
     Args:
-        experiment: whose values they are.
-        name: of the part.
-        variables: scalars.
         source: entry of the archive.
-        metadata: of the file.
     """
     given = [v for v in variables if v.kind in ("parameter", "tunable")]
     values = [
@@ -154,17 +150,9 @@ def build_ssp(
     """Write the robot of an experiment as an SSP archive: drives as they came, computer and plant as FMUs of ours.
 
     Args:
-        experiment: file or name.
         fmi: of the FMUs of ours, "2.0" or "3.0"; their arrays are scalars in both, as SSP 1.0 has no arrays.
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/EXPERIMENT.ssp.
-        drive: of every joint, in place of the experiment's own.
-        settings: laid over the experiment.
-        say: called with what is being done.
-
-    Raises:
-        InputRefused: the experiment cannot be used or cannot travel, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     targets = platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings, drive)
@@ -239,11 +227,7 @@ def _refuse_bound(experiment: Experiment) -> None:
 
 
 class _Makers:
-    """Makes the files of the archive one by one.
-
-    Attributes:
-        members: elements of the system until now.
-    """
+    """Makes the files of the archive one by one."""
 
     def __init__(
         self, experiment: Experiment, fmi: str, platforms: Sequence[Platform], wanted: Path, say: Callable[[str], None]

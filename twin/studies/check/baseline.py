@@ -10,7 +10,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -24,7 +24,7 @@ from twin import __version__
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
 from twin.kernel.places import HOME, is_clone
-from twin.kernel.writing import finite, inline_table, made_folder, write_text
+from twin.kernel.writing import inline_table, made_folder, write_text
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences
 from twin.studies.check.measurement import POINTS, Measured, Metric, SampledCurve
@@ -63,7 +63,6 @@ class BaselineMetric(_Table):
     """A number of a baseline: off by more than its bound either way is a deviation.
 
     Attributes:
-        value, bound: in `unit`, SI.
         keep: the bound has been chosen by somebody, and an update leaves it.
     """
 
@@ -110,8 +109,6 @@ class Baseline(_Table):
     """What is stored.
 
     Attributes:
-        experiment, drive: their names.
-        fingerprint: of the experiment.
         twin: version that measured it.
         fmus: SHA-256 by file name.
         history: oldest first.
@@ -141,7 +138,6 @@ def baselines_of(file: Path, update: bool) -> Path:
     it: the baselines of any other experiment are beside its file.
 
     Args:
-        file: of the experiment.
         update: whether they are written, and not only read: then never to those that a wheel carries.
     """
     of_twin = file.resolve().parent == (HOME / "experiments").resolve() and (HOME / FOLDER / file.stem).is_dir()
@@ -221,11 +217,7 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
 
 
 def read_baseline(file: Path) -> Baseline:
-    """The baseline in `file`.
-
-    Raises:
-        InputRefused: it cannot be read, or is no baseline.
-    """
+    """The baseline in `file`."""
     try:
         table = read_toml(file)
     except InputRefused as problem:
@@ -251,11 +243,7 @@ def baseline_text(baseline: Baseline) -> str:
 
 
 def write_baseline(file: Path, text: str) -> None:
-    """Write the `text` of a baseline.
-
-    Raises:
-        InputRefused, NotWritten: the disk refuses.
-    """
+    """Write the `text` of a baseline."""
     made_folder(file.parent)
     write_text(file, text)
 
@@ -304,11 +292,9 @@ class CheckRow:
 
     Attributes:
         name: "measure.metric", or "measure.tube".
-        unit: SI.
         before, now: None where there is none.
         bound: how far apart they may be; None likewise.
         at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
-        word: what it comes to.
     """
 
     name: str
@@ -325,8 +311,6 @@ class Outside:
     """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
 
     Attributes:
-        name: of its row.
-        signal: what it is.
         before: the baseline.
         lower, upper: the tube around it.
     """
@@ -346,7 +330,6 @@ class CheckVerdict:
     """An experiment with one drive against its baseline.
 
     Attributes:
-        rows: numbers, then tubes.
         notes: what has changed besides, a sentence each.
         outside: of what tubes have lost.
     """
@@ -360,10 +343,6 @@ class CheckVerdict:
     @property
     def deviations(self) -> tuple[CheckRow, ...]:
         return tuple(row for row in self.rows if row.word != "ok")
-
-    def facts(self) -> dict[str, Any]:
-        """For JSON; None for what is not a number."""
-        return finite(asdict(self))
 
 
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:
@@ -470,12 +449,7 @@ MOST = 5
 
 
 def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> Result:
-    """The answer first; of a single check every number, of many only those that deviate.
-
-    Args:
-        verdicts: of the checks that could be done.
-        failures: sentences on those that could not.
-    """
+    """The answer first; of a single check every number, of many only those that deviate."""
     parts: list[Block] = []
     shown = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
     shown = [verdict for verdict in shown if len(verdicts) == 1 or not _first(verdict)]
@@ -550,11 +524,7 @@ def _labelled(label: str, text: str) -> list[Note]:
 
 
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
-    """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files.
-
-    Raises:
-        InputRefused, NotWritten: the disk refuses.
-    """
+    """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files."""
     drawn = []
     made_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MOST]:

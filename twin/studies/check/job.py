@@ -16,8 +16,9 @@ from twin.kernel.places import HOME, located
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.reporter import DirectReporter
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file, shelved
+from twin.robot.experiment.drive_files import shelved
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.studies.check import baseline as stored
 from twin.studies.check.baseline import verdict
 from twin.studies.check.measurement import Measured, measured, run_for_measures
@@ -75,11 +76,7 @@ def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
-    """The baseline of the experiment in `file` with `drive`.
-
-    Raises:
-        InputRefused: there is none, and it says how one is made; or it is damaged, or of something else.
-    """
+    """The baseline of the experiment in `file` with `drive`."""
     known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
         # a misspelt experiment or drive is reported
@@ -124,7 +121,6 @@ class CheckOutcome:
         verdict: None if it could not be measured or compared.
         text: of the baseline's file as it would be after an update; "" if that changes nothing, or none was asked for.
         failure: why there is no verdict, in a sentence; "" if there is one.
-        exit_code: that goes with it.
     """
 
     pair: Pair
@@ -145,13 +141,7 @@ def pairs(
     """What `twin check EXPERIMENT... --drive ...` means.
 
     Args:
-        experiments: files or names; none: all that have a baseline.
         drives: as --drive has them; none: those with a baseline, or the experiment's own.
-        baselines: their folder; None: see `baselines_of`, and without experiments tests/baselines.
-        update: see `baselines_of`.
-
-    Raises:
-        InputRefused: nothing to check, or a drive that none of the experiments finds.
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
@@ -184,13 +174,7 @@ def _file_of(name: str) -> Path:
 
 
 def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
-    """Check each pair of `work`; a job of the guard. Notes: an `CheckOutcome`, taken apart, per pair, in their order.
-
-    Args:
-        work: what to check.
-        date: of an update.
-        reason: of an update; "": none was asked for.
-    """
+    """Check each pair of `work`; a job of the guard. Notes: a `CheckOutcome`, taken apart, per pair, in their order."""
     for pair in work:
         reporter.loading()
         try:
@@ -225,10 +209,7 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
     """The outcome of every pair, in their order.
 
     Args:
-        pairs: what to check.
-        reason: of an update; "": none was asked for.
         processes: how many at a time; 0: this one, where a drive that crashes takes it along.
-        say: called with how many are done.
 
     Raises:
         KeyboardInterrupt: after every process has ended.

@@ -74,7 +74,6 @@ class Signals:
     """Of a run that went to its end.
 
     Attributes:
-        run: every signal of it at every tick.
         believed: what the controller believes the robot to be.
         fmus: SHA-256 of every FMU that took part, by file name.
     """
@@ -112,13 +111,7 @@ def split(signal: str) -> tuple[str, int | None]:
 
 
 def run_for_measures(experiment: Experiment) -> Signals:
-    """Run `experiment` in this process.
-
-    Raises:
-        InputRefused: a drive FMU does not fit, or a measure names signals that there are not; all of those at once.
-        ComponentFailed: a component failed.
-        SafetyTrip: the safety monitor tripped.
-    """
+    """Run `experiment` in this process."""
     run = Trace()
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
@@ -131,11 +124,7 @@ def run_for_measures(experiment: Experiment) -> Signals:
 
 
 def refuse_unknown(experiment: Experiment, system: System) -> None:
-    """Check that `system` has every signal which a measure of `experiment` looks at.
-
-    Raises:
-        InputRefused: it has not; all of those at once.
-    """
+    """Check that `system` has every signal which a measure of `experiment` looks at."""
     fields = fields_of(system)
     sizes = {name: field.size for name, field in fields.items()}
     sizes[REFERENCE_THETA_L] = 3
@@ -188,7 +177,6 @@ class SampledCurve:
     """A curve as a baseline keeps it.
 
     Attributes:
-        signal, unit: what it is.
         t, values: (m,), s and SI.
         tolerance: half width of the tube in `unit`, dt: in s.
     """
@@ -217,11 +205,7 @@ class Measured:
 
 
 def measured(experiment: Experiment, signals: Signals) -> Measured:
-    """Measure `signals`, those of a run of `experiment`.
-
-    Raises:
-        InputRefused: nothing to measure, or a measure that this run gives no meaning; all of those at once.
-    """
+    """Measure `signals`, those of a run of `experiment`."""
     if not experiment.measures:
         raise InputRefused(
             f"{experiment.name}: has no [[measure]] tables, so there is nothing to check; docs/regression.md has them"
@@ -242,11 +226,7 @@ def measured(experiment: Experiment, signals: Signals) -> Measured:
 
 
 def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
-    """The numbers of one measure of a run, by "measure.metric".
-
-    Raises:
-        InputRefused: this run gives it no meaning.
-    """
+    """The numbers of one measure of a run, by "measure.metric"."""
     inside = _inside(measure, signals)
     if np.count_nonzero(inside) < 2:
         raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
@@ -371,24 +351,13 @@ def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_
     }
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What of a run is `inside` a window."""
-
-    signals: Signals
-    inside: NDArray[np.bool_]
-
-    @property
-    def tick(self) -> float:
-        return self.signals.run.tick
-
-    def held(self, key: str) -> NDArray:
-        return self.signals.run.held(key)[self.inside]
-
-
 def _required(measure: measures.Required, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     formula, unit = checked_requirement(measure.formula, signals.run.fields())
-    return {"distance": Metric(distance(formula, _Part(signals, inside)), unit, floor_of(unit), "none")}
+
+    def held(key: str) -> NDArray:
+        return signals.run.held(key)[inside]
+
+    return {"distance": Metric(distance(formula, signals.run.tick, held), unit, floor_of(unit), "none")}
 
 
 def _still(values: Curve) -> float:

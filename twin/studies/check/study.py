@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused, plain
+from twin.kernel.serialise import to_dict
 from twin.studies.command import JOB_ISOLATION, Argument, Isolate, Option, Say, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
@@ -58,10 +59,6 @@ def check(
     refused, or no baseline; 3 a drive failed; 4 the safety monitor tripped.
 
     Example: twin check experiments/step_z_air.toml --drive velocity_servo
-
-    Raises:
-        InputRefused: see `pairs`; or an update has no reason.
-        NotWritten: the disk refuses.
     """
     from twin.studies.check.baseline import baseline_file, check_pictures, check_result, write_baseline
     from twin.studies.check.job import outcomes, pairs
@@ -90,6 +87,6 @@ def check(
     return replace(
         result,
         body=[*result.body, *([""] if places else []), *places],
-        facts={"verdicts": [verdict.facts() for verdict in verdicts], "failures": failed},
+        facts={"verdicts": to_dict(verdicts), "failures": failed},
         exit_code=failures[0].exit_code if failures else int(deviates),
     )

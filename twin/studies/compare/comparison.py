@@ -7,11 +7,11 @@ What differs in the experiments of two runs that are compared.
 A comparison as text of at most 80 columns and as a picture: the answer first.
 """
 
+import filecmp
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries, in_gap, sampling
 from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, read_log
 from twin.kernel.recording.reader import origin
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.recorded import differing, recorded_facts
+from twin.robot.experiment.differences import differing, recorded_facts
 from twin.studies.compare.tolerance import (
     Alignment,
     Allowance,
@@ -51,15 +51,8 @@ def both(
 ) -> tuple[Log, Log]:
     """The logs in `a` and `b`.
 
-    Names in a CSV file may mean signals of the other log, see `read_csv`.
-
-    Args:
-        maps: entries of a column map for logs that twin did not record.
-        part: start and end (s) of the part to compare.
-
-    Raises:
-        ComparisonRefused: a map, but nothing to map.
-        LogRefused, RecordingRefused: as `read_log` and `column_map`.
+    Names in a CSV file may mean signals of the other log, see `read_csv`; `part` is start and end (s) of what is
+    compared.
     """
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
@@ -92,16 +85,12 @@ class SignalRow:
     """One signal; SI units. Errors are the second log's value less the first's, at the same time.
 
     Attributes:
-        signal, unit: of both logs.
-        n: how many instants were compared.
         covered: share of the reference's time on which the second has values; see `coverage`.
         max_error, max_error_at: largest absolute error and its time, s.
         rms_error, mean_error: over the instants.
         span: range of the reference, which shares of it refer to.
-        allowance: half widths of the tube.
         used: share of the tolerance that the worst value takes after the tolerance in time; inside is up to 1.
         outside: how many instants are outside of the tube.
-        first_exit: the first of them.
     """
 
     signal: str
@@ -117,6 +106,7 @@ class SignalRow:
     used: float
     outside: int
     first_exit: Exit | None
+    inside: bool
 
 
 @dataclass(frozen=True)
@@ -176,6 +166,7 @@ def row(
         used=float(used),
         outside=len(out),
         first_exit=first,
+        inside=first is None,
     )
 
 
@@ -253,12 +244,8 @@ class Comparison:
         a, b: the reference, and what was compared with it.
         shift: what was added to the times of b.
         rows: worst first.
-        curves: by signal.
         apart: signals of both that have no instant in common.
-        only_a, only_b: signals that the other has not.
         most: number of signals to compare of the log that has more of them.
-        identical: whether the two files hold the same bytes.
-        notes: sentences on what is doubtful.
     """
 
     a: Path
@@ -285,20 +272,12 @@ class Comparison:
         shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.apart]
         return min(shares, key=lambda share: share[1])
 
-    def facts(self) -> dict[str, Any]:
-        """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
-        return finite({
-            "a": str(self.a),
-            "b": str(self.b),
-            "identical": self.identical,
-            "inside": not self.outside,
-            "covered": self.least_covered[1],
-            "shift": self.shift.seconds,
-            "rows": [asdict(row) | {"inside": row.first_exit is None} for row in self.rows],
-            "only_a": self.only_a,
-            "only_b": self.only_b,
-            "notes": self.notes,
-        })  # fmt: skip
+    @property
+    def inside(self) -> bool:
+        """Whether no signal leaves its tube."""
+        return not self.outside
+
+    JSON_KEYS = "a b identical inside covered=least_covered.1 shift=shift.seconds rows only_a only_b notes"
 
 
 def compared(
@@ -314,15 +293,8 @@ def compared(
     and outside of the gaps of both; there the other is interpolated linearly, never beyond its ends.
 
     Args:
-        a, b: the logs.
         given: rules of tolerance, after the default and the uncertainty that a digitised curve states.
         signals: patterns of the signals to compare; empty: all that both have.
-        how: to align the times.
-
-    Raises:
-        ComparisonRefused: no signal in common, units of different dimensions, no overlap in time, a pattern that fits
-            no signal, a tolerance in another dimension; every mistake, each in one sentence.
-        LogRefused: the signal to align by is not there.
     """
     units = paired(a, b, signals, given)
     digitised = [read for log in (a, b) if (read := provenance(log))]
@@ -348,7 +320,7 @@ def compared(
     notes += [f"no instants in common: {', '.join(apart)}"] if apart else []
     notes += [moved.note] if moved.note else []
     rows.sort(key=lambda row: (-row.used, -row.max_error / (row.span or 1.0), row.signal))
-    same = a.path.stat().st_size == b.path.stat().st_size and a.path.read_bytes() == b.path.read_bytes()
+    same = _same_bytes(a.path, b.path)
     only_a, only_b = (tuple(n for n in log.series if n not in other.series) for log, other in ((a, b), (b, a)))
     return Comparison(
         a=a.path,
@@ -362,6 +334,15 @@ def compared(
         most=max(sum(not signals or any(matches(p, n) for p in signals) for n in log.series) for log in (a, b)),
         identical=same,
         notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _same_bytes(a: Path, b: Path) -> bool:
+    """Whether two files, or the files of two bags, have the same content."""
+    of_a, of_b = ([path] if path.is_file() else sorted(path.iterdir()) for path in (a, b))
+    return len(of_a) == len(of_b) and all(
+        one.is_file() and other.is_file() and filecmp.cmp(one, other, shallow=False)
+        for one, other in zip(of_a, of_b, strict=True)
     )
 
 
@@ -382,12 +363,7 @@ SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
-    """The answer first, then the files, then signals worst first, then what differs in the experiments.
-
-    Args:
-        partial: whether b may cover only a part of a.
-        differences: of the experiments; None: they are not compared.
-    """
+    """The answer first, then the files, then signals worst first, then what differs in the experiments."""
     covered = partial or comparison.least_covered[1] == 1.0
     parts = [
         f"  A  {comparison.a}",
@@ -396,7 +372,7 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
         *map(_note, comparison.notes),
         *differences_lines(differences),
     ]
-    facts = comparison.facts() | {"experiments": differences}
+    facts = to_dict(comparison) | {"experiments": differences}
     common = len(comparison.rows) + len(comparison.apart)
     share = f"{common} of {comparison.most} signals in common: " if common < comparison.most else ""
     answer = Note(share + _answer(comparison, partial), later=2, whole=True)

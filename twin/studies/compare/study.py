@@ -62,10 +62,6 @@ def compare(
     3 not written.
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
-
-    Raises:
-        InputRefused: not two logs, or one of them, the options or the folder cannot be used.
-        NotWritten: the disk refuses.
     """
     if paper is not None:
         if paper not in FIGURES:

@@ -87,11 +87,7 @@ def matches(pattern: str, signal: str) -> bool:
 
 
 def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
-    """Rules from the texts and TOML files in `entries`, in their order.
-
-    Raises:
-        ComparisonRefused: a file or text that makes no rule; all mistakes at once.
-    """
+    """Rules from the texts and TOML files in `entries`, in their order."""
     found: list[Rule] = []
     mistakes: list[str] = []
     for entry in entries:
@@ -111,14 +107,9 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
     """What `given` rules, after DEFAULT, allow `signal`.
 
     Args:
-        signal: its name.
-        unit: of its values.
         span: range of the reference, that of the widest component for a component of a vector, SI.
         magnitude: largest of the reference's absolute values, SI; a share of the range also allows 1e-9 of it, so
             that numbers written with ten digits are equal to those they were.
-
-    Raises:
-        ComparisonRefused: a rule that names this signal without * or ? is in another dimension.
     """
     value, dt = 0.0, 0.0
     for rule in (DEFAULT, *given):
@@ -272,11 +263,7 @@ class TimeShift(NamedTuple):
 
 
 def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
-    """What `--align kind --by signal --max-shift` mean.
-
-    Raises:
-        ComparisonRefused: an unknown kind, no signal where one is needed, no positive shift.
-    """
+    """What `--align kind --by signal --max-shift` mean."""
     if kind not in get_args(Kind):
         raise ComparisonRefused(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
     if kind in ("event", "fit") and not signal:
@@ -287,12 +274,7 @@ def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
 
 
 def shift(a: Log, b: Log, how: Alignment) -> TimeShift:
-    """What to add to the times of `b` to align it with `a`.
-
-    Raises:
-        ComparisonRefused: the signal shows nothing to align by.
-        LogRefused: a log has no such signal.
-    """
+    """What to add to the times of `b` to align it with `a`."""
     if how.kind == "none":
         return TimeShift()
     if how.kind == "start":
@@ -356,12 +338,8 @@ def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dic
     """Names of the signals to compare, with their units.
 
     Args:
-        a, b: the logs.
         signals: patterns; empty: all that both have.
         given: rules of tolerance, each of which must be about some signal of the logs.
-
-    Raises:
-        ComparisonRefused: no signal in common, units of different dimensions, a pattern that fits no signal.
     """
     common = [name for name in a.series if name in b.series]
     if not common:

@@ -69,11 +69,7 @@ def chosen(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
 
 
 def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
-    """The signals of `experiment` run in this process, and wall time per simulated time of the master (1).
-
-    Raises:
-        InputRefused: a drive does not fit. ComponentFailed: a component failed.
-    """
+    """The signals of `experiment` run in this process, and wall time per simulated time of the master (1)."""
     run = Trace(experiment.controller_ticks)
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run]).completed()
@@ -152,13 +148,11 @@ class PowerResidual:
     energy: float
     throughput: float
 
+    JSON_KEYS = "mean_W=mean peak_W=peak created_J=energy throughput_J=throughput"
+
 
 def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
-    """Run `experiment` in this process and balance what drives and springs make of it, joint by joint.
-
-    Raises:
-        InputRefused: a drive does not fit. ComponentFailed: a component failed.
-    """
+    """Run `experiment` in this process and balance what drives and springs make of it, joint by joint."""
     with assemble(experiment) as assembly:
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
@@ -236,11 +230,7 @@ class Coupling:
         return 1 if self.inputs == "hold" else 2
 
     def of(self, experiment: Experiment, tick: float) -> Experiment:
-        """`experiment` coupled so at `tick` (s).
-
-        Raises:
-            InputRefused: a duration or period is not a whole number of ticks.
-        """
+        """`experiment` coupled so at `tick` (s)."""
         return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
 
 
@@ -274,11 +264,7 @@ class ReferenceRun:
 
 
 def reference_of(experiment: Experiment) -> ReferenceRun:
-    """Without any coupling where the drives' equations are known, else the finest co-simulation.
-
-    Raises:
-        InputRefused, ComponentFailed: as any run.
-    """
+    """Without any coupling where the drives' equations are known, else the finest co-simulation."""
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
     why = "no equations of this drive are known here"
@@ -325,11 +311,7 @@ class Smooth:
 
 
 def comparable(experiment: Experiment) -> Smooth:
-    """With exact encoders and a force loop that starts when it did, not when a count says so.
-
-    Raises:
-        InputRefused: something in it breaks, or is led by what it feels: then no two runs do the same.
-    """
+    """With exact encoders and a force loop that starts when it did, not when a count says so."""
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
     if experiment.tasks:
@@ -379,13 +361,14 @@ class TickPoint:
     errors: dict[str, float]
     cost: float
 
+    JSON_KEYS = "tick_s=tick cost_s_per_s=cost largest_error=errors"
+
 
 @dataclass(frozen=True)
 class CouplingSeries:
     """One coupling, from the longest tick to the shortest.
 
     Attributes:
-        orders: by signal.
         residuals: of the three joints at the experiment's own tick; none if that run failed.
     """
 
@@ -393,6 +376,8 @@ class CouplingSeries:
     points: tuple[TickPoint, ...]
     orders: dict[str, Order]
     residuals: tuple[PowerResidual, ...]
+
+    JSON_KEYS = "coupling points order=orders power=residuals"
 
 
 @dataclass(frozen=True)
@@ -402,19 +387,16 @@ class CouplingChoice:
     coupling: Coupling
     point: TickPoint
 
+    JSON_KEYS = "coupling tick_s=point.tick error_N=point.errors.F_z"
+
 
 @dataclass(frozen=True)
 class CouplingStudy:
     """What came of it.
 
     Attributes:
-        name: of the experiment.
         duration, tick: as it was run (s).
-        coupling: the experiment's own.
-        changes: what was taken out of the experiment.
-        reference: what errors are measured against.
-        series: by coupling.
-        left_out: (coupling's name, why).
+        left_out: why, by the coupling's name.
         tolerance: of the force (N).
         choice: None: no run met it, or nothing is pressed.
         resolution: step of the scale's display (N); None: there is no scale.
@@ -427,10 +409,15 @@ class CouplingStudy:
     changes: tuple[str, ...]
     reference: ReferenceRun
     series: tuple[CouplingSeries, ...]
-    left_out: tuple[tuple[str, str], ...]
+    left_out: dict[str, str]
     tolerance: float
     choice: CouplingChoice | None
     resolution: float | None = None
+
+    JSON_KEYS = (
+        "experiment=name duration_s=duration tick_s=tick coupling changes reference=reference.meaning "
+        "floor=reference.floor tolerance_N=tolerance recommended=choice series left_out"
+    )
 
     @property
     def judged(self) -> Signal:
@@ -448,15 +435,9 @@ def convergence(
     """Run `experiment` in every coupling and at every tick, and say which is good enough.
 
     Args:
-        experiment: with a reference, without faults.
         tolerance: of the pressing force (N).
         duration: of each run (s); None: the whole experiment.
         smooth: take backlash and friction out as well.
-        say: called with what is being run.
-
-    Raises:
-        InputRefused: the experiment has faults or tasks, or a drive does not fit.
-        ComponentFailed: a component failed in the experiment as it is, or in the reference.
     """
     steps = Steps(say, 1 + len(COUPLINGS))
     steps.next("reference")
@@ -465,7 +446,7 @@ def convergence(
     used = smoothed(cut) if smooth else cut
     reference = reference_of(used.experiment)
     series: list[CouplingSeries] = []
-    left_out: list[tuple[str, str]] = []
+    left_out: dict[str, str] = {}
     for coupling in COUPLINGS:
         steps.next(coupling.name)
         try:
@@ -474,7 +455,7 @@ def convergence(
             # what is never refused is why the experiment itself cannot be run
             if coupling == COUPLINGS[0]:
                 raise
-            left_out.append((coupling.name, str(why)))
+            left_out[coupling.name] = str(why)
     cosim = experiment.cosim
     return CouplingStudy(
         name=experiment.name,
@@ -484,7 +465,7 @@ def convergence(
         changes=used.changes,
         reference=reference,
         series=tuple(series),
-        left_out=tuple(left_out),
+        left_out=left_out,
         tolerance=tolerance,
         choice=recommended(series, tolerance) if reference.pressed else None,
         resolution=experiment.scale.resolution * G_ACCELERATION if experiment.scale else None,

@@ -95,7 +95,6 @@ class Coupled:
     """dx/dt at x = (theta_m (3), omega_m (3), the plant's state (8)), SI; the surface stays at rest.
 
     Args:
-        parameters: of the plant.
         T_m, droop: of each drive in s and rad/s per N m, (3,) each.
     """
 
@@ -181,7 +180,6 @@ def monolithic_rows(
 
     Args:
         experiment: its [cosim] plays no role.
-        drives: behind the joints.
         rtol, atol: tolerances of the solver, (14,) as the state of `Coupled`.
 
     Returns:

@@ -30,19 +30,16 @@ def converge(
     Exit code: 0 done, 1 no coupling does, 2 input refused, 3 a drive failed.
 
     Example: twin converge experiments/fig4_force_position.toml --duration 6
-
-    Raises:
-        InputRefused: the experiment, a drive or the folder cannot be used.
-        ComponentFailed: a component failed in the experiment as it is.
     """
+    from twin.kernel.serialise import to_dict
     from twin.kernel.writing import made_folder, write_json
     from twin.robot.assembly.load import load_experiment
     from twin.studies.converge.convergence import convergence
-    from twin.studies.converge.text import convergence_facts, convergence_result, draw_convergence
+    from twin.studies.converge.text import convergence_result, draw_convergence
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
     done = convergence(loaded, tolerance, duration, smooth, say)
     draw_convergence(done, folder / PICTURE)
-    write_json(folder / FACTS, convergence_facts(done))
+    write_json(folder / FACTS, to_dict(done))
     return convergence_result(done, {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)})

@@ -4,7 +4,6 @@ A study of the coupling as a picture: error over the tick, and over what it cost
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from itertools import zip_longest
 from math import isfinite
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.studies.converge.convergence import (
     FORCE,
     SIGNALS,
@@ -59,10 +58,10 @@ def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
         "",
         note("reference", study.reference.meaning),
         note("changed", "; ".join(study.changes)),
-        *(note("left out", f"{name}: {why}") for name, why in study.left_out),
+        *(note("left out", f"{name}: {why}") for name, why in study.left_out.items()),
     ]
     met = study.choice is not None or not study.reference.pressed
-    return Result(headline, parts, convergence_facts(study) | files, files, exit_code=0 if met else 1)
+    return Result(headline, parts, to_dict(study) | files, files, exit_code=0 if met else 1)
 
 
 def _headline(study: CouplingStudy) -> list[Block]:
@@ -191,47 +190,6 @@ def _number(value: float) -> str:
 def _order(order: Order) -> str:
     mark = REMARKS[order.finding][0] if order.finding in REMARKS else ""
     return mark if order.slope is None else f"{mark}{order.slope:.2f}"
-
-
-def convergence_facts(study: CouplingStudy) -> dict[str, object]:
-    """Everything that a study says in numbers, SI; what does not exist is None."""
-    choice = study.choice
-    return {
-        "experiment": study.name,
-        "duration_s": study.duration,
-        "tick_s": study.tick,
-        "coupling": asdict(study.coupling),
-        "changes": list(study.changes),
-        "reference": study.reference.meaning,
-        "floor": study.reference.floor,
-        "tolerance_N": study.tolerance,
-        "recommended": choice
-        and {"coupling": asdict(choice.coupling), "tick_s": choice.point.tick, "error_N": choice.point.errors["F_z"]},
-        "series": [finite(_series_facts(one)) for one in study.series],
-        "left_out": dict(study.left_out),
-    }
-
-
-def _series_facts(one: CouplingSeries) -> dict[str, object]:
-    return {
-        "coupling": asdict(one.coupling),
-        "points": [
-            {
-                "tick_s": point.tick,
-                "cost_s_per_s": point.cost,
-                "largest_error": point.errors,
-            }
-            for point in one.points
-        ],
-        "order": {name: {"slope": order.slope, "finding": order.finding.value} for name, order in one.orders.items()},
-        "power": [
-            {
-                "mean_W": joint.mean, "peak_W": joint.peak, "created_J": joint.energy,
-                "throughput_J": joint.throughput,
-            }
-            for joint in one.residuals
-        ],
-    }  # fmt: skip
 
 
 STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"))

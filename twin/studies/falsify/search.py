@@ -2,15 +2,12 @@
 
 import math
 import re
-import threading
 import time
 import zlib
-from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.kernel.process.job import JobLimits
+from twin.kernel.process.warm import Pool
 from twin.kernel.writing import write_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import need_processes, planned_drives
@@ -42,7 +39,6 @@ from twin.studies.faults.trials import fault_trial
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.sweep import Job, WorkerProcess
 
 FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
 
@@ -132,48 +128,6 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
 TRIAL = "twin.studies.falsify.search:judged"
 
 
-class Crew:
-    """See `crew`."""
-
-    def __init__(self, idle: "SimpleQueue[WorkerProcess]", threads: ThreadPoolExecutor, stopping: threading.Event):
-        self._idle, self._threads, self._stopping = idle, threads, stopping
-        self._count = 0
-
-    def findings(self, files: Sequence[Path]) -> list[dict[str, Any]]:
-        """What the experiments in `files` come to, in their order, stored ones too: facts of `RunFinding`."""
-        return list(self._threads.map(self._finding, files))
-
-    def _finding(self, file: Path) -> dict[str, Any]:
-        worker = self._idle.get()
-        try:
-            facts = worker.facts(Task(0, "", None, {}, (str(file.absolute()),)), self._stopping)
-            return facts or {}
-        finally:
-            self._idle.put(worker)
-
-
-@contextmanager
-def crew(folder: Path, processes: int, limits: JobLimits = JobLimits()) -> Iterator[Crew]:  # noqa: B008, it is frozen
-    """`processes` warm workers, which end when the block does.
-
-    Args:
-        folder: where the files are that they run.
-        limits: of each worker.
-    """
-    job = Job(folder, folder, "none", limits, "", trial=TRIAL)
-    idle: SimpleQueue[WorkerProcess] = SimpleQueue()
-    stopping = threading.Event()
-    with ExitStack() as ends:
-        for _ in range(processes):
-            worker = WorkerProcess(job)
-            ends.callback(worker.close)
-            idle.put(worker)
-        threads = ends.enter_context(ThreadPoolExecutor(processes))
-        # before the pool waits for its threads: what runs then is given up
-        ends.callback(stopping.set)
-        yield Crew(idle, threads, stopping)
-
-
 class Judge:
     """Runs runs and tells how near they came, in shares of what the healthy run on the same body keeps."""
 
@@ -181,7 +135,7 @@ class Judge:
         self,
         space: Space,
         requirements: Sequence[Requirement],
-        workers: Crew,
+        workers: Pool[Task, dict[str, Any]],
         experiment: Path,
         scratch: Path,
         runs: int,
@@ -273,7 +227,9 @@ class Judge:
             files.append(self._scratch / f"{number}.toml")
             write_text(files[-1], self._space.file(wrong, self._experiment, trip=self.trip(wrong)))
         self._say(f"{len(self.distances)} of {self._runs} runs", len(self.distances) / self._runs)
-        facts = self._workers.findings(files)
+        tasks = [Task(number, "", None, {}, (str(file),)) for number, file in enumerate(files)]
+        answers = {task.run: facts for task, facts in chain.from_iterable(self._workers.answers(tasks))}
+        facts = [answers[task.run] for task in tasks]
         self.seconds += sum(one.get("seconds") or 0.0 for one in facts)
         return facts
 

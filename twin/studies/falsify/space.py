@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 
 import tomlkit
 
-from twin.robot.experiment.fault import CATALOGUE, Kind
+from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, Kind
 from twin.robot.experiment.source import laid_over
 from twin.robot.experiment.together import (
     AND,
@@ -25,7 +25,6 @@ from twin.robot.experiment.together import (
     pair_names,
 )
 from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
-from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
 from twin.studies.faults.together import HERE, moved_tasks, on_disc, slowest
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped

@@ -87,15 +87,16 @@ def falsify(
         ComponentFailed, SafetyTrip: the healthy run fails, or its monitor trips.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.process.job import cores
+    from twin.kernel.process.job import JobLimits, cores
     from twin.kernel.writing import made_folder, write_json, write_text
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import Source, override
-    from twin.studies.falsify.search import Judge, Search, crew, requirements_of
+    from twin.studies.falsify.search import TRIAL, Judge, Search, requirements_of
     from twin.studies.falsify.space import Found, Holes, Space, falsify_result, header, known_sets
     from twin.studies.faults.matrix import cases
-    from twin.studies.left_behind import SCRATCH, held_folder
+    from twin.studies.left_behind import held_folder
+    from twin.studies.sweep.engine import Job, run_pool
     from twin.studies.tune.text import findable
 
     if os.name != "posix":
@@ -127,7 +128,8 @@ def falsify(
         1e-3 * reach,
     )
     folder = made_folder(out or HOME / path.stem).absolute()
-    with held_folder(SCRATCH) as scratch, crew(scratch, processes or cores()) as workers:
+    job = Job(path, folder, "none", JobLimits(), "", TRIAL)
+    with held_folder() as scratch, run_pool(job, processes or cores()) as workers:
         judge = Judge(space, wanted, workers, path.resolve(), scratch, runs, say)
         onsets = judge.healthy()
         search = Search(space, judge.shares, runs, onsets)

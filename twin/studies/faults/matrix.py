@@ -15,13 +15,10 @@ from numpy.typing import NDArray
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
+from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, NEVER, Fault, checked_faults, expected
 from twin.robot.monitor.checks import trip_sentence
 from twin.studies.faults.together import OF_IDEAL
 from twin.studies.faults.trials import FaultTrial, Trials, fault_trial, healthy_run
-
-GLITCH_SHARE = 0.02
-"""Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
+from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, Fault, checked_faults
 from twin.robot.experiment.together import (
     COMMON_CAUSES,
     ORDERED_PAIRS,
@@ -308,13 +308,9 @@ def ordered_pairs(
             yield Together(FaultSet.PAIRS, f"{first.kind}, then {second.kind}", tables, delay=delay)
 
 
-GLITCHES = 0.02
-"""Of the samples, as in the matrix."""
-
-
 def with_share(one: dict[str, Any]) -> dict[str, Any]:
     """The table of a fault with its second number, where it has one."""
-    return one | ({"share": GLITCHES} if CATALOGUE[one["kind"]].has_share else {})
+    return one | ({"share": GLITCH_SHARE} if CATALOGUE[one["kind"]].has_share else {})
 
 
 def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple[Fault, ...]:

@@ -17,6 +17,8 @@ from twin.robot.monitor.checks import Trip
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 
 SIGNALS = ("plant.F_ee_B", "plant.p_B")
+PASTS = 4
+"""Number of pasts of one experiment: with and without the monitor, with and without a surface that moves."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Trials:
 
     def __init__(self, experiment: Experiment, share: bool = True, only: Sequence[str] = SIGNALS):
         self._experiment, self._share = experiment, share
-        self._runs = Runs(RunRequest(frozenset(only), idle=True), most=2 if share else 0)
+        self._runs = Runs(RunRequest(frozenset(only), idle=True), most=PASTS if share else 0)
 
     def __enter__(self) -> Self:
         return self

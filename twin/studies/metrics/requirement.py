@@ -4,13 +4,9 @@ A comparison's distance is the larger side minus the smaller one, `not` turns it
 smallest, `or` and `eventually` the largest (Fainekos and Pappas 2009; Donze and Maler 2010). A window that reaches
 beyond the end of the run ends there; one that begins after it holds always and never. Offline and in discrete time, in
 time proportional to the run's length (Donze, Ferrere and Maler 2013).
-
-Whether a formula can be evaluated: of signals that a run has, in units that fit together.
-
-Which series each verdict rests on: what a third-party part has to put out for a run to be scored in full.
 """
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,49 +20,47 @@ from twin.robot.experiment.measure import AtMost, Formula, Holds, Joined, Not, S
 Curve = NDArray[np.float64]
 
 
-class TracedRun(Protocol):
-    """A run as `Trace` keeps it."""
-
-    @property
-    def tick(self) -> float: ...
-
-    def held(self, key: str, /) -> NDArray: ...
+Held = Callable[[str], NDArray]
+"""Values of a signal at every tick, by `topic.field`, such as `Trace.held`."""
 
 
-def distance(formula: Formula, run: TracedRun) -> float:
-    """Distance of `run` from violating `formula`, in the unit of its comparisons; negative: it violates it.
+def distance(formula: Formula, tick: float, held: Held) -> float:
+    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if it does.
 
     Args:
-        run: every tick of it, at least one.
+        tick: time between two values (s).
+        held: the run, of at least one tick.
     """
-    return float(_distances(formula, run)[0])
+    return float(_distances(formula, tick, held)[0])
 
 
-def _distances(formula: Formula, run: TracedRun) -> Curve:
-    """At every tick, (n,)."""
+def _distances(formula: Formula, tick: float, held: Held) -> Curve:
+    """Return the distances at every tick, (n,)."""
     match formula:
         case AtMost(smaller, larger):
-            return _value(larger, run) - _value(smaller, run)
+            return _value(larger, held) - _value(smaller, held)
         case Holds(signal):
-            return np.where(run.held(signal), np.inf, -np.inf)
+            return np.where(held(signal), np.inf, -np.inf)
         case Not(of):
-            return -_distances(of, run)
+            return -_distances(of, tick, held)
         case Joined(how, left, right):
-            return (np.minimum if how == "and" else np.maximum)(_distances(left, run), _distances(right, run))
+            return (np.minimum if how == "and" else np.maximum)(
+                _distances(left, tick, held), _distances(right, tick, held)
+            )
         case Within(how, of, begin, end):
             sign = -1.0 if how == "always" else 1.0
-            return sign * _largest(sign * _distances(of, run), *_ticks(begin, end, run))
+            return sign * _largest(sign * _distances(of, tick, held), *_ticks(begin, end, tick))
         case Until(hold, goal, begin, end):
-            first, last = _ticks(begin, end, run)
-            held, reached = _distances(hold, run), _distances(goal, run)
+            first, last = _ticks(begin, end, tick)
+            fulfilled, reached = _distances(hold, tick, held), _distances(goal, tick, held)
             # with hold until begin, and from there untimed; that the goal is in time is the third of them
-            before = -_largest(-held, 0, first - 1)
-            after = _shifted(_untimed(held, reached), first)
+            before = -_largest(-fulfilled, 0, first - 1)
+            after = _shifted(_untimed(fulfilled, reached), first)
             return np.minimum(np.minimum(before, after), _largest(reached, first, last))
 
 
-def _ticks(begin: float, end: float | None, run: TracedRun) -> tuple[int, int | None]:
-    return round(begin / run.tick), None if end is None else round(end / run.tick)
+def _ticks(begin: float, end: float | None, tick: float) -> tuple[int, int | None]:
+    return round(begin / tick), None if end is None else round(end / tick)
 
 
 def _largest(values: Curve, first: int, last: int | None) -> Curve:
@@ -95,18 +89,18 @@ def _untimed(held: Curve, reached: Curve) -> Curve:
     return found
 
 
-def _value(terms: Sum, run: TracedRun) -> Curve:
+def _value(terms: Sum, held: Held) -> Curve:
     """(n,), or (n, k) where the signals are vectors; a number where there are none."""
-    return np.asarray(sum(term.sign * _term(term, run) for term in terms))
+    return np.asarray(sum(term.sign * _term(term, held) for term in terms))
 
 
-def _term(term: Term, run: TracedRun) -> Curve:
+def _term(term: Term, held: Held) -> Curve:
     if isinstance(term.what, tuple):
-        inside = _value(term.what, run)
+        inside = _value(term.what, held)
         return np.linalg.norm(inside, axis=1) if np.ndim(inside) == 2 else np.abs(inside)
     if not isinstance(term.what, str):
         return np.asarray(term.what)
-    values = run.held(term.what).astype(float, copy=False)
+    values = held(term.what).astype(float, copy=False)
     return values if term.index is None else values[:, term.index]
 
 
@@ -207,25 +201,3 @@ def _known(name: str, signals: Mapping[str, SignalInfo]) -> SignalInfo:
     if name not in signals:
         raise ValueError(f"no such signal as {name}; {nearest(name, signals, 'there are {}', 3)}")
     return signals[name]
-
-
-MEASURES = {
-    "the estimated force": ("plant.F_ee_B", "controller.F_z"),
-    "error since the first touch": ("plant.F_ee_B", "controller.F_z_ref", "controller.triggered"),
-    "lateral error": ("plant.p_B", "controller.p_ref_B"),
-    "the estimated position": ("plant.p_B", "estimator.p_B"),
-}
-"""Names of a report's measures, by which runs are compared -> the series that each needs. Those of a held force have
-reasons of their own."""
-FIG4 = (
-    "plant.p_B", "plant.F_ee_B", "scale.F_z", "estimator.p_B", "estimator.F_ee_B", "controller.p_ref_B",
-    "controller.p_cmd_B", "controller.F_z", "controller.F_z_ref", "controller.triggered",
-)  # fmt: skip
-"""What the claims of Fig. 4 are judged on."""
-FIG5 = ("plant.p_B", "plant.v_B", "plant.F_ee_B", "controller.task", "controller.phase")
-"""What the claims of Fig. 5 are judged on: without any of these nothing can be said."""
-
-
-def lacking(series: Iterable[str], fields: Container[str]) -> list[str]:
-    """Those of `series` that are not among `fields`."""
-    return [name for name in series if name not in fields]

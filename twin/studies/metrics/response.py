@@ -18,6 +18,15 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 
 Curve = NDArray[np.float64]
+TAIL = 0.1
+"""Share of the samples at the end over which the final value is a mean."""
+STILL = 0.05
+"""A response has settled if it stays this near to its final value (share of the step) for twice the tail."""
+PERIODS = 4
+"""The least that a window holds of the slowest swing: half the width of a Hann window's main lobe is 2 / window, so
+what is left of a drift has died away by then."""
+PADDED = 8
+"""Times the window's length: a sine between two frequencies of the transform loses less than 0.3 % of its amplitude."""
 
 
 def within(t: Curve, start: float, end: float) -> NDArray[np.bool_]:
@@ -65,12 +74,6 @@ def steepest_rise(t: Curve, y: Curve, span: float) -> float:
     if not 0 < steps < len(t):
         return np.inf
     return float(np.max((y[steps:] - y[:-steps]) / (t[steps:] - t[:-steps])))
-
-
-TAIL = 0.1
-"""Share of the samples at the end over which the final value is a mean."""
-STILL = 0.05
-"""A response has settled if it stays this near to its final value (share of the step) for twice the tail."""
 
 
 @dataclass(frozen=True)
@@ -234,13 +237,6 @@ def _to_segment(p: Curve, a: Curve, b: Curve) -> Curve:
     length2 = np.sum(way**2, axis=1)
     share = np.divide(np.sum((p - a) * way, axis=1), length2, out=np.zeros(len(p)), where=length2 > 0.0)
     return np.linalg.norm(p - a - np.clip(share, 0.0, 1.0)[:, None] * way, axis=1)
-
-
-PERIODS = 4
-"""The least that a window holds of the slowest swing: half the width of a Hann window's main lobe is 2 / window, so
-what is left of a drift has died away by then."""
-PADDED = 8
-"""Times the window's length: a sine between two frequencies of the transform loses less than 0.3 % of its amplitude."""
 
 
 def strongest_swing(t: Curve, y: Curve, lowest: float) -> tuple[float, float]:

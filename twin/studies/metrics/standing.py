@@ -6,46 +6,46 @@ too: mean +- t s / sqrt(n), t the 97.5 % quantile of Student's distribution with
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from twin.robot.run.hold import GRACE
-from twin.robot.run.measures import HEADLINE, LEAST_CHATTER, MEASURES, MeasureRow, Values
+from twin.robot.run.measures import HEADLINE, LEAST_CHATTER, MEASURES, MeasureRow, Values, fixed
 
 EFFORT = ("torque", "current", "shaft_work", "energy")
 JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
 """Keys of the measures that runs are compared by; less is better."""
 T_QUANTILE = {8: 2.365}
 """Number of paired runs -> 97.5 % quantile of Student's distribution."""
+DECISIVE = {
+    "reference": ("controller.mode", "controller.force.reference_N", "reference", "duration_s"),
+    "task": ("task",),
+    "body": ("contact",),
+}
+"""What has to be the same in two recorded experiments that are compared -> its keys."""
 
 
-@dataclass(frozen=True)
-class Standing:
-    """Names of measures in which one candidate is better than another, worse, the same; `torn`: either."""
+TORN = 2
+"""Rank over several experiments: better in one and worse in another."""
+HOW = {-1: "better in", 1: "worse in", 0: "the same in", TORN: "now better, now worse in"}
+"""Rank of a candidate in a measure -> its words."""
+Ranks = Mapping[str, int]
+"""Name of a measure -> -1 better, 1 worse, 0 the same, `TORN`."""
 
-    better: tuple[str, ...] = ()
-    worse: tuple[str, ...] = ()
-    same: tuple[str, ...] = ()
-    torn: tuple[str, ...] = ()
 
-    def sentence(self, one: str, other: str, values: Mapping[str, str] | None = None) -> str:
-        """`B beside A: better in ..., worse in ..., the same in ...`
+def standing_sentence(one: str, other: str, ranks: Ranks, values: Mapping[str, str] | None = None) -> str:
+    """`B beside A: better in ..., worse in ..., the same in ...`
 
-        Args:
-            values: text in brackets after a measure that is better or worse, by its name.
-        """
-        better, worse = (
-            [f"{name} ({values[name]})" if values and name in values else name for name in names]
-            for names in (self.better, self.worse)
-        )
-        lists = (("better in", better), ("worse in", worse), ("the same in", self.same))
-        parts = [
-            f"{how} {', '.join(names)}" for how, names in (*lists, ("now better, now worse in", self.torn)) if names
-        ]
-        return f"{one} beside {other}: {'; '.join(parts) or 'no measure that both have'}"
+    Args:
+        values: text in brackets after a measure that is better or worse, by its name.
+    """
+    named = {name: f"{name} ({values[name]})" for name in ranks if values and ranks[name] in (-1, 1) and name in values}
+    lists = {how: [named.get(name, name) for name in ranks if ranks[name] == rank] for rank, how in HOW.items()}
+    parts = [f"{how} {', '.join(names)}" for how, names in lists.items() if names]
+    return f"{one} beside {other}: {'; '.join(parts) or 'no measure that both have'}"
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        return {-1: "better", 0: "same", 1: "worse"}[self.rank]
+        return ("better", "same", "worse")[1 + self.rank]
 
     @property
     def text(self) -> str:
@@ -77,9 +77,8 @@ class Difference:
         if self.measure.key == "chatter" and not (self.mean or self.half_width):
             return f"below {LEAST_CHATTER:g} N in all runs"
         per_SI, digits = self.measure.unit.per_SI, self.measure.digits + 1
-        # no minus before what rounds to nothing
-        mean = round(self.mean * per_SI, digits) + 0.0
-        interval = f"{mean:+.{digits}f} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
+        mean = fixed(self.mean * per_SI, digits, "+")
+        interval = f"{mean} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
         return f"{interval}, in {self.agreeing} of {self.runs}"
 
     @property
@@ -130,7 +129,7 @@ def judged_keys(runs: Sequence[Values]) -> list[str]:
     ]
 
 
-def standing(one: Values, other: Values) -> Standing:
+def standing(one: Values, other: Values) -> Ranks:
     """Compare two runs, one each, by the floors alone."""
     ranks = {}
     for key in judged_keys([one, other]):
@@ -138,7 +137,7 @@ def standing(one: Values, other: Values) -> Standing:
         assert value is not None and beside is not None
         differs = MEASURES[key].differs(value, beside)
         ranks[MEASURES[key].text] = (1 if value > beside else -1) if differs else 0
-    return _standing(ranks)
+    return ranks
 
 
 def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[Difference]:
@@ -159,41 +158,13 @@ def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[D
     return found
 
 
-def paired_standing(differences: Iterable[Difference]) -> Standing:
-    """The standing of a candidate from its paired differences."""
-    return _standing({one.measure.text: one.rank for one in differences})
-
-
-def overall(standings: Sequence[Standing]) -> Standing:
-    """Combine several standings: better where better in at least one and worse in none, and so on."""
-    if len(standings) == 1:
-        return standings[0]
-    better = [name for one in standings for name in one.better]
-    worse = [name for one in standings for name in one.worse]
-    same = [name for one in standings for name in one.same]
-    return Standing(
-        better=_unique(name for name in better if name not in worse),
-        worse=_unique(name for name in worse if name not in better),
-        same=_unique(name for name in same if name not in better and name not in worse),
-        torn=_unique(name for name in better if name in worse),
-    )
-
-
-def _standing(ranks: Mapping[str, int]) -> Standing:
-    better, same, worse = (tuple(name for name, rank in ranks.items() if rank == wanted) for wanted in (-1, 0, 1))
-    return Standing(better, worse, same)
-
-
-def _unique(names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(names))
-
-
-DECISIVE = {
-    "reference": ("controller.mode", "controller.force.reference_N", "reference", "duration_s"),
-    "task": ("task",),
-    "body": ("contact",),
-}
-"""What has to be the same in two recorded experiments that are compared -> its keys."""
+def overall(each: Sequence[Ranks]) -> Ranks:
+    """Combine the ranks of several experiments: better where better in at least one and worse in none, and so on."""
+    found = {}
+    for name in dict.fromkeys(name for ranks in each for name in ranks):
+        seen = {ranks[name] for ranks in each if ranks.get(name)}
+        found[name] = TORN if len(seen) > 1 else max(seen, default=0)
+    return found
 
 
 def one_run_each(names: tuple[str, str], runs: tuple[Values, Values], experiments: tuple[Mapping, Mapping]) -> str:
@@ -212,8 +183,7 @@ def one_run_each(names: tuple[str, str], runs: tuple[Values, Values], experiment
     ]
     if differing:
         return f"{one} beside {other}: no verdict, another {' and another '.join(differing)}"
-    found = standing(*runs) if all(runs) else Standing()
-    return f"{found.sentence(one, other)} (one run each)"
+    return f"{standing_sentence(one, other, standing(*runs) if all(runs) else {})} (one run each)"
 
 
 def _at(values: Mapping, key: str) -> Any:

@@ -1,7 +1,7 @@
 """A claim of the paper: a quote, a measure, and bounds with their source."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -9,6 +9,8 @@ from twin.kernel.errors import UnknownSeries
 
 Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
 """"Not reproduced" and "reproduced after all" are of claims with a `KnownMiss`; "fails" is unexpected."""
+PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
+"""Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,6 @@ class KnownMiss:
     """A claim that the twin is known not to reproduce.
 
     Attributes:
-        reason: why.
         low, high: what `reason` explains, in the claim's unit; a number beyond it fails, as that of any other claim.
     """
 
@@ -122,3 +123,47 @@ def as_facts(finding: ClaimFinding) -> dict[str, object]:
         "verdict": finding.verdict,
         "reason": finding.reason,
     }
+
+
+def failed(findings: Iterable[ClaimFinding]) -> list[str]:
+    """Keys of the claims that fail."""
+    return with_verdict(findings, "fails")
+
+
+def with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
+    """Keys of the claims with this verdict."""
+    return [f.claim.key for f in findings if f.verdict == verdict]
+
+
+def unscored(findings: Iterable[ClaimFinding]) -> list[str]:
+    """Keys of the claims that need a series which the runs lack."""
+    return with_verdict(findings, "not scored")
+
+
+def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
+    """(how many hold, how many were judged); what is not reproduced was judged."""
+    verdicts = [f.verdict for f in findings]
+    holds = verdicts.count("holds") + verdicts.count("reproduced after all")
+    return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
+
+
+def standing(findings: Sequence[ClaimFinding], name: str) -> str:
+    """`25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
+    (held, judged), missed, failing = tally(findings), with_verdict(findings, "not reproduced"), failed(findings)
+    lost = f", {len(failing)} {'fails' if len(failing) == 1 else 'fail'}" if failing and missed else ""
+    return f"{held} of {judged} {name} hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
+
+
+def bound_used(finding: ClaimFinding) -> float:
+    """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
+
+    Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.
+    """
+    low, high, value = finding.claim.low, finding.claim.high, finding.value
+    if not math.isfinite(value):
+        return math.inf
+    if math.isfinite(low) and math.isfinite(high):
+        return abs(value - 0.5 * (low + high)) / (0.5 * (high - low))
+    if math.isfinite(high) and high > 0.0:
+        return max(0.0, value / high)
+    return math.inf if finding.verdict == "fails" else 0.0

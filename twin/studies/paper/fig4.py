@@ -2,18 +2,25 @@
 
 The words are the paper's. Of the bounds, the sweep's way, 0.6 N, 5.6 s, 5 N and 13.7 s are printed in its text; how far
 from them a run may be, and every other bound, is ours.
-
-Claims judged together, and those of Fig. 4 on its runs.
 """
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 
 from twin.studies.metrics.response import overshoot
 from twin.studies.paper import fig4_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, KnownMiss, Verdict, as_facts, judged
+from twin.studies.paper.claim import (
+    Claim,
+    ClaimFinding,
+    KnownMiss,
+    as_facts,
+    failed,
+    judged,
+    tally,
+    unscored,
+    with_verdict,
+)
 from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
@@ -235,54 +242,6 @@ QUALITY = (
 )  # fmt: skip
 
 OUT_OF_SCOPE = ("user experience scores (Sec. III.B): people are not part of the model",)
-
-
-def failed(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Keys of the claims that fail."""
-    return with_verdict(findings, "fails")
-
-
-def with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
-    """Keys of the claims with this verdict."""
-    return [f.claim.key for f in findings if f.verdict == verdict]
-
-
-def unscored(findings: Iterable[ClaimFinding]) -> list[str]:
-    """Keys of the claims that need a series which the runs lack."""
-    return with_verdict(findings, "not scored")
-
-
-def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
-    """(how many hold, how many were judged); what is not reproduced was judged."""
-    verdicts = [f.verdict for f in findings]
-    holds = verdicts.count("holds") + verdicts.count("reproduced after all")
-    return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
-
-
-PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
-"""Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
-
-
-def standing(findings: Sequence[ClaimFinding], name: str) -> str:
-    """`25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
-    (held, judged), missed, failing = tally(findings), with_verdict(findings, "not reproduced"), failed(findings)
-    lost = f", {len(failing)} {'fails' if len(failing) == 1 else 'fail'}" if failing and missed else ""
-    return f"{held} of {judged} {name} hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
-
-
-def bound_used(finding: ClaimFinding) -> float:
-    """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
-
-    Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.
-    """
-    low, high, value = finding.claim.low, finding.claim.high, finding.value
-    if not math.isfinite(value):
-        return math.inf
-    if math.isfinite(low) and math.isfinite(high):
-        return abs(value - 0.5 * (low + high)) / (0.5 * (high - low))
-    if math.isfinite(high) and high > 0.0:
-        return max(0.0, value / high)
-    return math.inf if finding.verdict == "fails" else 0.0
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,16 @@ Everything "while sweeping" is nan without a sweep.
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
-from twin.kernel.errors import InputRefused, UnknownSeries
+from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
-from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, Axes, picture
+from twin.robot.run.view import RunView
 from twin.studies.metrics import response as tracking
-from twin.studies.metrics.requirement import FIG4, lacking
+from twin.studies.metrics.required_series import FIG4, lacking
 from twin.studies.metrics.response import Curve, first_time, level_changes, mean_error, rms, within
 
 SWEEP = (10.7, 18.7)
@@ -35,19 +32,29 @@ WAY = 0.020
 SYMMETRIC = 1e-3
 """Force in x (N) below which a run is symmetrical."""
 
+START, END, HEIGHT = 0.020, -0.020, -0.105
+"""The sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
+GLIMPSE = 0.2
+"""Time over which a sudden change is looked for (s)."""
+JUMP = 0.1
+"""Time after the trigger within which the reference has jumped (s)."""
+FLUCTUATION = (13.2, 14.7)
+"""When the force has to be held although it fluctuates (s)."""
+SEEN = 0.02
+"""Change of the force (N) that is seen at all: half of what one count of a motor encoder is worth (0.04 N)."""
+DISTINCT = 10.0
+"""A fluctuation changes the force by so many times the median change: the largest of noise has less than six."""
+CONSTANT = 0.2e-3
+"""Range (m) within which a height is a constant: a twentieth of the 4 mm that the head presses in."""
+THRESHOLD = 0.6
+"""Of the force control (N), as printed."""
+LONGEST_LAG = 2.0
+"""Of those that are tried (s)."""
+ROUNDING = 1e-6
+"""Of a time, in blocks of it: a sample on the edge belongs to the block that it begins."""
 
-class RunSeries(Protocol):
-    """Series of a run by name: a recording, or a run in memory."""
 
-    @property
-    def metadata(self) -> dict[str, dict[str, str]]: ...
-
-    def __getitem__(self, key: str) -> np.ndarray: ...
-
-    def time(self, topic: str) -> np.ndarray: ...
-
-
-def _read(of: Callable[[RunSeries], Curve]) -> "cached_property[Curve]":
+def _read(of: Callable[[RunView], Curve]) -> "cached_property[Curve]":
     return cached_property(lambda run: of(run.recording))
 
 
@@ -67,7 +74,7 @@ class Fig4Run:
         true_z: in truth, on `t_plant`.
     """
 
-    recording: RunSeries
+    recording: RunView
 
     t = _read(lambda series: series.time("controller"))
     t_plant = _read(lambda series: series.time("plant"))
@@ -129,6 +136,14 @@ class Fig4Runs:
     force_position: Fig4Run
     position: Fig4Run
     imperfect: "tuple[Fig4Run, Fig4Run] | None" = None
+
+    @property
+    def imperfect_force_position(self) -> Fig4Run | None:
+        return self.imperfect[0] if self.imperfect else None
+
+    @property
+    def imperfect_position(self) -> Fig4Run | None:
+        return self.imperfect[1] if self.imperfect else None
 
     @property
     def without_x(self) -> str:
@@ -195,91 +210,6 @@ def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4R
         )
     return pair
 
-
-PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE, TRUTH = PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE, GREY, INK
-WIDE, THIN = 1.6, 0.9
-"""Weights of lines (pt), the same in all panels; legends have one order, too."""
-
-
-def draw_fig4(runs: Fig4Runs, path: Path) -> None:
-    """Write the picture to `path` (PNG). Forces are the controller's estimates; the true F_z is dotted.
-
-    A series that a run lacks is left out.
-    """
-    with picture(path, 12, 7.5) as figure:
-        (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
-        _draw_z(a, runs)
-        _draw_force(b, runs)
-        _draw_friction(c, runs.imperfect, 0, "x")
-        _draw_friction(d, (runs.force_position, runs.position), 1, "y")
-        limits = [min(c.get_ylim()[0], d.get_ylim()[0]), max(c.get_ylim()[1], d.get_ylim()[1])]
-        c.set_ylim(*limits)
-        d.set_ylim(*limits)
-        for axes, letter in ((a, "A"), (b, "B"), (c, "C"), (d, "D")):
-            axes.set_title(letter, loc="left", fontweight="bold")
-            axes.set_xlim(0, 20)
-        # ideal runs have no force in x, by symmetry
-        text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
-        c.set_title(text, loc="right", fontsize="small")
-        for axes in (c, d):
-            axes.set_xlabel("time (s)")
-
-
-def _draw_z(axes: Axes, runs: Fig4Runs) -> None:
-    fp, p = runs.force_position, runs.position
-    with suppress(UnknownSeries):
-        axes.plot(fp.t, 1e3 * fp.z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
-    axes.plot(p.t, 1e3 * p.z, color=P_BASED, lw=WIDE, label="P-based")
-    axes.plot(fp.t, 1e3 * fp.z, color=FP_BASED, lw=WIDE, label="F&P-based")
-    with suppress(UnknownSeries):
-        axes.plot(fp.t, 1e3 * fp.z_cmd, color=FP_REFERENCE, lw=THIN, label="F&P-based-ref")
-    axes.set_ylabel("z position (mm)")
-    axes.legend(loc="upper right")
-
-
-def _draw_force(axes: Axes, runs: Fig4Runs) -> None:
-    fp, p = runs.force_position, runs.position
-    with suppress(UnknownSeries):
-        axes.axhline(fp.F_z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
-    for run, color, label in ((p, P_BASED, "P-based"), (fp, FP_BASED, "F&P-based")):
-        with suppress(UnknownSeries):
-            axes.plot(run.t, run.F_z, color=color, lw=WIDE, label=label)
-    axes.plot(p.t_plant, p.true_F_z, color=TRUTH, lw=THIN, ls=":", label="true force (plant)")
-    axes.plot(fp.t_plant, fp.true_F_z, color=TRUTH, lw=THIN, ls=":")
-    axes.set_ylabel("F_z, pressing (N)")
-    axes.legend(loc="lower right")
-
-
-def _draw_friction(axes: Axes, pair: tuple[Fig4Run, Fig4Run] | None, axis: int, letter: str) -> None:
-    axes.axhline(0.0, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
-    # noise drawn wide is a block of colour
-    for run, color, label in zip(reversed(pair or ()), (P_BASED, FP_BASED), ("P-based", "F&P-based"), strict=False):
-        axes.plot(run.t, run.F_ee_B[:, axis], color=color, lw=THIN, label=label)
-    axes.set_ylabel(f"F_{letter} (N)")
-    axes.legend(loc="lower left")
-
-
-START, END, HEIGHT = 0.020, -0.020, -0.105
-"""The sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
-GLIMPSE = 0.2
-"""Time over which a sudden change is looked for (s)."""
-JUMP = 0.1
-"""Time after the trigger within which the reference has jumped (s)."""
-FLUCTUATION = (13.2, 14.7)
-"""When the force has to be held although it fluctuates (s)."""
-SEEN = 0.02
-"""Change of the force (N) that is seen at all: half of what one count of a motor encoder is worth (0.04 N)."""
-DISTINCT = 10.0
-"""A fluctuation changes the force by so many times the median change: the largest of noise has less than six."""
-CONSTANT = 0.2e-3
-"""Range (m) within which a height is a constant: a twentieth of the 4 mm that the head presses in."""
-
-THRESHOLD = 0.6
-"""Of the force control (N), as printed."""
-LONGEST_LAG = 2.0
-"""Of those that are tried (s)."""
-ROUNDING = 1e-6
-"""Of a time, in blocks of it: a sample on the edge belongs to the block that it begins."""
 
 Measure = Callable[[Fig4Runs], float]
 

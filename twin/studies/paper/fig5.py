@@ -2,32 +2,27 @@
 
 The paper prints no numbers for its tasks: the words are its own, the bounds are ours and say why. They were written for
 the paper's scale and its drive, and are the same on every body and for every drive.
-
-All claims of Fig. 5 on the tasks of any number of runs.
-
-The way of one task in space, in a black box with arrows, as the paper's Fig. 5 shows it.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from itertools import product
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-from twin.kernel.errors import UnknownSeries
 from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
-from twin.studies.figure import BLUE, GREY, INK, VERMILION
 from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, judged
-from twin.studies.paper.fig4 import failed
-from twin.studies.paper.fig5_measures import Mask, TaskRun, body_of, drive_of, settings, task_runs, trip_sentence
+from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, failed, judged
+from twin.studies.paper.task_run import Mask, TaskRun, body_of, drive_of, task_runs, trip_sentence
 
-if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d.axes3d import Axes3D
+PRESS_DOWN = "goes down gently"
+PRESS_UP = "gradually increases the force until the pre-defined force is reached"
+PRESS_HOLD = "remains stationary for a while with this force"
+TAP_DOWN = "goes down rapidly with an adjustable force until the pre-defined force is reached"
+ROLL_QUOTE = "moves periodically in the pattern of the tiny circle on the point"
+PUSH_QUOTE = "pushes straight along the pre-defined trajectory"
 
 
 def _excess(figure: str, quote: str, share: float, why: str) -> Claim:
@@ -71,9 +66,6 @@ def _constant_force(figure: str, mask: Callable[[TaskRun], Mask], high: float, w
     )  # fmt: skip
 
 
-PRESS_DOWN = "goes down gently"
-PRESS_UP = "gradually increases the force until the pre-defined force is reached"
-PRESS_HOLD = "remains stationary for a while with this force"
 _distance_held = measure.during(PhaseKind.HOLD, measure.distance)
 PRESS = (
     *_common("5 A", PRESS_DOWN, PRESS_UP),
@@ -99,7 +91,6 @@ PRESS = (
     ),
 )  # fmt: skip
 
-TAP_DOWN = "goes down rapidly with an adjustable force until the pre-defined force is reached"
 TAP = (
     Claim(
         "pre_tap", "least height before a tap over its lift", "5 B",
@@ -133,7 +124,6 @@ TAP = (
     _untripped("5 B"),
 )  # fmt: skip
 
-ROLL_QUOTE = "moves periodically in the pattern of the tiny circle on the point"
 _full = lambda run: run.full_turns  # noqa: E731
 ROLL = (
     *_common("5 C", "goes down gently", "gradually increases the force until the pre-defined force arrives"),
@@ -158,7 +148,6 @@ ROLL = (
     ),
 )  # fmt: skip
 
-PUSH_QUOTE = "pushes straight along the pre-defined trajectory"
 _pushing = lambda run: run.during(PhaseKind.PUSH)  # noqa: E731
 _farthest_off = measure.where(_pushing, lambda run, on: float(np.max(np.abs(measure.off_line(run, on)))))
 PUSH = (
@@ -191,6 +180,7 @@ class TaskScore:
     """One task and what it says to the claims of its kind.
 
     Attributes:
+        path: recording of the run.
         run: the task's curves.
         drive, body: by name.
         name: of the task among those of the run, `push 2`.
@@ -198,6 +188,7 @@ class TaskScore:
         findings: in the order of the claims.
     """
 
+    path: Path
     run: TaskRun
     drive: str
     body: str
@@ -212,7 +203,7 @@ class TaskScore:
     def facts(self) -> dict[str, object]:
         """For JSON."""
         return {
-            "recording": str(self.run.recording.path),
+            "recording": str(self.path),
             "drive": self.drive,
             "body": self.body,
             "task": self.run.number,
@@ -271,7 +262,7 @@ def shown_tasks(score: Fig5Score) -> list[TaskScore]:
     for kind in CLAIMS:
         tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
         if tasks:
-            shown.append([task for task in tasks if task.run.recording is tasks[0].run.recording][-1])
+            shown.append([task for task in tasks if task.path == tasks[0].path][-1])
     return shown
 
 
@@ -282,7 +273,9 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
     for run in runs:
         findings = tuple(judged(claim, run) for claim in CLAIMS[run.task.kind])
         number = f" {run.number}" if len(runs) > 1 else ""
-        scores.append(TaskScore(run, drive, body, f"{run.task.kind}{number}", manner(run.task), findings))
+        scores.append(
+            TaskScore(recording.path, run, drive, body, f"{run.task.kind}{number}", manner(run.task), findings)
+        )
     return scores
 
 
@@ -297,101 +290,3 @@ def manner(task: Task) -> str:
             return f"{task.force:g} N, radius {1e3 * task.radius:g} mm at {task.rate:g} Hz, {task.turns:g} turns"
         case Push():
             return f"{task.force:g} N at {1e3 * task.speed:g} mm/s"
-
-
-TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
-TAPS = 3
-"""How many taps the panels over time show."""
-
-
-def seen_part(run: TaskRun) -> slice:
-    """The samples that the panels over time show: the whole task; of taps the last ones."""
-    if isinstance(run.task, Tap) and len(run.taps) > 1:
-        last = run.taps[-TAPS:]
-        return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
-    return slice(0, len(run.t))
-
-
-def bound_of(key: str) -> Claim:
-    """The claim of this key, for its bounds."""
-    return next(claim for claims in CLAIMS.values() for claim in claims if claim.key == key)
-
-
-TRUTH, REFERENCE, TRACE, MOVING = INK, GREY, VERMILION, BLUE
-"""Truth black, reference grey; the paper's red and blue in the shades of Okabe and Ito."""
-SURFACE = "#f2d9c4"
-REACH = 25.0
-"""Half the width of the box (mm): the shipped tasks stay within 20 mm of the axis."""
-TOP = -86.0
-MARGIN = 3.0
-HEIGHT = 0.75
-"""Height of the box over its width as drawn; z is drawn larger than x and y."""
-WORKING = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
-
-
-def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
-    """Draw the task into `axes`.
-
-    Args:
-        run: has samples.
-        floor: lowest height that any of the pictures shows (m).
-    """
-    bottom = 1e3 * floor - MARGIN
-    # in the order written: matplotlib's own guess of what lies in front hides traces that are in the surface
-    axes.computed_zorder = False
-    _draw_box(axes, bottom)
-    _draw_surface(axes, 1e3 * _height(run))
-    p = 1e3 * run.p_B
-    working = np.isin(run.phase, WORKING)
-    with suppress(UnknownSeries):
-        axes.plot(*(1e3 * run.commanded("p_ref_B")).T, color=REFERENCE, lw=1.2, ls="--", zorder=2)
-    axes.plot(*p.T, color=TRUTH, lw=1.0, zorder=3)
-    axes.plot(*np.where(working[:, None], p, np.nan).T, color=TRACE, lw=2.2, zorder=4)
-    for start, way in _moves(run):
-        axes.quiver(*start, *way, color=MOVING, lw=1.8, arrow_length_ratio=0.3, zorder=5, label="moving direction")
-    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(bottom, TOP))
-    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.06)
-    axes.view_init(elev=24, azim=-52)
-    for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
-        axis.set_label_text(f"{letter} (mm)", fontsize=8)
-        axis.labelpad = -6
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    axes.tick_params(labelsize=7, pad=-3)
-    axes.grid(False)
-
-
-def _height(run: TaskRun) -> float:
-    """Height of the untouched surface (m)."""
-    return float(settings(run.recording)["contact"]["height_mm"]) / 1e3
-
-
-def _draw_box(axes: "Axes3D", bottom: float) -> None:
-    """The twelve edges."""
-    corners = np.array(list(product((-REACH, REACH), (-REACH, REACH), (bottom, TOP))))
-    for i, a in enumerate(corners):
-        for b in corners[i + 1 :]:
-            if np.count_nonzero(a != b) == 1:
-                axes.plot(*np.transpose([a, b]), color="black", lw=0.9, zorder=1, clip_on=False)
-
-
-def _draw_surface(axes: "Axes3D", height: float) -> None:
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    corners = [(-REACH, -REACH, height), (REACH, -REACH, height), (REACH, REACH, height), (-REACH, REACH, height)]
-    axes.add_collection3d(Poly3DCollection([corners], facecolor=SURFACE, alpha=0.6, edgecolor="none", zorder=0))
-
-
-def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """(start, way) of the arrows in mm: down beside the point; around the circle or along the line."""
-    x, y = (1e3 * c for c in run.task.point)
-    high, low = -88.0, 1e3 * _height(run) + 1.0
-    moves: list[tuple[tuple[float, ...], tuple[float, ...]]] = [((x - 3.0, y, high), (0.0, 0.0, low - high))]
-    level = 1e3 * _height(run)
-    match run.task:
-        case Push():
-            way = 1e3 * np.subtract(run.task.to, run.task.point)
-            moves.append(((x + 5.0, y + 0.25 * way[1], level), (0.5 * way[0], 0.5 * way[1], 0.0)))
-        case Roll():
-            r = 1e3 * run.task.radius
-            moves.append(((x + 1.8 * r, y - r, level), (0.0, 2.0 * r, 0.0)))
-    return moves

@@ -17,15 +17,15 @@ from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, with_plant
-from twin.robot.monitor.component import trip_reason
 from twin.robot.run.hold import BAND, UNDER_FORCE, HoldRequest
 from twin.robot.run.measures import Values, unmeasured, with_units
 from twin.robot.run.outcome import Tally
+from twin.robot.run.runs import RunRequest, Runs
 from twin.robot.run.trace import Trace
 from twin.studies.command import Say, Steps, silent
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
-from twin.studies.metrics.standing import Difference, Standing, overall, paired_differences, paired_standing
+from twin.studies.metrics.standing import Difference, Ranks, overall, paired_differences, standing_sentence
 from twin.studies.qualify.definitions import Definition, Measure
 
 SEEDS = range(1, 9)
@@ -243,17 +243,17 @@ def trials(
 def verdict(compared: Sequence[DriveTrials]) -> list[str]:
     """A sentence for each drive but the first, over all experiments, and one for each that is not judged."""
     first = compared[0].trials[0].name
-    by_drive: dict[str, list[Standing]] = {}
+    by_drive: dict[str, list[Ranks]] = {}
     for one in compared:
         for name, found in one.differences().items():
-            by_drive.setdefault(name, []).append(paired_standing(found))
+            by_drive.setdefault(name, []).append({d.measure.text: d.rank for d in found})
     # over several experiments a measure has several values: tables have them
     values = (
         {name: {d.measure.text: d.text for d in found} for name, found in compared[0].differences().items()}
         if len(compared) == 1
         else {}
     )
-    verdicts = [overall(standings).sentence(name, first, values.get(name)) for name, standings in by_drive.items()]
+    verdicts = [standing_sentence(name, first, overall(ranks), values.get(name)) for name, ranks in by_drive.items()]
     unjudged = {f"{t.name} {t.unjudged}" for one in compared for t in one.trials if t.unjudged}
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
@@ -307,15 +307,14 @@ def _repeated(trial: DriveTrial, experiment: Experiment, steps: Steps, label: st
         one = disturbed(experiment, seed)
         place = f"in {experiment.name} with seed {seed}, and is not judged there"
         try:
-            with assemble(one) as assembly:
-                tally = Tally(assembly.system, HoldRequest.of(one))
-                done = simulate(assembly, one.duration_ticks, [tally]).completed()
-                trip = trip_reason(done.simulation)
+            done = Runs(RunRequest(tally=True), most=0).run(one).completed()
+        # also one that crashes when it is freed
         except ComponentFailed as failure:
             return replace(trial, failure=str(failure), unjudged=f"fails {place}")
-        if trip:
-            return replace(trial, unjudged=f"trips the safety monitor {place} ({trip})")
-        found.append(tally.outcome.measures)
+        if done.reason:
+            return replace(trial, unjudged=f"trips the safety monitor {place} ({done.reason})")
+        assert done.numbers is not None
+        found.append(done.numbers.measures)
     return replace(trial, repeats=tuple(found))
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.assembly.drives import DrivePlan, rates
 from twin.robot.experiment.schema import Drive, DrivePart
+from twin.robot.run.hold import BAND
 from twin.studies.metrics.response import Curve, overshoot, rise_time, settling_time
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (
@@ -120,10 +121,6 @@ def _remedy(plan: DrivePlan, forth: float, back: float) -> str:
         other = ", ".join(f'{b.port.name} = "{b.name if b.turned else f"-{b.name}"}"' for b in shaft)
         return f"; its command and its angle disagree, and sign turns over both: map {other}, or the command so"
     return "; it does not turn: does it need an enable, a supply or other inputs?" if forth == back else ""
-
-
-BAND = 0.05
-"""Share of the final speed within which a drive has settled."""
 
 
 ROUNDING = 1e-9

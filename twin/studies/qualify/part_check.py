@@ -19,7 +19,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import CONTRACTS, OtherPart, other_part
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES
+from twin.studies.metrics.required_series import FIG4, FIG5, MEASURES
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
 from twin.studies.qualify.definitions import Check, judged
 from twin.studies.result import Block, Column, Note, Result, Table

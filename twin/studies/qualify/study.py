@@ -236,7 +236,7 @@ def compare_drives(
         NotWritten: the disk refuses.
     """
     from twin.kernel.writing import made_folder
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
     from twin.studies.qualify.text import compare_blocks
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from twin.robot.run.hold import BAND
 from twin.robot.run.measures import MEASURES as MEASURES_OF_RUNS
 from twin.studies.figure import GREY, INK, PAPER_BLUE, Axes, picture
 from twin.studies.qualify.bench import Response
 from twin.studies.qualify.comparison import COMPARED, OF_ANY_RUN, DriveTrials
 from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK, Measure
-from twin.studies.qualify.motion import BAND, NOTHING
+from twin.studies.qualify.motion import NOTHING
 from twin.studies.qualify.qualification import Qualification
 from twin.studies.result import WIDTH, Block, Column, Note, Result, Table, markdown
 

@@ -31,7 +31,7 @@ from twin.kernel.fmi.variable import Setup, Value, Variable, given_values, numbe
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.recording.logs.csv_file import table_of
+from twin.kernel.recording.logs.csv_table import table_of
 from twin.kernel.ssp.ssd import parameter_set
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.schema import Drive

@@ -1,6 +1,5 @@
 """Measures of the force that a log holds: the measured force beside the reference of the twin's own controller."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.port import by_port
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import is_recording
-from twin.kernel.recording.messages import Field
 from twin.kernel.recording.reader import origin
 from twin.robot.assembly.build import controller
 from twin.robot.assembly.load import load_experiment, recorded_experiment
@@ -18,33 +16,13 @@ from twin.robot.controller.controller import SHARE
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import HEADLINE, OF_A_FORCE, Values, labelled, unmeasured
-from twin.robot.run.view import outcome_of
+from twin.robot.run.view import LogView, outcome_of
 from twin.studies.replay.replay import Outputs, RobotLog
 
 MAX_PERIOD_ERROR = 0.02
 """Largest difference of the log's period from a divisor of the controller's, as a share."""
 OF_A_LOG = (*OF_A_FORCE, "hold_begin", "hold_end")
 """Measures of a log: it has no true position."""
-
-
-class _LogView:
-    """A log as a run that is read: the measured force in place of the plant's, the controller of the twin."""
-
-    def __init__(self, log: RobotLog, outputs: Outputs, called: NDArray[np.float64]):
-        assert log.force is not None
-        F_z = log.force.values
-        self._series = {"plant.F_ee_B": np.column_stack([np.zeros((len(F_z), 2)), -F_z])}
-        self._series |= {f"controller.{name}": values for name, values in outputs.items()}
-        self._times = {"plant": log.force.t, "controller": called}
-
-    def __getitem__(self, key: str) -> NDArray:
-        return self._series[key]
-
-    def time(self, topic: str) -> NDArray[np.float64]:
-        return self._times[topic]
-
-    def fields(self) -> Mapping[str, Field]:
-        return {key: Field(key.rpartition(".")[2], 1, "double", "1", "") for key in self._series}
 
 
 def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
@@ -75,7 +53,11 @@ def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings
     if abs(stride * log.period / period - 1.0) > MAX_PERIOD_ERROR:
         text = f"a sample every {1e3 * log.period:.4g} ms, the controller needs one every {1e3 * period:g} ms"
         return unmeasured(text)
-    view = _LogView(log, *_commanded(experiment, log, estimate, stride, period))
+    outputs, called = _commanded(experiment, log, estimate, stride, period)
+    F_z = log.force.values
+    series = {"plant.F_ee_B": np.column_stack([np.zeros((len(F_z), 2)), -F_z])}
+    series |= {f"controller.{name}": values for name, values in outputs.items()}
+    view = LogView(series, {"plant": log.force.t, "controller": called})
     found = outcome_of(view, HoldRequest.of(experiment))
     return {key: found.measures[key] for key in OF_A_LOG} if found else unmeasured("the log has no force")
 

@@ -21,16 +21,16 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.controller.controller import Belief
 from twin.robot.controller.task_controller import Computer
-from twin.robot.experiment.drive_files import rest_of, role_named
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences, unknown
 from twin.robot.experiment.recorded import recorded_name, recorded_values
 from twin.robot.experiment.schema import Cosim
 from twin.robot.experiment.source import Source, override
+from twin.robot.experiment.stand_in import rest_of, role_named
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.plant.component import OUTPUTS, Plant
 from twin.robot.plant.contact_law import Body, Contact, Motion
-from twin.robot.plant.dynamics import STATES, PlantParameters, TrueRobot
+from twin.robot.plant.dynamics import LONGEST_GAP, STATES, PlantParameters, TrueRobot
 from twin.robot.plant.encoder import Display
 
 TABLES = {name: DECLARED.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
@@ -156,8 +156,6 @@ def _model(
     )
 
 
-LONGEST_GAP = 0.1
-"""s. A line across more than this is no motor's way: several periods of the springs' slowest free motion, 75 rad/s."""
 SETTLING = 1.0
 """s, before each start, with the motors where the first sample has them: 20 time constants of the springs' swing with
 the robot's joint friction, and 5 of a robot with a quarter of it."""

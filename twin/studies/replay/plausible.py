@@ -12,7 +12,8 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.recording.logs.column_map import TIME, MappedColumn, map_text
+from twin.kernel.recording.logs.column_map import TIME, map_text
+from twin.kernel.recording.logs.log import MappedColumn
 from twin.robot.controller.controller import Belief, angle
 from twin.robot.mechanism.kinematics import platform_position
 

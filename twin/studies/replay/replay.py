@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.column_map import MappedColumn, refuse_unit
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap, refuse_invalid, rows_of
+from twin.kernel.recording.logs.column_map import refuse_unit
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, MappedColumn, in_gap, refuse_invalid, rows_of
 from twin.robot.controller.controller import Belief, Estimator
 from twin.robot.mechanism.statics import load_torque
 from twin.studies.replay.model import RobotModel, motions

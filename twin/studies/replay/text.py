@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
-from twin.kernel.recording.messages import Field, Topic
+from twin.kernel.recording.messages import Topic
+from twin.kernel.recording.recorder import port_fields
 from twin.kernel.recording.writer import Writer
 from twin.kernel.writing import finite
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
@@ -102,7 +103,7 @@ SUMS = {
 
 
 def _track(name: str, ports: tuple[Port, ...], t: NDArray[np.float64], outputs: Outputs) -> Track:
-    fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in ports)
+    fields = port_fields(ports)
     ticks = np.rint(t / TICK).astype(np.int64)
     # no row follows sooner than this
     period = int(np.min(np.diff(ticks), initial=SPAN))

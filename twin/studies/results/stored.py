@@ -20,17 +20,10 @@ from twin.kernel.recording.reader import last_time, origin
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.drives import fmus
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file
-from twin.robot.experiment.recorded import (
-    differing,
-    experiment_facts,
-    options,
-    recorded_facts,
-    recorded_name,
-    recorded_values,
-    repeating_words,
-    run_command,
-)
+from twin.robot.experiment.command_words import options, repeating_words, run_command
+from twin.robot.experiment.differences import differing, experiment_facts, recorded_facts
+from twin.robot.experiment.experiment_files import experiment_file
+from twin.robot.experiment.recorded import recorded_name, recorded_values
 from twin.robot.run.measures import LARGE_OVERSHOOT, MEASURES
 from twin.robot.run.run import SUMMARY, named_files
 from twin.studies.command import Answer, Say, Steps
@@ -50,7 +43,6 @@ class StoredRun:
     """A run's folder, results/EXPERIMENT/TIME, or results/NAME as its user has called it.
 
     Attributes:
-        folder: of the run.
         recording: in it, finished or not.
         latest: whether results/EXPERIMENT means this one.
         alone: whether the folder lies in results/ itself, where only its user puts it.
@@ -163,15 +155,7 @@ class StoredRun:
 
 
 def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
-    """The runs below `results`, those of an experiment together, the newest first, then those with names.
-
-    Args:
-        results: folder.
-        experiments: names; empty: all there are.
-
-    Raises:
-        InputRefused: no run is of one of `experiments`.
-    """
+    """The runs below `results`, those of an experiment together, the newest first, then those with names."""
     runs = [run for home in _folders(results) for run in _runs(home)]
     runs.sort(key=lambda run: (run.experiment, run.named))
     there = dict.fromkeys(run.experiment for run in runs)
@@ -371,12 +355,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     """What lies in `results`.
 
     Args:
-        results: folder.
         experiments: only runs of these; empty: all, and what else is there.
-        say: called with what is being read.
-
-    Raises:
-        InputRefused: no run is of one of `experiments`.
     """
     runs, now = stored_runs(results, experiments), ExperimentsNow()
     found = []
@@ -412,9 +391,6 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[St
     """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
 
     A run that its user has given a name stays, and does not count.
-
-    Raises:
-        InputRefused: no run is of one of `experiments`.
     """
     seen: dict[str, int] = {}
     doomed = []
@@ -436,11 +412,7 @@ def doomed_text(doomed: Sequence[StoredRun]) -> str:
 
 
 def removed(doomed: Sequence[StoredRun]) -> str:
-    """Take the folders of `doomed` away; what has become of them.
-
-    Raises:
-        NotWritten: one cannot be removed.
-    """
+    """Take the folders of `doomed` away; what has become of them."""
     size = 0
     others = sum(len(run.others) for run in doomed)
     for run in doomed:

@@ -27,10 +27,6 @@ def runs(
     not be removed.
 
     Example: twin runs
-
-    Raises:
-        InputRefused: no run is of one of `experiments`, or options do not go together.
-        NotWritten: a run cannot be removed.
     """
     if not prune and (yes or keep != 1):
         raise InputRefused("twin runs: --keep and --yes belong to --prune; add that, or leave them out")

@@ -100,7 +100,8 @@ def _distance(robot: HazardRobot, formula: str) -> tuple[dict[str, float], list[
         with assemble(robot.experiment) as assembly:
             fields = fields_of(assembly.system)
         checked, _ = checked_requirement(formula, fields)
-        return {f"{formula} on {robot.body}{where}": distance(checked, run_in_memory(robot.experiment))}, []
+        run = run_in_memory(robot.experiment)
+        return {f"{formula} on {robot.body}{where}": distance(checked, run.tick, run.held)}, []
     except TwinError as problem:
         seed = robot.experiment.seed
         return {}, [EvidenceRun(formula, robot.body, robot.settings, (), seed, None, failure=str(problem))]

@@ -32,6 +32,7 @@ th{background:#f3f3f3}td.n{text-align:right;font-variant-numeric:tabular-nums}
 .kept{color:#1b5e20;font-weight:700}.exceeded,.failed{color:#c62828;font-weight:700}.stated{color:#a15c00;font-weight:700}
 .runs table{font-size:.66rem}.runs td,.runs th{padding:.1rem .25rem}.runs td code{font-size:.6rem;white-space:nowrap}
 code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5rem 0}
+@media screen and (max-width:62rem){table{display:block;overflow-x:auto}}
 @media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}
 img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{padding:.05rem .12rem}}
 """
@@ -53,6 +54,7 @@ def page(table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tup
         [
             "<!doctype html>",
             '<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
             f"<title>{escape(table.head.title)}: hazards</title>",
             f"<style>{STYLE}</style></head><body>",

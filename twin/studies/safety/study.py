@@ -87,7 +87,7 @@ def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
         InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
     """
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.safety.sensitivity import nominal_value
 
     path = experiment_file(Path(table.head.experiment))
@@ -130,7 +130,7 @@ def written_page(
     from math import pi
 
     from twin.kernel.writing import made_folder, write_text
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.safety.argument import draw_argument
     from twin.studies.safety.evidence import HazardRobot, hardware, robot_of
     from twin.studies.safety.lines import line_of

@@ -19,7 +19,7 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import memory_of
 from twin.robot.controller.controller import Belief, angle
 from twin.robot.mechanism.kinematics import platform_position
-from twin.robot.plant.dynamics import UNTOUCHED, PlantParameters, has_effects
+from twin.robot.plant.dynamics import LONGEST_GAP, UNTOUCHED, PlantParameters, has_effects
 from twin.studies.shadow.layout import (
     COUNTS,
     DITHERED,
@@ -29,7 +29,6 @@ from twin.studies.shadow.layout import (
     GARBLED,
     INPUTS,
     JUST_CHANGED,
-    LONGEST_GAP,
     LONGEST_STEP,
     LOST,
     MEMORY,

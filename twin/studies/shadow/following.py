@@ -19,15 +19,15 @@ from twin.kernel.cosim.component import Component, Pieces
 from twin.kernel.cosim.delay import NOTHING, named, play
 from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.recording.logs.column_map import MappedColumn
+from twin.kernel.recording.logs.log import MappedColumn
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.plant.dynamics import LONGEST_GAP, PlantParameters
 from twin.robot.plant.encoder import SCALE_OUTPUTS
-from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
+from twin.studies.replay.model import PlantRun, RobotModel
 from twin.studies.replay.plausible import MapCheck
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.shadow.alarm import (

@@ -62,8 +62,6 @@ POSITION, VELOCITY, MOTOR, SPEED, FORCE = 0, 3, 6, 9, 12
 COUNTS = 6
 LONGEST_STEP = 2.5e-3
 """s. The springs' fastest swing, 120 rad/s, turns by 0.3 rad in it; see docs/physics.md."""
-LONGEST_GAP = 0.1
-"""s. After more than that nothing is known of the motors' way; the filter starts anew."""
 DITHERED = 0.5
 """Deviation of an encoder's noise, in counts, from which on rounding is white: each sample is a new measurement."""
 TOUCHED = 0.3

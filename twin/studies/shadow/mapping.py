@@ -7,8 +7,8 @@ import numpy as np
 
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import nearest
-from twin.kernel.recording.logs.column_map import TIME, MappedColumn, refuse_unit
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.column_map import TIME, refuse_unit
+from twin.kernel.recording.logs.log import Log, LogRefused, MappedColumn
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.sources.signals import Reading, WantedSignal
 from twin.robot.controller.controller import Belief

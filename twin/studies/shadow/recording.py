@@ -8,19 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
-from twin.kernel.recording.messages import Field, Topic
-from twin.kernel.recording.recorder import versions
+from twin.kernel.recording.messages import Topic
+from twin.kernel.recording.recorder import port_fields, versions
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic, Writer
 from twin.kernel.writing import json_text
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.text import TICK
 from twin.studies.shadow.following import Happening, Rows
-
-
-def fields_of(ports: Iterable[Port]) -> tuple[Field, ...]:
-    """Of the topic that has the values of `ports`."""
-    return tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in ports)
 
 
 class ShadowRecording:
@@ -51,7 +46,7 @@ class ShadowRecording:
     ):
         _, self._arrived_0 = first
         self._others = {other.name for other in others}
-        declared = [Topic(name, fields_of(ports), 1) for name, ports in topics.items()]
+        declared = [Topic(name, port_fields(ports), 1) for name, ports in topics.items()]
         metadata = {
             "experiment": {"name": model.name, "title": f"shadow of {source}", "values": json.dumps(model.values)},
             "versions": versions(),

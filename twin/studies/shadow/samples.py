@@ -1,8 +1,7 @@
 """What a robot sends, as the filter takes it: of a recording or a run in memory; and what the filter makes of it."""
 
 import re
-from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from twin.kernel.cosim.port import by_port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.assembly.build import belief, planned_drives, plant_parameters
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.view import RunView, sample_and_hold
 from twin.studies.converge.monolith import servos
 from twin.studies.shadow.filter import Shadow
 from twin.studies.shadow.layout import INPUTS, OUTPUTS, Noises, Sensors, ShadowDrive
@@ -57,20 +57,7 @@ class RobotSamples(NamedTuple):
         return np.diff(self.t, prepend=-np.inf)
 
 
-class RobotRun(Protocol):
-    """A recording, or a run in memory."""
-
-    def __getitem__(self, key: str) -> NDArray:
-        """Values of `topic.field`."""
-
-    def time(self, topic: str) -> NDArray[np.float64]:
-        """When `topic` was due (s)."""
-
-    def fields(self) -> Mapping[str, object]:
-        """By `topic.field` what there is."""
-
-
-def samples_of(run: RobotRun) -> RobotSamples:
+def samples_of(run: RunView) -> RobotSamples:
     """The samples that the computer of the robot of `run` had: counts, its commands, what was measured besides.
 
     Of a robot with broken encoders the counts are what they gave. A measured force is there at its own times only.
@@ -87,26 +74,19 @@ def samples_of(run: RobotRun) -> RobotSamples:
     for name in ("count_m", "count_l"):
         faults = [int(m[1]) for key in has if (m := re.fullmatch(rf"fault/(\d+)\.{name}", key))]
         topic = f"fault/{max(faults)}" if faults else "encoder"
-        taken.only(name)[:] = _held(run, f"{topic}.{name}", t)
+        taken.only(name)[:] = sample_and_hold(run, f"{topic}.{name}", t)
     if "controller.omega_ref" in has:
-        taken.only("omega_ref")[:] = _held(run, "controller.omega_ref", t)
+        taken.only("omega_ref")[:] = sample_and_hold(run, "controller.omega_ref", t)
     for leg in range(3):
         key = f"drive/{leg + 1}.tau_motor"
         if key in has:
-            taken.only("tau_motor")[:, leg] = _held(run, key, t)
+            taken.only("tau_motor")[:, leg] = sample_and_hold(run, key, t)
     if "scale.F_z" in has:
         measured = run.time("scale")
         at = np.searchsorted(t, measured)
         there = at < len(t)
         taken.only("F_z")[at[there], 0] = run["scale.F_z"][there]
     return taken
-
-
-def _held(run: RobotRun, key: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The newest values of `key` at the times `t`."""
-    newest = np.searchsorted(run.time(key.rpartition(".")[0]), t, side="right") - 1
-    values: NDArray[np.float64] = run[key][np.maximum(newest, 0)].astype(float)
-    return values
 
 
 def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple

@@ -12,7 +12,7 @@ from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.messages import MessageForm, Topic
-from twin.kernel.recording.recorder import RowStream
+from twin.kernel.recording.recorder import RowStream, port_fields
 from twin.kernel.writing import json_text
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.experiment.experiment import Experiment
@@ -34,7 +34,6 @@ from twin.robot.scene import (
 from twin.studies.replay.text import TICK
 from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
 from twin.studies.shadow.following import Happening, Rows
-from twin.studies.shadow.recording import fields_of
 from twin.studies.shadow.reidentification import Adaptation
 
 if TYPE_CHECKING:
@@ -191,7 +190,7 @@ class ShadowViewer:
         for name, ports in topics.items():
             whole += [port.kind != "double" for port in ports for _ in range(port.size)]
             self._places[name] = slice(end, end := len(whole))
-            streams.append(RowStream(Topic(name, fields_of(ports), 1), self._places[name]))
+            streams.append(RowStream(Topic(name, port_fields(ports), 1), self._places[name]))
         self._whole, self._answers = np.array(whole), {PROPOSAL: "", ACCEPTED: accepted_values(())}
         # of a topic that has said nothing yet there is no number; what is no fraction has no sign for that
         self._row = np.where(self._whole, 0.0, np.nan)[None]

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.column_map import TIME, MappedColumn
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.column_map import TIME
+from twin.kernel.recording.logs.log import LogRefused, MappedColumn
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
 from twin.kernel.recording.sources.arrival import RobotSource
 from twin.kernel.recording.sources.playback import Playback, logged_topics

@@ -47,7 +47,7 @@ def _limits(
         InputRefused: `fleet` is given and cannot be used; with every mistake of the file.
     """
     from twin.kernel.errors import TwinError
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.shadow.tolerances import FLEET, shipped_fleet, tolerances_of
 
     try:

@@ -4,17 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from twin.kernel.recording.sources.stamps import Counts
 from twin.kernel.writing import finite
 from twin.studies.result import Block, Column, Result, Table, counted, note
 from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
-from twin.studies.shadow.verdict import SIGNALS, verdict_of
-
-if TYPE_CHECKING:
-    from twin.studies.shadow.session import Followed, Running
+from twin.studies.shadow.verdict import SIGNALS, Followed, Running, verdict_of
 
 COLUMNS = 79
 """Of the line; some terminals go on to the next one behind column 80."""
@@ -58,7 +54,7 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
     return line
 
 
-def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) -> Result:
+def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> Result:
     """The whole report; name: of the experiment; files: kind -> path."""
     counts = followed.counts
     rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
@@ -92,14 +88,14 @@ def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) ->
     return Result(head, body, facts, paths, exit_code=1 if verdict.kind == "part" else 0)
 
 
-def _row(key: str, one: "Running") -> list[str | float]:
+def _row(key: str, one: Running) -> list[str | float]:
     kind, _, number = key.partition(" ")
     what, unit, scale = WHAT[kind]
     text = what or (f"joint {number}, plant model" if kind == "joint" else f"command of motor {number}")
     return [text, scale * one.mean, scale * one.rms, scale * one.largest, one.at, unit]
 
 
-def _missing(followed: "Followed") -> str:
+def _missing(followed: Followed) -> str:
     counts = followed.counts
     if not counts.missing and not counts.incomplete and not counts.invalid:
         return "none missing"
@@ -109,7 +105,7 @@ def _missing(followed: "Followed") -> str:
     return ", ".join(parts)
 
 
-def _order(followed: "Followed") -> str:
+def _order(followed: Followed) -> str:
     counts = followed.counts
     parts = [
         f"{number} {what}"
@@ -122,7 +118,7 @@ def _order(followed: "Followed") -> str:
     return ", ".join(parts) or "all messages once and in order"
 
 
-def _clock(followed: "Followed") -> str:
+def _clock(followed: Followed) -> str:
     lateness, offset = followed.lateness, followed.offset
     text = f"messages up to {_ms(lateness.quantile(0.99))} late (99 %), {_ms(lateness.largest)} at most"
     if abs(offset) >= 5e-4:
@@ -157,7 +153,7 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms"
 
 
-def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
+def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
     """All of it in numbers; keys carry units, what does not exist is None."""
     NIS = followed.residuals.get("NIS")
     residuals = {

@@ -12,11 +12,12 @@ from twin.kernel.writing import write_json
 from twin.robot.assembly.load import load_experiment
 from twin.studies.analyse.stability import force_loop_margins
 from twin.studies.command import Say
+from twin.studies.sweep.engine import Engine, Job
+from twin.studies.sweep.interrupts import remembered
 from twin.studies.sweep.measures import HOLD_ERROR, RunFinding
 from twin.studies.sweep.plan import SweepPlan
 from twin.studies.sweep.rows import MARGINS, SweepRows
 from twin.studies.sweep.show.parts import Asked, best_rows
-from twin.studies.sweep.sweep import Engine, Job, remembered
 
 MOST = 12
 """Maximum number of runs, each of which takes about half a second."""

@@ -48,7 +48,7 @@ class RunFinding:
         metrics: by the names of `METRICS`, and "measure.metric" of the experiment's measures; empty unless the run came
             to its end. None, or missing for a measure: there is no such number.
         seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
-        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.worker.findings`; empty unless the run
+        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.claims.findings`; empty unless the run
             is done.
         no_hold: why the run has no hold error; "" if it has one, or no metrics.
     """

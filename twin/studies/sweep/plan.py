@@ -504,6 +504,18 @@ def texts(settings: Sequence[str]) -> tuple[str, ...]:
     return tuple(text for text in settings if text.endswith('"'))
 
 
+def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...]) -> str:
+    """Return the hash of the files that a run reads, and of the values in them.
+
+    Args:
+        drive, settings: of the run; of the settings only `texts` count.
+
+    Raises:
+        InputRefused: they make no experiment.
+    """
+    return _Files(str(experiment), experiment, False).load(drive, texts(settings))[1]
+
+
 class _Files:
     """What runs stand on besides their numbers, read once per drive and choice of texts: digests by these."""
 
@@ -540,7 +552,7 @@ class _Files:
         from twin.robot.assembly.drives import planned as planned_drive
         from twin.robot.assembly.load import load_experiment
         from twin.robot.assembly.roles import digest
-        from twin.studies.sweep.worker import refuse_unfit
+        from twin.studies.sweep.claims import refuse_unfit
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
         try:

@@ -215,7 +215,7 @@ class ClaimShape(TypedDict):
 
 @with_config(_LOOSE)
 class CurvesShape(TypedDict):
-    """What `twin.studies.sweep.measures.packed` makes; a run without any has an empty table."""
+    """What `twin.studies.sweep.claims.packed` makes; a run without any has an empty table."""
 
     period_s: NotRequired[Annotated[float, Field(gt=0, le=1e6)]]
     of: NotRequired[dict[str, str]]

@@ -12,9 +12,9 @@ from twin.kernel.process.job import LONG, JobLimits, cores
 from twin.studies.command import Answer, Argument, AsJson, Interrupted, LimitStep, Option, Say, confirmed, study
 
 if TYPE_CHECKING:
+    from twin.studies.sweep.engine import Engine
     from twin.studies.sweep.plan import SweepFile, SweepPlan
     from twin.studies.sweep.rows import SweepRows
-    from twin.studies.sweep.sweep import Engine
 
 MANY = 100_000
 """Runs from which on a sweep starts only after a question."""
@@ -43,9 +43,7 @@ def sweep_run(
     parquet: Annotated[bool, Option("Also write rows.parquet at the end.")] = False,
     yes: Annotated[bool, Option(f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
     engine: Annotated[EngineName, Option("Local processes, or the workers of a Dask cluster.")] = "local",
-    scheduler: Annotated[
-        str | None, Option("Address of a running Dask cluster; default: start one here.", "ADDRESS")
-    ] = None,
+    scheduler: Annotated[str | None, Option("With --engine dask: address of its scheduler.", "ADDRESS")] = None,
     by: By = None,
     as_json: AsJson = False,
 ) -> Iterator[Answer]:
@@ -64,13 +62,18 @@ def sweep_run(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
-    from twin.robot.experiment.drive_files import sweep_file
+    from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.plan import planned, read_definition
     from twin.studies.sweep.rows import HOME
 
     sweep = sweep_file(sweep)
     definition, _ = read_definition(sweep)
     check_start(str(sweep), definition, yes or dry)
+    if engine == "dask" and not scheduler:
+        raise InputRefused(
+            "--engine dask: no longer starts a cluster; add --scheduler ADDRESS, the address that dask scheduler "
+            "prints, or leave --engine out"
+        )
     if scheduler and engine != "dask":
         raise InputRefused(f"--scheduler {scheduler}: belongs to --engine dask; add that, or leave the address out")
     if scheduler and processes:
@@ -82,7 +85,7 @@ def sweep_run(
     if dry:
         yield _estimated(plan, record, processes, limits, say)
         return
-    yield carried_out(plan, folder, _engine(engine, scheduler, processes), limits, say, record, parquet, by, as_json)
+    yield carried_out(plan, folder, _engine(scheduler, processes), limits, say, record, parquet, by, as_json)
 
 
 def short_sweep(
@@ -101,7 +104,7 @@ def short_sweep(
     Raises:
         InputRefused, Interrupted, TwinError: as `sweep_run`.
     """
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
     from twin.studies.sweep.rows import HOME
 
@@ -113,7 +116,7 @@ def short_sweep(
     plan = plan_of(definition, experiment, experiment.stem, place, settings)
     # other ranges are another sweep; the same command goes on with its own
     folder = out or HOME / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
-    engine, limits = _engine("local", None, cores()), JobLimits(step=limit_step)
+    engine, limits = _engine(None, cores()), JobLimits(step=limit_step)
     return carried_out(_checked(plan, None, yes), folder, engine, limits, say, as_json=as_json)
 
 
@@ -146,7 +149,7 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     if sure:
         return plan
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.run.watch import estimate
+    from twin.robot.run.cost import estimate
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
@@ -158,18 +161,18 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     return plan
 
 
-def _engine(name: EngineName, scheduler: str | None, processes: int) -> "Engine":
-    if name == "local":
-        from twin.studies.sweep.sweep import Pool
+def _engine(scheduler: str | None, processes: int) -> "Engine":
+    if scheduler is None:
+        from twin.studies.sweep.engine import LocalEngine
 
-        return Pool(processes)
+        return LocalEngine(processes)
     try:
-        from twin.studies.sweep.dask.engine import Dask
+        from twin.studies.sweep.dask.engine import DaskEngine
     except ModuleNotFoundError:
         raise InputRefused(
             "--engine dask: needs dask.distributed; install it with pip install 'dask>=2024.8' 'distributed>=2024.8'"
         ) from None
-    return Dask(scheduler, processes)
+    return DaskEngine(scheduler)
 
 
 def _estimated(plan: "SweepPlan", record: Record, processes: int, limits: JobLimits, say: Say) -> Answer:
@@ -209,10 +212,11 @@ def carried_out(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
+    from twin.studies.sweep.engine import LocalEngine
     from twin.studies.sweep.rows import ROWS, stored_sweep, write_parquet
     from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics.ranking import usual_metric
-    from twin.studies.sweep.sweep import Pool, run_sweep, state_text
+    from twin.studies.sweep.sweep import run_sweep, state_text
 
     try:
         run_sweep(plan, folder, engine, record, limits, lambda state: say(state_text(state)))
@@ -225,7 +229,7 @@ def carried_out(
             "the same command runs the others"
         ) from None
     found = stored_sweep(folder)
-    if isinstance(engine, Pool):
+    if isinstance(engine, LocalEngine):
         # linearising takes a second to load
         from twin.studies.sweep.margins import write_margins
 

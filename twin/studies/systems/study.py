@@ -3,49 +3,20 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, Asked, Compile, Option, study
+from twin.studies.command import Argument, Asked, Compile, Option, options_of, study
 from twin.studies.result import Result
+from twin.studies.systems.options import AdditionOptions, MasterOptions, SystemForm
 
 if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter
 
 
-class CouplingScheme(StrEnum):
-    """Who sees whose newest values."""
-
-    GAUSS_SEIDEL = "gauss_seidel"
-    JACOBI = "jacobi"
-
-
-class SystemForm(StrEnum):
-    """What a system can be written as."""
-
-    SSP = "ssp"
-
-
-class FmuKindSolver(StrEnum):
-    """What solves the equations of FMUs for model exchange."""
-
-    CVODE = "cvode"
-    RK4 = "rk4"
-
-
-class LoopCoupling(StrEnum):
-    """What is done about algebraic loops."""
-
-    DELAY = "delay"
-    SOLVE = "solve"
-
-
 def _check_master(asked: Asked) -> None:
-    from twin.kernel.systems.choice import chosen
-
-    chosen(asked)
+    options_of(MasterOptions, asked).choice()
 
 
 def _check_times(asked: Asked) -> None:
@@ -72,60 +43,8 @@ def cosim(
         ),
     ],
     reporter: "Reporter",
-    settings: Annotated[
-        Sequence[str],
-        Option(
-            "Value of a parameter or input, such as Gain1.k=2, s.v=60[rpm]; may be repeated.", "NAME=VALUE", "--set"
-        ),
-    ] = (),
-    parameters: Annotated[
-        Sequence[Path], Option("Values of an SSV file; --set wins over them. May be repeated.", "FILE.ssv", "--ssv")
-    ] = (),
-    inputs: Annotated[
-        Sequence[str],
-        Option(
-            "Input over time: u=step(1.0), u=file.csv:COLUMN[UNIT], u=run.mcap:SIGNAL, or a CSV file whose columns "
-            "are called as inputs are; may be repeated.",
-            "NAME=SOURCE",
-            "--input",
-        ),
-    ] = (),
-    records: Annotated[
-        Sequence[str],
-        Option(
-            "Record these variables, also inputs, parameters and locals: '*.y'; may be repeated.", "PATTERN", "--record"
-        ),
-    ] = (),
-    scheme: Annotated[
-        CouplingScheme | None,
-        Option("gauss_seidel: components one after the other, as in the file; jacobi: all at once."),
-    ] = None,
-    tick_ms: Annotated[float | None, Option("Communication step; default: the system's own.", "MS")] = None,
-    stop_s: Annotated[float | None, Option("Stop time; default: that of the system's default experiment.", "S")] = None,
-    start_s: Annotated[float | None, Option("Start time; default: that of the default experiment.", "S")] = None,
-    kind: Annotated[
-        Sequence[str],
-        Option("Use FMUs that are both as co_simulation or model_exchange; may be repeated.", "[COMPONENT=]KIND"),
-    ] = (),
-    solver: Annotated[
-        FmuKindSolver | None,
-        Option("Of FMUs for model exchange: cvode (default) holds a tolerance, rk4 goes one step per tick."),
-    ] = None,
-    loops: Annotated[
-        LoopCoupling,
-        Option("Algebraic loops: delay one value by a step, or solve them by Newton's method."),
-    ] = LoopCoupling.DELAY,
-    step: Annotated[
-        Sequence[str], Option("Longer step of a component, whole ticks; may be repeated.", "COMPONENT=MS")
-    ] = (),
-    order: Annotated[str, Option("Components that step first; the others follow.", "A,B")] = "",
-    lenient: Annotated[
-        bool,
-        Option(
-            "Let through, and list: enumerations by number, units in brackets, missing functions, FMUs that need their "
-            "tool; round a step that does not divide the run."
-        ),
-    ] = False,
+    added: AdditionOptions,
+    master: MasterOptions,
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
@@ -150,18 +69,16 @@ def cosim(
     Raises:
         InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
     """
-    from twin.kernel.systems.additions import Additions
-    from twin.kernel.systems.choice import chosen
     from twin.studies.result import Note
     from twin.studies.systems.recorded import joined_system, recorded_system, written_system
 
-    choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
+    choice, additions = master.choice(), added.additions()
     (whole, *others), wires = system, list[Note]()
     if others:
         whole, wires = joined_system(system, choice, out if to is not None else None, compiled)
         if to is not None:
             return Result(f"{whole.stem} written as SSP 1.0", wires, {"ssp": str(whole)}, {"ssp": str(whole)})
     if to is not None:
-        return written_system(whole, choice, out, compiled, added)
-    done = recorded_system(reporter, whole, choice, out, compiled, state_every_s, start_from, added)
+        return written_system(whole, choice, out, compiled, additions)
+    done = recorded_system(reporter, whole, choice, out, compiled, state_every_s, start_from, additions)
     return replace(done, body=[*wires, *done.body], files={"system": whole, **done.files}) if others else done

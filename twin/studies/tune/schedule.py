@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.checks.agreement import believed_loop, radius
+from twin.robot.assembly.checks.adaptive_loop import believed_loop, radius
 from twin.robot.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.robot.controller.pid import ScheduledGains
 from twin.robot.controller.tissue import Tissue

@@ -53,7 +53,7 @@ def tune(
     """
     from twin.kernel.writing import made_folder, write_json, write_text
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.tune.prediction import Goals, stiffness_range
     from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_parts, scheduled
     from twin.studies.tune.text import draw_tuning, fragment, tuning_parts

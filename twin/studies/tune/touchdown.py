@@ -5,13 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.kernel.cosim.observers import simulate
-from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.monitor.component import trip_reason
-from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import MEASURES, Values, unmeasured
-from twin.robot.run.outcome import RunOutcome, Tally
+from twin.robot.run.measures import MEASURES, RunOutcome, Values, unmeasured
+from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.tune.prediction import LawGains, with_gains
 
 OVERSHOOT, SETTLING, HOLD = JUDGED = "hold_overshoot", "hold_settling_time", "hold_error"
@@ -67,10 +63,8 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
     if stiffness is not None:
         contact = experiment.contact.model_copy(update={"stiffness": stiffness})
         experiment = replace(experiment, contact=contact, monitor=None)
-    with assemble(with_gains(experiment, gains)) as assembly:
-        tally = Tally(assembly.system, HoldRequest.of(experiment))
-        done = simulate(assembly, experiment.duration_ticks, [tally])
-    return Whole(drive, None if done.failure else tally.outcome, trip_reason(done.simulation), stiffness)
+    done = Runs(RunRequest(tally=True), most=0).run(with_gains(experiment, gains))
+    return Whole(drive, done.numbers, "" if done.failure else done.reason, stiffness)
 
 
 def whole_runs(

@@ -272,12 +272,8 @@ def lasting_swing(t: Matrix, y: Matrix) -> float:
     return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
-def still_and_moved(corner: Corner, gains: LawGains, share: bool = True) -> list[Matrix]:
-    """The true pressing force (N) or height (m) at each tick from the step on (n,), without the step and with it.
-
-    Args:
-        share: False: both runs are made from the start, for comparison.
-    """
+def still_and_moved(corner: Corner, gains: LawGains) -> list[Matrix]:
+    """The true pressing force (N) or height (m) at each tick from the step on (n,), without the step and with it."""
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
     period = experiment.controller.period
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
@@ -303,9 +299,7 @@ def still_and_moved(corner: Corner, gains: LawGains, share: bool = True) -> list
 
     rest, over = (round(time / experiment.cosim.tick) for time in (REST, HORIZON))
     pressed, risen = "plant.F_ee_B", "plant.p_B"
-    runs = forked(
-        partial(assemble, held), rest, rest + over, (pressed, risen), [lambda system: None, step], share=share
-    )
+    runs = forked(partial(assemble, held), rest, rest + over, (pressed, risen), [lambda system: None, step])
     traces = [trace for done, trace in runs if done.completed()]
     return [-run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2] for run in traces]
 

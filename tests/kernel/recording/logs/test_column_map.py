@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.kernel.recording.logs.column_map import MappedColumn, column_map, split_unit, unit
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.column_map import column_map, split_unit, unit
+from twin.kernel.recording.logs.log import LogRefused, MappedColumn
 
 
 def test_file_and_command_line_say_the_same(tmp_path: Path):

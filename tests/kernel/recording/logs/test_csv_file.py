@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs import csv_file
+from twin.kernel.recording.logs import csv_table
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.csv_file import CsvTable, read_table
+from twin.kernel.recording.logs.csv_table import CsvTable, read_table
 from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused
 from twin.kernel.recording.logs.reader import read_log
 
@@ -169,7 +169,7 @@ def test_the_table_is_the_same_however_many_rows_are_converted_together(
     tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
 ):
     one = table(tmp_path, text)
-    monkeypatch.setattr(csv_file, "ROWS_AT_ONCE", 1)
+    monkeypatch.setattr(csv_table, "ROWS_AT_ONCE", 1)
     other = table(tmp_path, text)
     assert (one.head, one.comments, one.wrong) == (other.head, other.comments, other.wrong)
     np.testing.assert_array_equal(one.values, other.values)
@@ -180,7 +180,7 @@ def test_random_numbers_come_back_to_the_last_bit(tmp_path: Path):
     rng = random.Random(7)
     rows = [
         [k, rng.gauss(0, 1), rng.uniform(-1, 1) * 10 ** rng.randint(-300, 90)]
-        for k in range(2 * csv_file.ROWS_AT_ONCE + 500)
+        for k in range(2 * csv_table.ROWS_AT_ONCE + 500)
     ]
     text = "t_s,a,b\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
     assert table(tmp_path, text).values.tolist() == rows

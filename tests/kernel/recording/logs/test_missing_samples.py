@@ -19,7 +19,24 @@ from twin.kernel.recording.logs.log import MAX_INVALID, Log, LogRefused, LogSeri
 from twin.kernel.recording.logs.reader import read_log
 
 EMPTY = ("", " ")
-INVALID = ("nan", "NaN", "inf", "-inf", "null", "None", "N/A", "1e300")
+INVALID = (
+    *("nan", "NaN", "-nan", "inf", "-inf", "Infinity", "null", "None", "N/A", "1e300", "NaT", "missing"),
+    # of C libraries and spreadsheets, and dashes
+    *(
+        "-nan(ind)",
+        "nan(0x8000)",
+        "1.#QNAN",
+        "-1.#IND00",
+        "1.#INF",
+        "#DIV/0!",
+        "#WERT!",
+        "#N/A",
+        "#NAME?",
+        "-",
+        "--",
+        "?",
+    ),
+)
 ROWS = 12
 
 
@@ -77,6 +94,45 @@ def test_a_last_line_that_is_cut_anywhere_costs_at_most_itself(tmp_path: Path):
     # a row in the middle is no end
     with pytest.raises(LogRefused, match="line 4: 2 fields, expected 3"):
         read_text(tmp_path, whole.replace("0.2,-1.5e-3,2.25", "0.2,-1.5e-3"))
+
+
+@examples(40)
+@given(
+    zeros=st.sampled_from([0, 1, 5000]),
+    cut=st.sampled_from([0, 1, 4, 9]),
+    comments=st.sets(st.integers(0, 9)),
+    trailing=st.booleans(),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+)
+def test_what_loggers_leave_between_and_after_the_rows_costs_no_row(
+    tmp_path_factory: pytest.TempPathFactory, zeros: int, cut: int, comments: set[int], trailing: bool, end: str
+):
+    """Comments, a separator after the last field of each row, zeros after a crash."""
+    rows = [f"0.{k},-1.5,{k}.25{',' * trailing}{end}" for k in range(10)]
+    lines = [f"# restarted, at {k}{end}{row}" if k in comments else row for k, row in enumerate(rows)]
+    text = f"t_s,a_N,b_m{end}{''.join(lines)}"
+    log = read_text(tmp_path_factory.mktemp("a"), text[: len(text) - cut] + "\0" * zeros)
+    assert log["b"].values[:9].tolist() == [k + 0.25 for k in range(9)]
+    assert ("zeros at its end are left out" in log.notes) == bool(zeros)
+    assert set(log.series) == {"a", "b"}
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        *("2025-05-01 12:00:00", "2025-05-01T12:00:00.5Z", "20250501T120000Z", "5/1/2025 12:00:00 PM", "1.5.2025"),
+        *("01-May-2025 12:00:00", "1 May 2025", "Thu May  1 12:00:00 2025", "12:00:00.5", "0 days 00:00:00.010"),
+    ],
+)
+@pytest.mark.parametrize("name", ["time", "t_s"])
+def test_dates_are_called_dates(tmp_path: Path, when: str, name: str):
+    with pytest.raises(LogRefused, match=f"time column '{name}' holds the date or time of day"):
+        read_text(tmp_path, f"{name},F_N\n{when},1\n{when},2\n")
+
+
+def test_zeros_in_the_middle_are_no_text(tmp_path: Path):
+    with pytest.raises(LogRefused, match="not a text file"):
+        read_text(tmp_path, "t_s,F_N\n0,1\n\0\0\n1,2\n2,3\n")
 
 
 def test_a_column_that_nobody_asks_for_never_refuses_a_log(tmp_path: Path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.checks.agreement import believed_loop, radius
+from twin.robot.assembly.checks.adaptive_loop import believed_loop, radius
 from twin.robot.assembly.load import load_experiment
 from twin.studies.tune.prediction import LawGains, corners, predicted
 

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.robot.monitor.motions import BELIEF
-from twin.robot.assembly.checks.agreement import contradictions
+from twin.robot.assembly.checks.monitor_limits import contradictions
 from twin.robot.monitor.checks import Monitor
 
 

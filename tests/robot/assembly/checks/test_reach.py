@@ -5,7 +5,7 @@ import pytest
 
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, shipped
 from tests.robot.assembly.checks.test_tasks import told
-from twin.robot.assembly.checks.tasks import obstructed
+from twin.robot.assembly.checks.reach import obstructed
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.workspace import Bars, ball_joint_angles, clearances
 

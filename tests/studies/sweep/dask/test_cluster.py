@@ -1,21 +1,19 @@
-"""Waiting for a cluster, which has an end, and what a cluster of our own shows to others: nothing."""
+"""Waiting for a cluster, which has an end."""
 
 import os
 import signal
 import threading
 import time
-from http.client import HTTPConnection
 from pathlib import Path
 from types import SimpleNamespace
-from unittest import mock
 
 import pytest
 
 from tests.studies.sweep.definitions import job, stiffnesses
 from twin.studies.sweep.dask import engine as engine_module
-from twin.studies.sweep.dask.cluster import connected, difference, ended_within, within
+from twin.studies.sweep.dask.cluster import difference, ended_within, within
 from twin.studies.sweep.dask.engine import _Batches
-from twin.studies.sweep.sweep import remembered
+from twin.studies.sweep.interrupts import remembered
 
 FOREVER = 600.0
 """s; longer than any test may take."""
@@ -78,21 +76,6 @@ def test_ctrl_c_leaves_no_lock_taken_by_what_was_asked():
         within(FOREVER, answer)
     presser.join()
     assert lock.acquire(timeout=FOREVER)
-
-
-# distributed sets variables for the workers that it starts, and leaves them to whatever this process starts later
-@mock.patch.dict(os.environ)
-def test_a_cluster_of_our_own_serves_no_pages():
-    with connected(None, 1) as client:
-        found = client.scheduler_info()
-        ports = [node["services"]["dashboard"] for node in (found, *found["workers"].values())]
-        for port in ports:
-            for page in ("/", "/status", "/health", "/metrics", "/info/main/workers.html", "/json/counts.json"):
-                connection = HTTPConnection("127.0.0.1", port)
-                connection.request("GET", page)
-                assert connection.getresponse().status == 404
-                connection.close()
-    assert len(ports) == 2 and 8787 not in ports
 
 
 def test_versions_that_differ_are_named_and_equal_ones_are_not():

@@ -10,17 +10,17 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.kernel.process.hostile import Command
 from tests.studies.sweep.dask.running import Running, kill
 from tests.studies.sweep.definitions import stiffness_text, stiffnesses, written
-from twin.cli.app import app
+from twin.cli.app import twin_command
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.dask import cluster as cluster_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.cluster import versions
-from twin.studies.sweep.dask.engine import Dask
+from twin.studies.sweep.dask.engine import DaskEngine
 from twin.studies.sweep.plan import SweepPlan
 from twin.studies.sweep.rows import stored_sweep
 from twin.studies.sweep.sweep import run_sweep
@@ -33,9 +33,9 @@ def plan(root: Path, tmp_path: Path) -> SweepPlan:
     return stiffnesses(root, tmp_path, "[500, 600]")
 
 
-def refusal(plan: SweepPlan, folder: Path, scheduler: str | None) -> str:
+def refusal(plan: SweepPlan, folder: Path, scheduler: str) -> str:
     with pytest.raises(InputRefused) as refused:
-        run_sweep(plan, folder, Dask(scheduler, 1))
+        run_sweep(plan, folder, DaskEngine(scheduler))
     assert stored_sweep(folder).rows == []
     return str(refused.value)
 
@@ -111,7 +111,7 @@ def test_without_dask_the_extra_is_named(root: Path, tmp_path: Path):
     """In a process of its own, for here it is imported already."""
     said = subprocess.run(
         [sys.executable, "-c", "import sys; sys.modules['distributed'] = None; from twin.cli import main; main()",
-         "sweep", "stiffness_and_gain", "--engine", "dask", "--out", str(tmp_path / "out")],
+         "sweep", "stiffness_and_gain", "--engine", "dask", "--scheduler", "tcp://a:1", "--out", str(tmp_path / "out")],
         cwd=root, capture_output=True, text=True,
     )  # fmt: skip
     assert said.stderr.endswith("install it with pip install 'dask>=2024.8' 'distributed>=2024.8'\n")
@@ -122,6 +122,7 @@ def test_without_dask_the_extra_is_named(root: Path, tmp_path: Path):
     ("options", "told"),
     [
         (["--scheduler", "tcp://a:1"], "belongs to --engine dask"),
+        (["--engine", "dask"], "--engine dask: no longer starts a cluster; add --scheduler ADDRESS"),
         (
             ["--engine", "dask", "--scheduler", "tcp://a:1", "-j", "2"],
             "tcp://a:1 has the workers it has",
@@ -130,18 +131,21 @@ def test_without_dask_the_extra_is_named(root: Path, tmp_path: Path):
 )
 def test_options_that_contradict_each_other_are_refused(root: Path, options: list[str], told: str):
     sweep = root / "experiments" / "sweeps" / "stiffness_and_gain.toml"
-    result = CliRunner().invoke(app, ["sweep", str(sweep), *options])
+    result = CliRunner().invoke(twin_command(), ["sweep", str(sweep), *options])
     assert isinstance(result.exception, InputRefused)
     assert told in str(result.exception)
 
 
-def test_ctrl_c_keeps_what_is_finished_ends_all_processes_and_says_how_to_go_on(root: Path, tmp_path: Path):
+def test_ctrl_c_keeps_what_is_finished_ends_all_processes_and_says_how_to_go_on(
+    root: Path, tmp_path: Path, cluster: Running
+):
     command = Command(root, tmp_path)
     # batches hold half a second's worth of runs: it takes 15 s, and is not over when the first rows are there
     values = str([500 + number for number in range(1000)])
     sweep = written(tmp_path, stiffness_text(root, values))
+    on_cluster = "--engine", "dask", "--scheduler", cluster.address
     process = subprocess.Popen(
-        [sys.executable, "-m", "twin", "sweep", str(sweep), "--engine", "dask", "--out", "out", "-j", "1"],
+        [sys.executable, "-m", "twin", "sweep", str(sweep), "--out", "out", *on_cluster],
         cwd=tmp_path,
         env={**command.environment, "PYTHONPATH": str(root)},
         stderr=subprocess.PIPE,
@@ -152,7 +156,7 @@ def test_ctrl_c_keeps_what_is_finished_ends_all_processes_and_says_how_to_go_on(
     try:
         while process.poll() is None and not (rows.exists() and rows.stat().st_size):
             time.sleep(0.05)
-        # a terminal sends it to all of them; and some press twice
+        # some press twice
         os.killpg(process.pid, signal.SIGINT)
         os.killpg(process.pid, signal.SIGINT)
         said = process.communicate(timeout=60)[1]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
+from twin.studies.sweep.claims import packed
 from twin.studies.sweep.measures import within
 from twin.studies.sweep.rows import Columns, Row, columns_of
 from twin.studies.sweep.show.parts import Asked, parts
@@ -31,7 +32,6 @@ from twin.studies.sweep.statistics.ranking import (
     value,
     worst_over,
 )
-from twin.studies.sweep.worker import packed
 
 
 def judged(run: int, value: float | None, verdict: str) -> dict:

@@ -20,8 +20,7 @@ from mcap.records import Channel, Schema
 from twin.kernel.files import open_regular, read_text
 from twin.kernel.recording.folder import LATEST, RECORDING
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.column_map import MappedColumn
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogRefused, MappedColumn
 from twin.kernel.recording.logs.topics import LoggedTopic, log_of, merged, topics_in, wanted
 from twin.kernel.recording.summary import LARGEST_RATIO, allowance
 from twin.kernel.writing import written

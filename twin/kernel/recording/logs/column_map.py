@@ -17,13 +17,12 @@ import difflib
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_toml
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogRefused, MappedColumn
 from twin.kernel.units import ATOMS, Unit, known_unit, weight_hint
 
 TIME = "time"
@@ -33,23 +32,6 @@ _KEYS = {"column", "unit", "sign"}
 _BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*")
 _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
 """Names whose m is the motor, not the metre."""
-
-
-@dataclass(frozen=True)
-class MappedColumn:
-    """Where a signal comes from: value in SI = sign * value in `unit`.
-
-    Attributes:
-        name: of the column.
-        unit: as the user wrote it; empty: the column's name carries it.
-        sign: 1 or -1.
-        text: name, unit and sign as one text, if written so: a column may have that very name.
-    """
-
-    name: str
-    unit: str = ""
-    sign: int = 1
-    text: str = field(default="", compare=False)
 
 
 def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:

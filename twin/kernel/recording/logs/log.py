@@ -5,15 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused, nearest
-
-if TYPE_CHECKING:
-    from twin.kernel.recording.logs.column_map import MappedColumn
 
 LARGEST = 1e100
 """No quantity of a robot is larger, and its square is still a number."""
@@ -34,6 +31,23 @@ class LogRefused(InputRefused):
 
 class NoNumbers(LogRefused):
     """A signal is in the log, but with fewer than two numbers."""
+
+
+@dataclass(frozen=True)
+class MappedColumn:
+    """Where a signal comes from: value in SI = sign * value in `unit`.
+
+    Attributes:
+        name: of the column.
+        unit: as the user wrote it; empty: the column's name carries it.
+        sign: 1 or -1.
+        text: name, unit and sign as one text, if written so: a column may have that very name.
+    """
+
+    name: str
+    unit: str = ""
+    sign: int = 1
+    text: str = field(default="", compare=False)
 
 
 class Sampling(NamedTuple):
@@ -179,7 +193,7 @@ class Log:
     notes: tuple[str, ...] = ()
     comments: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
-    columns: Mapping[str, "MappedColumn"] = field(default_factory=dict)
+    columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
         """The scalar series `name`.

@@ -14,7 +14,8 @@ import numpy as np
 
 from twin.kernel.errors import visible
 from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, split_unit
-from twin.kernel.recording.logs.csv_file import SECONDS, CsvTable, read_table
+from twin.kernel.recording.logs.csv_file import SECONDS
+from twin.kernel.recording.logs.csv_table import CsvTable, read_table
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.units import FORCE, Dimension, known_unit
 from twin.kernel.writing import write_text

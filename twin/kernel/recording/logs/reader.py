@@ -15,9 +15,8 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import SQLITE, is_bag, read_bag
-from twin.kernel.recording.logs.column_map import MappedColumn
 from twin.kernel.recording.logs.csv_file import read_csv
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, MappedColumn
 from twin.kernel.recording.logs.topics import MAGIC, read_mcap, written_by_twin
 from twin.kernel.recording.reader import Recording, read
 

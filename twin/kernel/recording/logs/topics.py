@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import nearest
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.column_map import TIME, MappedColumn, split_unit, unit
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, NoNumbers
+from twin.kernel.recording.logs.column_map import TIME, split_unit, unit
+from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, MappedColumn, NoNumbers
 from twin.kernel.recording.messages import RECORD_PREFIX
 from twin.kernel.recording.summary import allowance, unpacked
 from twin.kernel.units import Dimension, Unit

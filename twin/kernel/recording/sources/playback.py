@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.kernel.recording.logs.bag import bag_topics
-from twin.kernel.recording.logs.column_map import MappedColumn
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogRefused, MappedColumn
 from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples
 from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, merged, topics_in
 from twin.kernel.recording.sources.arrival import Arrival

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.column_map import MappedColumn, refuse_unit, split_unit, unit
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.column_map import refuse_unit, split_unit, unit
+from twin.kernel.recording.logs.log import LogRefused, MappedColumn
 from twin.kernel.recording.logs.topics import STAMP, factor_of
 from twin.kernel.recording.writer import OthersTopic
 from twin.kernel.units import Dimension

@@ -14,6 +14,8 @@ import { copied, fresh, History, MOST_PINS, plainView, read, written } from "./s
 const element = (id) => document.getElementById(id);
 const KEPT = 500;
 const DOUBLE = 600;
+/** Place of the margin among the numbers. */
+const MARGIN_AT = 6;
 
 let begun = null;
 let history = new History(fresh());
@@ -49,7 +51,7 @@ const picture = new Picture(() => askAll(), () => {
 });
 const sliders = new Sliders(element("sliders"), element("search"), change);
 
-const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
+const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }), () => showNumbers());
 const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
 const askOnset = () => link.ask({ op: "onset", state: { ...history.now, faults: [] } });
 const faults = new Faults(element("faults"), breakIt, askOnset, () => picture.clock.time);
@@ -185,7 +187,8 @@ function offerBeside({ runs = [], logs = [] }) {
 function change(key, value, over, again) {
   const since = window.event?.timeStamp;
   if (again) history.forget(DOUBLE);
-  if (value === undefined) delete history.now.set[key];
+  // a value typed back is no change
+  if (value === undefined || value === sliders.base(key)) delete history.now.set[key];
   else history.now.set[key] = value;
   sliders.show(history.now.set);
   askNow(since);
@@ -261,7 +264,9 @@ function tellFile(answer) {
 const rounded = (value, digits) => (value === null ? "none" : (Number(value.toFixed(digits)) + 0).toFixed(digits));
 
 function showNumbers() {
-  const boxes = (now.numbers ?? []).map(([name, unit, value, reason, digits, meaning]) => {
+  const numbers = [...(now.numbers ?? [])];
+  if (numbers.length) numbers.splice(MARGIN_AT, 0, loops.tile);
+  const boxes = numbers.map(([name, unit, value, reason, digits, meaning]) => {
     const before = name in file ? rounded(file[name], digits) : undefined;
     const text = rounded(value, digits);
     const old = before !== undefined && before !== text ? [made("span", { className: "before" }, `${before} → `)] : [];
@@ -289,10 +294,10 @@ function namePins() {
       namePins();
       address();
     });
-    const to = made("button", { type: "button", hidden: !pin.state, title: "Return to this state" }, "go");
+    const to = made("button", { type: "button", hidden: !pin.state, title: "Return to this state" }, "Show");
     to.addEventListener("click", () => go(pin.state));
     const away = made("button", { type: "button", title: "Take it off the picture" }, "×");
-    away.setAttribute("aria-label", `Unpin ${pin.name}`);
+    away.setAttribute("aria-label", `Remove ${pin.name}`);
     away.addEventListener("click", () => {
       pins = pins.filter((one) => one !== pin);
       repin();

@@ -1,5 +1,6 @@
 // Faults on the time axis: which kind, of what, when, how large.
 
+import { hearSlider } from "./sliders.js";
 import { MOST_FAULTS } from "./state.js";
 
 const FINE = 1000;
@@ -14,9 +15,11 @@ export class Faults {
     this.list = [];
     this.kind = made("select", {});
     this.kind.setAttribute("aria-label", "Kind of fault");
-    this.add = made("button", { type: "button" }, "Break");
+    this.add = made("button", { type: "button" }, "Add fault");
+    this.meaning = made("small", {});
     this.rows = made("div", {});
-    box.append(made("div", { className: "bar" }, this.kind, this.add), this.rows);
+    box.append(made("div", { className: "bar" }, this.kind, this.add), this.meaning, this.rows);
+    this.kind.addEventListener("change", () => this.explain());
     this.add.addEventListener("click", () => ask());
   }
 
@@ -33,6 +36,12 @@ export class Faults {
     this.duration = duration;
     this.kind.replaceChildren(...kinds.map(({ kind, meaning }) => made("option", { value: kind, title: meaning }, kind)));
     this.form = null;
+    this.explain();
+  }
+
+  /** What the chosen kind is. */
+  explain() {
+    this.meaning.textContent = this.kinds.get(this.kind.value)?.meaning ?? "";
   }
 
   show(list) {
@@ -64,7 +73,7 @@ export class Faults {
   row(number) {
     const known = this.kinds.get(this.list[number].kind);
     const change = (more, over) => this.change(number, more, over);
-    const away = made("button", { type: "button", className: "back" }, "repair");
+    const away = made("button", { type: "button", className: "back" }, "Remove");
     away.addEventListener("click", () => this.changed(this.list.filter((_, i) => i !== number), true));
     const targets = (known?.targets ?? []).map((target) => made("option", { value: target }, target));
     const target = made("select", {}, ...targets);
@@ -92,8 +101,7 @@ export class Faults {
     for (const one of [range, field]) one.setAttribute("aria-label", label);
     const value = () => Number((low + ((high - low) * Number(range.value)) / FINE).toPrecision(DIGITS));
     const typed = () => (Number.isFinite(Number(field.value)) ? Number(field.value) : field.value);
-    range.addEventListener("input", () => change(value(), false));
-    range.addEventListener("change", () => change(value(), true));
+    hearSlider(range, (over) => change(value(), over));
     field.addEventListener("change", () => change(typed(), true));
     node.append(range, made("span", { className: "entry" }, field, made("span", { className: "unit" }, label)));
     return (now) => {

@@ -3,15 +3,16 @@
 import { curve, EDGE, framed, line } from "./diagram.js";
 
 const HEIGHT = 190;
+const QUIET = 400;
 const DECADES = ["0.01", "0.1", "1", "10", "100", "1000"];
 
 const said = (value, unit, digits = 3) => (value === null ? "none" : `${value.toPrecision(digits)} ${unit}`);
 
 export class Loops {
-  /** `ask` is called when the loops are to be seen again: after each change, or once the answer before is there. */
-  constructor(box, ask) {
-    this.box = box;
-    this.ask = ask;
+  /** `ask` is called when the loops are to be seen again: once nothing has changed for a while, or the answer before is
+   * there; `redraw` when the margin is another one. */
+  constructor(box, ask, redraw) {
+    Object.assign(this, { box, ask, redraw, margin: null, reason: "not there yet" });
     this.point = made("select", {});
     this.point.setAttribute("aria-label", "Operating point");
     this.table = made("div", { className: "scroll" });
@@ -23,7 +24,7 @@ export class Loops {
     this.problem = made("p", { className: "bad", role: "status" });
     this.canvases.forEach((figure) => figure.classList.add("loop"));
     box.append(this.point, this.problem, this.table, made("div", { className: "diagrams" }, ...this.canvases));
-    box.addEventListener("toggle", () => this.changed());
+    box.addEventListener("toggle", () => (this.found ? this.draw() : this.changed()));
     this.point.addEventListener("change", () => {
       this.chosen = Number(this.point.value);
       this.changed();
@@ -33,10 +34,19 @@ export class Loops {
 
   /** The state is another one. */
   changed() {
-    if (!this.box.open) return;
     this.stale = Boolean(this.waiting);
-    if (!this.waiting) this.waiting = this.ask(this.chosen);
-    this.box.ariaBusy = String(Boolean(this.waiting));
+    this.reason = "being computed";
+    if (this.waiting) return;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.waiting = this.ask(this.chosen);
+      this.box.ariaBusy = String(Boolean(this.waiting));
+    }, this.box.open ? 0 : QUIET);
+  }
+
+  /** The smallest margins of all loops, as a number above the plots. */
+  get tile() {
+    return ["loops' margin", "dB", this.margin, this.reason, 1, "smallest gain margin of all loops at the operating point; see Loops below"];
   }
 
   /** No answer will come to what was asked for. */
@@ -50,6 +60,10 @@ export class Loops {
     this.lost();
     this.problem.textContent = answer.refused ?? answer.failed ?? (answer.stable ? "" : "Unstable at this point: there are no margins.");
     this.box.classList.toggle("old", !answer.loops);
+    const gains = (answer.loops ?? []).map(({ gain_dB }) => gain_dB).filter((gain) => gain !== null);
+    this.margin = gains.length ? Math.min(...gains) : null;
+    this.reason = gains.length ? "" : answer.loops ? (answer.stable ? "none is limited" : "unstable") : "no linear model";
+    this.redraw();
     if (!answer.loops) return;
     this.found = answer;
     this.point.replaceChildren(...answer.points.map((text, value) => made("option", { value }, text)));

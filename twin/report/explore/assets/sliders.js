@@ -18,6 +18,24 @@ export function valueAt(slider, position) {
   return kind === "whole" ? Math.round(value) : Number(value.toPrecision(DIGITS));
 }
 
+/** Hear of the movements of a slider: `moved` is called with whether it is over. Keys that are held are one movement. */
+export function hearSlider(range, moved) {
+  let held = false;
+  let going = false;
+  range.addEventListener("keydown", () => (held = true));
+  range.addEventListener("input", () => {
+    going = held;
+    moved(false);
+  });
+  range.addEventListener("change", () => held || moved(true));
+  const release = () => {
+    held = false;
+    if (going) moved(true);
+    going = false;
+  };
+  for (const end of ["keyup", "blur"]) range.addEventListener(end, release);
+}
+
 const shown = (value) => (typeof value === "number" ? String(Number(value.toPrecision(10))) : String(value ?? ""));
 
 export class Sliders {
@@ -80,17 +98,15 @@ export class Sliders {
   }
 
   row(slider) {
-    const { key, unit, kind, help } = slider;
-    // lines may break behind dots and underscores
-    const parts = key.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]);
-    const name = made("label", { title: help, htmlFor: `value-${key}` }, ...parts);
+    const { key, kind, help } = slider;
+    const name = made("label", { htmlFor: `value-${key}` }, help);
     const back = made("button", { type: "button", className: "back", hidden: true, title: "As in the file" }, "back");
     const change = (value, over, again = false) => this.changed(key, value, over, again);
     back.addEventListener("click", () => change(undefined, true));
     const node = made("div", { className: "setting" }, made("div", { className: "head" }, name, back));
     node.dataset.key = key;
     const put = this[kind === "choice" || kind === "switch" ? "choice" : "number"](slider, node, change);
-    node.append(made("small", {}, unit && kind !== "pace" ? `${help} (${unit})` : help));
+    node.append(made("small", { className: "key" }, key));
     return {
       node,
       put: (value, isChanged) => {
@@ -103,11 +119,10 @@ export class Sliders {
 
   number(slider, node, change) {
     const range = made("input", { type: "range", min: 0, max: FINE, step: 1 });
-    range.setAttribute("aria-label", slider.key);
+    range.setAttribute("aria-label", slider.help);
     const field = made("input", { type: "text", inputMode: "decimal", id: `value-${slider.key}`, autocomplete: "off" });
     node.append(range, made("span", { className: "entry" }, field, made("span", { className: "unit" }, slider.unit)));
-    range.addEventListener("input", () => change(valueAt(slider, Number(range.value)), false));
-    range.addEventListener("change", () => change(valueAt(slider, Number(range.value)), true));
+    hearSlider(range, (over) => change(valueAt(slider, Number(range.value)), over));
     range.title = `Double click: ${shown(slider.default ?? slider.value)}`;
     range.addEventListener("dblclick", () => {
       const usual = slider.default ?? undefined;

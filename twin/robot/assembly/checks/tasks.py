@@ -1,147 +1,22 @@
-"""Feasibility of reference and tasks: reach, room, speed, force.
-
-Whether the robot gets wherever the reference leads it.
-
-Whether the robot bends or meets itself on its way.
-
-What is looked at before a task runs: can the robot get there, is it fast enough, may it press so hard.
-"""
+"""Feasibility of tasks: room, speed and force."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import Unreachable
-from twin.kernel.settings import Triple
+from twin.robot.assembly.checks.reach import obstructed, unreachable
 from twin.robot.controller.program import Approach, Push, Roll, Tap, Task
 from twin.robot.controller.task_controller import Computer
-from twin.robot.experiment.schema import WayPoints
-from twin.robot.mechanism.geometry import Geometry, geometry_of
-from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.monitor.checks import Monitor
 from twin.robot.plant.contact import Shape, surface_depth, surface_frame
 from twin.robot.plant.contact_law import elastic_force
 from twin.robot.plant.dynamics import PlantParameters, TrueRobot
-
-
-def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
-    """(which pose, why) the robot cannot be at one of `p_B` (n, 3) in m, all of which it reaches; None if it can.
-
-    What the robot's file does not state does not limit it.
-    """
-    geometry, places = geometry_of(plant), np.asarray(p_B)
-    if (met := _at_a_stop(plant, geometry, places)) is not None:
-        return met
-    if plant.ball_joint_limit is not None:
-        angles = ball_joint_angles(geometry, places)
-        if angles.max() > plant.ball_joint_limit:
-            pose, leg = divmod(int(np.argmax(angles > plant.ball_joint_limit)), 3)
-            return pose, (
-                f"at {_format_position(places[pose])} the ball joints of leg {leg + 1} bend by "
-                f"{np.degrees(angles[pose, leg]):.1f} deg, their sockets let them by [plant] "
-                f"ball_joint_limit_deg = {np.degrees(plant.ball_joint_limit):g}; move the point towards the axis"
-            )
-    sizes = plant.link_diameter, plant.rod_diameter, plant.rod_spacing
-    if None not in sizes:
-        gaps, pairs = clearances(geometry, Bars(*sizes), places)  # type: ignore[arg-type]
-        if gaps.min() < 0.0:
-            pose = int(np.argmax(gaps < 0.0))
-            one, other = (f"{'a rod' if bar % BARS else 'the link'} of leg {bar // BARS + 1}" for bar in pairs[pose])
-            inside = -1e3 * gaps[pose]
-            return pose, (
-                f"at {_format_position(places[pose])} {one} and {other} are {inside:.1f} mm inside each other "
-                "with [plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
-            )
-    return None
-
-
-def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
-    """As `obstructed`, of the joints' hard stops."""
-    if plant.joint_lower is None and plant.joint_upper is None:
-        return None
-    theta_l = joint_angles(geometry, places)
-    for stop, key, way in ((plant.joint_lower, "joint_lower_deg", -1.0), (plant.joint_upper, "joint_upper_deg", 1.0)):
-        if stop is not None and (beyond := way * (theta_l - stop)).max() > 0.0:
-            pose, leg = divmod(int(np.argmax(beyond > 0.0)), 3)
-            angle = np.degrees(theta_l[pose, leg])
-            return pose, (
-                f"at {_format_position(places[pose])} joint {leg + 1} is at {angle:.1f} deg, beyond "
-                f"its hard stop [plant] {key} = {np.degrees(stop):g}; move the point"
-            )
-    return None
-
-
-def _format_position(p_B: NDArray[np.float64]) -> str:
-    return "({}) mm".format(", ".join(f"{1e3 * value:.1f}" for value in p_B))
-
-
-WAY_POINT_SPACING = 1e-3
-"""How densely (m) straight lines are checked for reach."""
-
-
-def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
-    """Why the robot cannot be at one of `p_B` (..., 3) in m, of that pose alone; None if it can."""
-    try:
-        joint_angles(geometry, p_B)
-    except Unreachable as problem:
-        # of many poses the sentence would name the index; of the pose alone it does not
-        return problem if p_B.ndim == 1 else unreachable(geometry, np.array(problem.pose))
-    return None
-
-
-def reference_mistakes(
-    reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None
-) -> list[str]:
-    """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`, or at
-    which `plant` bends too far or meets itself."""
-    return list(_pose_mistakes(reference, tuple(geometries), plant))
-
-
-# the runs of a sweep have one way, mostly, and so have the studies of an experiment
-@lru_cache(64)
-def _pose_mistakes(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
-    if len(reference.t) != len(reference.p):
-        return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
-    for geometry in geometries:
-        if unreachable(geometry, np.array(reference.p)) is None:
-            continue
-        for number, point in enumerate(reference.p, start=1):
-            if problem := unreachable(geometry, np.array(point)):
-                if reference.shape:
-                    return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
-                return [f"[reference] way point {number}: {problem}"]
-    # only now: between points beyond reach a line has any number of points
-    places, ends = _lines(reference.p)
-    for geometry in geometries:
-        if unreachable(geometry, places) is None:
-            continue
-        for number, line in enumerate(np.split(places, ends[:-1]), start=1):
-            if problem := unreachable(geometry, line):
-                return [f"[reference] between way points {number} and {number + 1}: {problem}"]
-    if plant is not None and (found := obstructed(plant, places)):
-        number = int(np.searchsorted(ends, found[0], side="right")) + 1
-        if reference.shape:
-            return [f"[reference.{reference.shape}] from {reference.t[number - 1]:g} s on: {found[1]}"]
-        return [f"[reference] from way point {number} on: {found[1]}"]
-    return []
-
-
-def _lines(points: tuple[Triple, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Each way point, with points on the line towards the next: all of them (n, 3), and of each line where it ends."""
-    starts = np.array(points)
-    ways = np.diff(starts, axis=0, append=starts[-1:])
-    counts = 1 + (np.linalg.norm(ways, axis=1) / WAY_POINT_SPACING).astype(int)
-    ends = np.cumsum(counts)
-    number = np.repeat(np.arange(len(counts)), counts)
-    within = np.arange(len(number)) - (ends - counts)[number]
-    return starts[number] + (within / counts[number])[:, None] * ways[number], ends
-
 
 SPACING = 1e-3
 """How densely (m) paths are looked at."""

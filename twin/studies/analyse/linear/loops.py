@@ -96,7 +96,6 @@ def fitted_drive(
         response: (n, 2), advance per tick over omega_ref (rad per rad/s) and tau_load (rad per N m).
         uncertainty: standard deviation of `response` (n, 2).
         tick: s.
-        label: what an error calls the drive.
 
     Raises:
         InputRefused: no stable model comes close: the drive does not answer in proportion.

@@ -24,6 +24,7 @@ the safe side (Doyle 1982, IEE Proc D 129:242; Packard and Doyle 1993, Automatic
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import control
@@ -278,7 +279,8 @@ BETWEEN = 25
 """Frequencies looked at between that of the smallest margin and the next ones, twice."""
 
 
-class DiskMargin(NamedTuple):
+@dataclass(frozen=True)
+class DiskMargin:
     """How far all loops of the linear model may be off at once, at the frequencies that were looked at.
 
     Attributes:
@@ -299,9 +301,7 @@ class DiskMargin(NamedTuple):
         """By which each phase may be off (rad)."""
         return float(2.0 * np.arctan(0.5 * self.alpha))
 
-    def facts(self) -> dict[str, float | None]:
-        """For JSON, SI."""
-        return {"alpha": self.alpha, "frequency": self.frequency, "gain": self.gain, "phase": self.phase}
+    JSON_KEYS = "alpha frequency gain phase"
 
 
 def smallest_disk(S: Complex, skew: float = 0.0) -> tuple[int, float]:

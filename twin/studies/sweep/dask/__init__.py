@@ -1,1 +1,1 @@
-"""The engine of a Dask cluster: files that runs need are sent once, runs as numbers."""
+"""The engine of a Dask cluster, whose machines share a folder: runs go out as numbers, rows come back."""

@@ -1,12 +1,10 @@
-"""Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do; of
-machines on which runs give the same bits as here; and its answers, each awaited for a limited time."""
+"""Connection to a Dask cluster whose machines give the same bits as this one, with a timeout for each answer."""
 
 import asyncio
 import functools
 import hashlib
 import logging
 import platform
-import signal
 import sys
 import threading
 import time
@@ -15,29 +13,22 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
-import dask.config
-from distributed import Client, LocalCluster, Security
+from distributed import Client, Security
 from distributed.comm import connect
 
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.places import PACKAGE, sources
-from twin.kernel.process.process import others_safe
-from twin.studies.left_behind import dask_folder
-from twin.studies.sweep.sweep import HEAR, raise_if_pressed
+from twin.kernel.process.warm import BATCH_TIMEOUT
+from twin.studies.sweep.interrupts import raise_if_pressed
 
 PATIENCE = 5.0
-"""Seconds for a scheduler to answer, and for its first worker to be there."""
+"""Timeout (s) for a scheduler to answer, and for its first worker."""
 ANSWER = 60.0
-"""Seconds for an answer of a cluster that is at work."""
-TRANSFER = 600.0
-"""The same if files travel with it."""
-START = 120.0
-"""Seconds for a cluster of this machine to be there, its workers with it."""
+"""Timeout (s) for an answer of a cluster in use."""
 END = 20.0
-"""Seconds for it to be gone, and for anything else that is waited for when a sweep is over."""
+"""Timeout (s) for each step of ending a sweep."""
 PACKAGES = ("numba", "llvmlite", "numpy", "fmpy")
 
 T = TypeVar("T")
@@ -72,7 +63,7 @@ def within(
 
     threading.Thread(target=work, daemon=True).start()
     deadline = time.monotonic() + limit
-    while not wait([answer], HEAR).done:
+    while not wait([answer], BATCH_TIMEOUT).done:
         hear()
         if time.monotonic() > deadline:
             raise TimeoutError(f"no answer within {limit:g} s")
@@ -86,22 +77,20 @@ def ended_within(limit: float, call: Callable[..., object], *arguments: Any, **n
 
 
 @contextmanager
-def connected(scheduler: str | None, processes: int) -> Iterator[Client]:
-    """A client of the cluster of `scheduler`, or of a new one with `processes` workers on this machine.
+def connected(scheduler: str) -> Iterator[Client]:
+    """Yield a client of the cluster at the address `scheduler`.
 
     Raises:
-        InputRefused: that address does not answer, there are no workers, or one is not like this machine.
-        ClusterLost: the new one does not start.
+        InputRefused: no scheduler answers there, it has no workers, or one is not like this machine.
+        ClusterLost: it stops answering.
     """
     with ExitStack() as ends:
         ends.enter_context(_quiet())
-        if scheduler:
-            _refuse_no_scheduler(scheduler)
-        address = scheduler or ends.enter_context(_local_cluster(processes))
+        _refuse_no_scheduler(scheduler)
         try:
-            client = within(ANSWER, Client, address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
+            client = within(ANSWER, Client, scheduler, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
         except TimeoutError:
-            raise ClusterLost(f"{scheduler or 'the cluster of this machine'}: no answer within {ANSWER:g} s") from None
+            raise ClusterLost(f"{scheduler}: no answer within {ANSWER:g} s") from None
         ends.callback(ended_within, END, client.close, timeout=PATIENCE)
         try:
             within(ANSWER, client.wait_for_workers, 1, timeout=PATIENCE)
@@ -208,50 +197,6 @@ def _refuse_no_scheduler(address: str) -> None:
         f"--scheduler {address}: no Dask scheduler answers there ({reason}); expected the address that dask scheduler "
         "prints, such as tcp://127.0.0.1:8786"
     )
-
-
-@contextmanager
-def _local_cluster(processes: int) -> Iterator[LocalCluster]:
-    """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
-    abandoned = threading.Event()
-
-    def started() -> LocalCluster:
-        # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers do not
-        # hear it: they inherit what is blocked in the thread that starts them
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        # every web page may ask what Dask serves: it serves nothing, at ports that are not known beforehand
-        routes: dict[str, list[str]] = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
-        with dask.config.set({"temporary-directory": str(folder), **routes}):
-            cluster = LocalCluster(
-                n_workers=processes,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                # runs live in processes of their own, with a limit of their own
-                memory_limit=0,
-                silence_logs=logging.CRITICAL + 1,
-                # what is tried again is for us to say
-                scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                worker_dashboard_address=None,
-            )
-        if abandoned.is_set():
-            cluster.close()
-        return cluster
-
-    with others_safe(), dask_folder() as folder:
-        # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
-        resource_tracker.ensure_running()
-        try:
-            # Ctrl-C is answered when it is there, because half a cluster cannot be ended
-            cluster = within(START, started, hear=lambda: None)
-        except BaseException as problem:
-            abandoned.set()
-            if isinstance(problem, TimeoutError):
-                raise ClusterLost(f"the Dask cluster of this machine did not start within {START:g} s") from None
-            raise
-        try:
-            yield cluster
-        finally:
-            ended_within(END, cluster.close)
 
 
 @contextmanager

@@ -1,24 +1,22 @@
 """The engine of a Dask cluster: runs go out in small batches, a few for each thread, and come back as they are done."""
 
-import shutil
 import time
 import uuid
 from collections import deque
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import CancelledError
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 from distributed import Client, Future, KilledWorker, as_completed
 
-from twin.kernel.errors import ComponentFailed, InputRefused, NotWritten, TwinError
-from twin.kernel.writing import made_folder, write_bytes
-from twin.studies.sweep.dask.cluster import ANSWER, END, TRANSFER, ClusterLost, connected, ended_within, within
-from twin.studies.sweep.dask.worker import Bundle, EndPlugin, RunResult, SweepPlugin, run_tasks
+from twin.kernel.errors import ComponentFailed, TwinError
+from twin.studies.sweep.dask.cluster import ANSWER, END, ClusterLost, connected, ended_within, within
+from twin.studies.sweep.dask.worker import EndPlugin, RunFacts, SweepPlugin, run_tasks
+from twin.studies.sweep.engine import Job, Result
+from twin.studies.sweep.interrupts import raise_if_pressed
 from twin.studies.sweep.measures import failure
-from twin.studies.sweep.plan import Task
-from twin.studies.sweep.rows import DiskFailed
-from twin.studies.sweep.sweep import Job, Result, raise_if_pressed
+from twin.studies.sweep.plan import Task, files_digest, texts
 
 BATCH_SECONDS = 0.5
 """What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
@@ -37,16 +35,11 @@ NO_WORKERS = 30.0
 DIED = failure("the Dask worker died whenever it was tried")
 
 
-class Dask:
-    """An `Engine` of the workers of a Dask cluster.
+class DaskEngine:
+    """An `Engine` of the workers of the Dask cluster at the address `scheduler`."""
 
-    Args:
-        scheduler: its address; None: a cluster of this machine that lives as long as the sweep.
-        processes: workers of that.
-    """
-
-    def __init__(self, scheduler: str | None, processes: int):
-        self._scheduler, self._processes = scheduler, processes
+    def __init__(self, scheduler: str):
+        self._scheduler = scheduler
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
         """See `Engine`.
@@ -55,13 +48,13 @@ class Dask:
             InputRefused: there is no such cluster, it has no workers, or they are not like this machine.
             ClusterLost: it was there and is gone.
         """
-        bundle = Bundle(job.experiment)
-        packed = [bundle.packed(task) for task in tasks]
-        with connected(self._scheduler, min(self._processes, len(tasks))) as client:
+        files = dict.fromkeys((task.drive, texts(task.settings)) for task in tasks)
+        job = replace(job, files={each: files_digest(job.experiment, *each) for each in files})
+        with connected(self._scheduler) as client:
             batches = _Batches(client, job, tasks)
             try:
-                batches.begin(bundle)
-                yield from batches.results(packed)
+                batches.begin()
+                yield from batches.results()
             finally:
                 batches.stop()
 
@@ -79,23 +72,25 @@ class _Batches:
         self._seconds = BATCH_SECONDS
         self._threads, self._looked, self._worker_seen = 1, -LOOK, time.monotonic()
 
-    def begin(self, bundle: Bundle) -> None:
-        """Give every worker, those that join later too, what runs stand on.
+    def begin(self) -> None:
+        """Register the sweep with the scheduler and every worker, also those that join later.
 
         Raises:
-            ClusterLost: they do not take it.
+            ClusterLost: they do not answer.
         """
-        for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job, bundle)):
+        for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job)):
             try:
-                within(TRANSFER, self._client.register_plugin, plugin)
+                within(ANSWER, self._client.register_plugin, plugin)
             except OSError as problem:
                 raise ClusterLost(
-                    f"{self._address}: its workers did not take the files ({problem}); give the same command again"
+                    f"{self._address}: its workers did not take the sweep ({problem}); give the same command again"
                 ) from None
 
-    def results(self, packed: Sequence[Task]) -> Generator[list[Result]]:
-        """Of all tasks, `packed`, as `Dask.results`."""
-        waiting, left = deque(packed), len(packed)
+    def results(self) -> Generator[list[Result]]:
+        """See `DaskEngine.results`."""
+        # a run needs no more than this
+        waiting = deque(replace(task, key="", parameters={}) for task in self._tasks.values())
+        left = len(waiting)
         # a batch whose worker died is tried again run by run: only that shows which of them is to blame
         suspects: deque[Task] = deque()
         while left:
@@ -185,30 +180,9 @@ class _Batches:
         problem = reply[1] if isinstance(reply, tuple) else reply
         raise ComponentFailed(f"a worker of {self._address} cannot run a sweep: {type(problem).__name__}: {problem}")
 
-    def _received(self, reply: Sequence[RunResult]) -> list[Result]:
-        """The results in `reply`, recordings kept."""
-        for each in reply:
-            _keep_recording(self._job.recordings / f"{each.run:06d}", each.files)
-        costs = [each.facts["seconds"] for each in reply if each.facts["seconds"]]
+    def _received(self, reply: Sequence[RunFacts]) -> list[Result]:
+        """The results in `reply`."""
+        costs = [facts["seconds"] for _, facts in reply if facts["seconds"]]
         if costs:
             self._seconds += 0.3 * (sum(costs) / len(costs) - self._seconds)
-        return [(self._tasks[each.run], each.facts) for each in reply]
-
-
-def _keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Make `folder` that of a run with `files`; without files nothing is done.
-
-    Raises:
-        DiskFailed: they cannot be written; nothing of them is left.
-    """
-    if not files:
-        return
-    # what an interrupted sweep left of the same run
-    shutil.rmtree(folder, ignore_errors=True)
-    try:
-        made_folder(folder)
-        for name, content in files.items():
-            write_bytes(folder / name, content)
-    except (InputRefused, NotWritten) as problem:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise DiskFailed(f"{problem}; finished runs are kept. Make room, then give the same command to go on") from None
+        return [(self._tasks[run], facts) for run, facts in reply]

@@ -302,7 +302,7 @@ def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
         NotWritten: the disk refuses.
     """
     # takes a while to import, and few sweeps judge claims
-    from twin.studies.paper.fig4_measures import FP_BASED, FP_REFERENCE, P_BASED
+    from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, P_BASED
 
     runs = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
     with picture(path, 12, 10.5) as figure:

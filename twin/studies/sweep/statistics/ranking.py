@@ -26,8 +26,8 @@ USUAL_METRICS = (HOLD_ERROR, SINCE_TOUCH, "lateral_error_mm")
 """Metrics to rank by unless one is chosen: the first that some run has."""
 USUAL_AGAINST = (SETTLING, HOLD_ERROR, OVERSHOOT, "lateral_error_mm")
 """The other metric of the Pareto front, likewise."""
-UNRANKED = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "felt_stiffness_N_per_m",
-            "chatter_frequency_Hz")  # fmt: skip
+UNRANKED = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "holds_count",
+            "felt_stiffness_N_per_m", "chatter_frequency_Hz")  # fmt: skip
 UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
 """Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
 other metric less is better."""
@@ -521,7 +521,7 @@ def bands(rows: Sequence[Row]) -> Bands | None:
         InputRefused: curves of a run that twin sweep does not write, or other ones than those of the runs before.
     """
     # judging takes a while to import, and few sweeps have claims
-    from twin.studies.sweep.worker import unpacked
+    from twin.studies.sweep.claims import unpacked
 
     all_curves = []
     for row in rows:

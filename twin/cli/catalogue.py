@@ -1,0 +1,61 @@
+"""The commands of twin by their names, found in the text of the files that hold them: nothing is imported."""
+
+import re
+from collections.abc import Mapping
+from inspect import cleandoc
+from pathlib import Path
+from typing import NamedTuple
+
+FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
+"""Packages whose files hold commands, and the `study.py` of their folders."""
+DECLARED = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
+
+
+class CommandText(NamedTuple):
+    """A command as the text of its file has it: module, function, and its help."""
+
+    module: str
+    function: str
+    help: str
+
+
+def declared() -> dict[str, CommandText]:
+    """All commands by their words, such as `drive check`."""
+    found = {}
+    for package, folder in FOLDERS.items():
+        for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
+            module = ".".join([package, *file.relative_to(folder).with_suffix("").parts])
+            for words, function, text in DECLARED.findall(file.read_text("utf-8")):
+                # what a program can act on is not for who types the command
+                help_text = cleandoc(text).partition("\n\nRaises:")[0]
+                found[words or function] = CommandText(module, function, help_text)
+    return found
+
+
+class CommandGroup(NamedTuple):
+    """Commands of two words that begin with the same one: their help, and the command that no second word means."""
+
+    help: str
+    default: str = ""
+
+
+GROUPS: Mapping[str, CommandGroup] = {
+    "sweep": CommandGroup(
+        "Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP.\n\n"
+        "Options: twin sweep run --help.\n\n"
+        "Example: twin sweep experiments/sweeps/stiffness_and_gain.toml --dry-run",
+        default="run",
+    ),
+    "drive": CommandGroup("Look at drive FMUs, qualify, compare and bring them in."),
+    "component": CommandGroup("Look at and check third-party parts of the robot."),
+    "log": CommandGroup("Bring in the log of a robot: which column is which signal."),
+}
+SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "Run": ("run", "explore", "sweep", "branch", "cosim"),
+    "Choose": ("drive", "tune", "analyse", "component"),
+    "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
+    "Beside a robot": ("replay", "identify", "shadow", "log"),
+    "Hand on": ("export", "build"),
+    "Look after": ("runs", "init", "schema", "doctor"),
+}
+"""Headings of the help, and the commands below each, the most used first."""

@@ -1,0 +1,73 @@
+"""Words that a shell offers at TAB: nothing is imported but what reads TOML files."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.places import located
+
+
+def experiment_files(incomplete: str) -> list[str]:
+    """Experiments of this folder and of experiments/; by name, those that come with twin."""
+    files = [*Path().glob("*.toml"), *Path("experiments").glob("*.toml")]
+    return _starting_with(incomplete, map(str, files)) or experiment_names(incomplete)
+
+
+def experiment_names(incomplete: str) -> list[str]:
+    """Experiments that come with twin, without folder and suffix."""
+    from twin.robot.experiment.experiment_files import known_experiments
+
+    return _starting_with(incomplete, known_experiments())
+
+
+def drive_names(incomplete: str) -> list[str]:
+    """Drives of fmus/."""
+    shelf = located("fmus", Path.cwd())
+    fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
+    return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
+
+
+def role_names(incomplete: str) -> list[str]:
+    """Parts of the robot that may be third-party."""
+    from twin.robot.experiment.source import RETAINED
+
+    return _starting_with(incomplete, RETAINED)
+
+
+def body_names(incomplete: str) -> list[str]:
+    """Bodies of bodies/ and experiments/bodies/."""
+    from twin.robot.experiment.experiment_files import FOLDERS
+
+    bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
+    return _starting_with(incomplete, bodies)
+
+
+def setting_keys(incomplete: str) -> list[str]:
+    """Keys that the experiments on the line, or what they extend, already set."""
+    from twin.robot.experiment.source import read_source
+
+    keys: set[str] = set()
+    # the parser gives up on the whole line while an option lacks its value; the line itself is what shells hand over
+    for word in os.environ.get("COMP_WORDS", "").split():
+        try:
+            keys |= read_source(Path(word)).origins.keys() if word.endswith(".toml") else set()
+        # a line that is still being typed holds no mistake yet
+        except InputRefused:
+            continue
+    return _starting_with(incomplete, (f"{key}=" for key in keys))
+
+
+def _starting_with(incomplete: str, words: Iterable[str]) -> list[str]:
+    return sorted(word for word in words if word.startswith(incomplete))
+
+
+COMPLETIONS: Mapping[str, Callable[[str], list[str]]] = {
+    "experiment": experiment_files,
+    "experiment name": experiment_names,
+    "drive": drive_names,
+    "body": body_names,
+    "setting": setting_keys,
+    "role": role_names,
+}
+"""By the name that an option's `complete` has."""

@@ -1,0 +1,165 @@
+"""Warm processes: what one answer has imported, compiled and unpacked is there for the next one."""
+
+import queue
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import Any, Generic, Self, TypeVar
+
+from twin.kernel.process.guard import POLL, Watchdog, raise_failure
+from twin.kernel.process.job import JobLimits
+from twin.kernel.process.process import GuardedProcess, process_for
+
+BATCH_TIMEOUT = 0.1
+"""Maximum time (s) that `Pool.answers` waits for a batch."""
+MEMORY_SHARE = 0.5
+"""Maximum share of the memory limit at the end of an answer: beyond it the next answer gets a fresh process, and is not
+charged with what others left behind."""
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+
+class WarmProcess:
+    """A guarded process that does one job again and again; a context manager that ends it.
+
+    A crash, a hang or a limit costs the answer in progress and nothing else: the next one gets a fresh process.
+
+    Args:
+        job: see `function_called`.
+        limits: of the process.
+        check: called at least every `POLL` s during an answer; an exception gives the answer up.
+    """
+
+    def __init__(self, job: str, limits: JobLimits, check: Callable[[], None] = lambda: None):
+        self._job, self._limits, self._check = job, limits, check
+        self._process: GuardedProcess | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process; a later answer gets a fresh one."""
+        if self._process:
+            self._process.close()
+        self._process = None
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the next answer is the first one of its process."""
+        return self._process is None
+
+    @property
+    def memory(self) -> int:
+        """Resident memory (bytes); 0 without a process, or where the system does not report it."""
+        return self._process.memory if self._process else 0
+
+    def answer(self, arguments: Mapping[str, Any]) -> Any:
+        """Return the result of the job, called with `arguments`, through JSON.
+
+        Raises:
+            JobEnded, JobEndedLoading: the process ended, or exceeded a limit.
+            TwinError: the job raised one, or `check` did.
+        """
+        if self._process is None:
+            self._process = process_for(self._job)
+            self._watch = Watchdog(self._process, self._limits)
+        process = self._process
+        process.start(dict(arguments))
+        try:
+            while True:
+                for report in process.reports(POLL):
+                    self._watch.account.take(report)
+                    raise_failure(report)
+                    if "finished" in report:
+                        if process.memory > MEMORY_SHARE * self._limits.memory:
+                            self.close()
+                        return report["finished"]
+                self._watch.raise_if_over()
+                self._check()
+        except BaseException:
+            self.close()
+            raise
+
+
+class _Stopped(Exception):
+    """The pool has been closed."""
+
+
+class Pool(Generic[Task, Answer]):
+    """Warm processes, a thread each; a context manager that ends them, whatever they are doing.
+
+    Args:
+        count: of processes; each starts with its first task.
+        job, limits: see `WarmProcess`.
+        ask: returns the answer to a task, made by a process.
+    """
+
+    def __init__(self, count: int, job: str, limits: JobLimits, ask: Callable[[WarmProcess, Task], Answer]):
+        self._job, self._limits, self._ask = job, limits, ask
+        self._waiting: queue.SimpleQueue[tuple[Task, queue.SimpleQueue[Any]] | None] = queue.SimpleQueue()
+        self._stopping = threading.Event()
+        self._threads = [threading.Thread(target=self._serve) for _ in range(count)]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._stopping.set()
+        for _ in self._threads:
+            self._waiting.put(None)
+        for thread in self._threads:
+            thread.join()
+
+    def answers(self, tasks: Sequence[Task]) -> Generator[list[tuple[Task, Answer]]]:
+        """Yield each task once, with its answer, in batches as they come; an empty batch after `BATCH_TIMEOUT`.
+
+        Raises:
+            Exception: `ask` raised it; answers that came before are yielded first.
+        """
+        done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        for task in tasks:
+            self._waiting.put((task, done))
+        left = len(tasks)
+        while left:
+            batch = _batch(done)
+            left -= len(batch)
+            yield batch
+
+    def _raise_if_stopped(self) -> None:
+        if self._stopping.is_set():
+            raise _Stopped
+
+    def _serve(self) -> None:
+        """Work of a thread. It starts its process itself, because a process dies with the thread that started it."""
+        with WarmProcess(self._job, self._limits, self._raise_if_stopped) as process:
+            while (item := self._waiting.get()) is not None and not self._stopping.is_set():
+                task, done = item
+                try:
+                    done.put((task, self._ask(process, task)))
+                except _Stopped:
+                    return
+                # also an interrupt of the process, which would else be lost with this thread
+                except BaseException as problem:
+                    done.put(problem)
+                    return
+
+
+def _batch(done: "queue.SimpleQueue[Any]") -> list[Any]:
+    """Return all answers that have come; raise an exception that is the first to come."""
+    batch: list[Any] = []
+    try:
+        found = done.get(timeout=BATCH_TIMEOUT)
+        while not isinstance(found, BaseException):
+            batch.append(found)
+            found = done.get_nowait()
+    except queue.Empty:
+        return batch
+    if not batch:
+        raise found
+    done.put(found)
+    return batch

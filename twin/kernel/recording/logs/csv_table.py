@@ -1,0 +1,304 @@
+"""A CSV file as a table of numbers: fields that are no numbers are kept by line, mistakes are reported with their line.
+
+Fields are separated by commas, semicolons or tabs, whichever the head holds most of; numbers have a decimal point.
+Lines that start with # are comments; those before the head are kept.
+"""
+
+import codecs
+import csv
+import io
+import re
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, islice
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.files import foreign_kind, open_regular
+from twin.kernel.recording.logs.log import LARGEST, LogRefused
+
+LARGEST_FILE = 2**30
+"""Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
+SEPARATORS = ",;\t"
+MOST_COLUMNS = 2_000
+_BLOCK = 2**20
+ROWS_AT_ONCE = 200
+"""Rows whose numbers are converted together, so that their texts are not all in memory."""
+INVALID = re.compile(
+    r"null|none|n/?a|<na>|nil|nat|missing|undefined|-+|\?+"
+    r"|#\S+[!?a]"  # spreadsheets: #DIV/0!, #N/A
+    r"|[-+]?(nan(\(\w*\))?|1\.#(qnan|snan|ind|inf)\d*)",  # C libraries: -nan(ind), 1.#QNAN
+    re.IGNORECASE,
+)
+"""Spellings of a missing number, in addition to those of NaN and infinity that float() reads."""
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+COMMENT = re.compile(r"#(\s|$)")
+SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
+"""First line of a file for Excel."""
+
+
+@dataclass
+class WrongFields:
+    """Fields of one column that are not finite numbers.
+
+    Attributes:
+        count: number of these fields.
+        line, text: the first field with other text than `INVALID`, else the first field.
+        empty: number of empty fields.
+        invalid: line of each field with NaN, infinity or a word of `INVALID`.
+        commas: whether a field is a number with a decimal comma.
+    """
+
+    count: int = 0
+    line: int = 0
+    text: str = ""
+    empty: int = 0
+    invalid: "array[int]" = field(default_factory=lambda: array("q"))
+    commas: bool = False
+
+    @property
+    def texts(self) -> int:
+        """Number of fields with any other text."""
+        return self.count - self.empty - len(self.invalid)
+
+    def add(self, line: int, text: str) -> None:
+        """Count one."""
+        empty, invalid = not text, INVALID.fullmatch(text) is not None or _is_float(text)
+        if not self.count or not (empty or invalid or self.texts):
+            self.line, self.text = line, text
+        self.count += 1
+        self.empty += empty
+        if invalid:
+            self.invalid.append(line)
+        self.commas |= bool(DECIMAL_COMMA.fullmatch(text))
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """A CSV file.
+
+    Attributes:
+        path: of the file.
+        comments: lines before the head, without their #.
+        head: names of the columns.
+        values: (rows, columns); NaN where a field is no finite number.
+        wrong: of the columns that have such fields, by position.
+        lines: line number of each row, from 1.
+        notes: what is missing of the file.
+    """
+
+    path: Path
+    comments: tuple[str, ...]
+    head: list[str]
+    values: NDArray[np.float64]
+    wrong: dict[int, WrongFields]
+    lines: NDArray[np.int64]
+    notes: tuple[str, ...] = ()
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """The numbers of the column `name`.
+
+        Raises:
+            LogRefused: two columns have that name.
+        """
+        if self.head.count(name) > 1:
+            raise LogRefused(f"{self.path}: two columns are named '{name}'; expected different names")
+        return self.values[:, self.head.index(name)]
+
+    def mistakes(self, name: str) -> WrongFields | None:
+        """What of the column `name` is no number; None: nothing."""
+        return self.wrong.get(self.head.index(name))
+
+    def is_numbers(self, name: str) -> bool:
+        """Whether every field of the column `name` that has text is a number, and at least one is."""
+        wrong = self.mistakes(name)
+        return wrong is None or (not wrong.texts and wrong.count < len(self.values))
+
+    def is_words(self, name: str) -> bool:
+        """Whether no field of the column `name` is a number, and some are text."""
+        wrong = self.mistakes(name)
+        return wrong is not None and wrong.count == len(self.values) and wrong.texts > 0 and not wrong.commas
+
+
+def read_table(path: Path) -> CsvTable:
+    """The CSV file at `path`.
+
+    Raises:
+        InputRefused: no regular file, or too large.
+        LogRefused: no text, no rows, rows of different lengths, in one sentence.
+    """
+    with open_regular(path, LARGEST_FILE) as file:
+        return table_of(path, file)
+
+
+def table_of(path: Path, file: BinaryIO) -> CsvTable:
+    """The CSV in `file`; `path` is what sentences call it. Errors as of `read_table`."""
+    end = _end_of_text(path, file)
+    file.seek(end - 1)
+    ended = file.read(1) in (b"\n", b"\r")
+    zeros = file.read(1) != b""
+    file.seek(0)
+    text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
+    comments, head, separator, rows = _head(path, (line.rstrip("\0") for line in text) if zeros else text)
+    values, lines, wrong = array("d"), array("q"), dict[int, WrongFields]()
+    ragged, first, last = 0, (0, 0), (0, 0)
+    while block := list(islice(rows, ROWS_AT_ONCE)):
+        if not lines and len(block[0][0]) == len(head) + 1 and not block[0][0][-1].strip():
+            # rows end with a separator, the head does not
+            head.append("")
+        fitting = [(row, line) for row, line in block if len(row) == len(head)]
+        if len(fitting) < len(block):
+            first = first if ragged else next((line, len(row)) for row, line in block if len(row) != len(head))
+            ragged += len(block) - len(fitting)
+        last = block[-1][1], len(block[-1][0])
+        if fitting:
+            texts, numbers = zip(*fitting, strict=True)
+            lines.extend(numbers)
+            parts = [
+                _numbers(column, numbers, position, wrong) for position, column in enumerate(zip(*texts, strict=True))
+            ]
+            values.frombytes(np.stack(parts, axis=1).tobytes())
+    # so that the file stays open
+    text.detach()
+    notes: tuple[str, ...] = ("zeros at its end are left out",) if zeros else ()
+    odd = wrong.get(len(head) - 1)
+    broken = not ended and last[1] == len(head) and odd is not None and (odd.texts, odd.line) == (1, last[0])
+    if broken or (ragged == 1 and not ended and last[1] < len(head)):
+        # a logger that was killed leaves half a line
+        ragged = 0 if not broken else ragged
+        notes = (*notes, f"line {last[0]}, the last one, is cut short and left out")
+    if broken:
+        del values[-len(head) :], lines[-1:], wrong[len(head) - 1]
+    if ragged:
+        line, fields = first
+        # 3,14 in a file separated by commas gives twice as many fields
+        commas = fields > len(head) and separator == ","
+        hint = "; are there decimal commas? Export with points" if commas else ""
+        raise LogRefused(
+            f"{path} line {line}: {fields} field{'s' * (fields > 1)}, expected {len(head)}"
+            f"{more(ragged - 1, 'row')}{hint}"
+        )
+    if (many := len(lines)) < 2:
+        raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
+    array_of_rows = np.frombuffer(values).reshape(many, len(head))
+    return CsvTable(path, comments, head, array_of_rows, wrong, np.frombuffer(lines, np.int64), notes)
+
+
+def _end_of_text(path: Path, file: BinaryIO) -> int:
+    """Read `file` once to see that it is text; the number of bytes before zeros that a crash left at its end.
+
+    Raises:
+        LogRefused: it is something else, or empty.
+    """
+    decoder, place, end, empty = codecs.getincrementaldecoder("utf-8")(), 0, 0, True
+    while True:
+        block = file.read(_BLOCK)
+        if place == 0 and (kind := foreign_kind(block)):
+            raise LogRefused(f"{path}: {kind}; expected CSV in UTF-8")
+        pending = len(decoder.getstate()[0])
+        try:
+            decoder.decode(block, final=not block)
+        except UnicodeDecodeError as problem:
+            where = place - pending + problem.start
+            raise LogRefused(f"{path}: byte {where} is not UTF-8; save it as CSV in UTF-8") from None
+        text = block.rstrip(b"\0")
+        if b"\0" in text or (text and end < place):
+            raise LogRefused(f"{path}: not a text file; expected CSV or MCAP")
+        empty = empty and not text.removeprefix(codecs.BOM_UTF8).strip()
+        end = place + len(text) if text else end
+        place += len(block)
+        if not block:
+            break
+    if empty:
+        raise LogRefused(f"{path}: an empty file; expected a line of names, then rows of numbers")
+    return end
+
+
+def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], str, Iterator[tuple[list[str], int]]]:
+    """(comments, names of the columns, separator, rows after the head as `_rows` gives them) of the lines of `text`.
+
+    Raises:
+        LogRefused: there is no head, or one that names no table.
+    """
+    comments: list[str] = []
+    before, line = 0, ""
+    for line in text:
+        if line.strip() and not line.startswith("#"):
+            break
+        before += 1
+        if line.strip():
+            comments.append(line.removeprefix("#").strip())
+    else:
+        raise LogRefused(f"{path}: only comments; expected a line of names, then rows of numbers")
+    separator = max(SEPARATORS, key=line.count)
+    if declared := SEPARATOR_LINE.fullmatch(line):
+        separator, line, before = declared[1], next(text, ""), before + 1
+    rows = _rows(path, chain([line], text), separator, before)
+    names = [name.strip() for name in next(rows, ([""], 0))[0]]
+    if len(names) > MOST_COLUMNS:
+        raise LogRefused(f"{path}: {len(names):,} columns, expected at most {MOST_COLUMNS:,}")
+    if all(_number(name) is not None for name in names):
+        raise LogRefused(f"{path} line {before + 1}: numbers where the names of the columns are expected")
+    if len(names) < 2:
+        raise LogRefused(
+            f"{path}: one column, '{names[0]}'; expected the time and at least one signal, with commas, semicolons or "
+            "tabs between them; lines before the names begin with #"
+        )
+    return tuple(comments), names, separator, rows
+
+
+def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iterator[tuple[list[str], int]]:
+    """(fields, number of the line) of each row that is not blank; `before` lines have been read."""
+    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    try:
+        for row in reader:
+            # the first field is looked at by itself: nearly always it is the time
+            if row and (row[0].strip() or any(text.strip() for text in row)) and not COMMENT.match(row[0]):
+                yield row, reader.line_num + before
+    except csv.Error as problem:
+        raise LogRefused(f"{path} line {reader.line_num + before}: not CSV: {problem}") from None
+
+
+def more(others: int, what: str) -> str:
+    """` (and 2 more such rows)`."""
+    return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
+
+
+def _is_float(text: str) -> bool:
+    """Whether `text` spells a number for Python, also NaN, infinity or one that no quantity has."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _number(text: str) -> float | None:
+    """The finite number that `text` spells; None if it spells none, or one that no quantity has."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if abs(value) <= LARGEST else None
+
+
+def _numbers(
+    texts: Sequence[str], lines: Sequence[int], position: int, wrong: dict[int, WrongFields]
+) -> NDArray[np.float64]:
+    """The numbers that `texts` of the column at `position` spell, NaN where one does not, which `wrong` notes."""
+    try:
+        values = np.fromiter(map(float, texts), np.float64, len(texts))
+        # nan is no number either
+        if np.all(np.abs(values) <= LARGEST):
+            return values
+    except ValueError:
+        pass
+    found = [_number(text) for text in texts]
+    for value, line, text in zip(found, lines, texts, strict=True):
+        if value is None:
+            wrong.setdefault(position, WrongFields()).add(line, text.strip())
+    return np.array(found, dtype=np.float64)

@@ -1,0 +1,51 @@
+"""Records as JSON has them: one function for every dataclass and named tuple."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+
+def to_dict(value: Any) -> Any:
+    """Return `value` as mappings, lists, texts and numbers; None for a number that is infinite or NaN.
+
+    A record that has `JSON_KEYS` is written with these keys, each with the path of its value where that has another
+    name: `"F_z=point.F_z mean_W=mean stable"`. Every other record has its fields.
+    """
+    match value:
+        case float():
+            return float(value) if math.isfinite(value) else None
+        case Enum():
+            return value.value
+        case None | bool() | int() | str():
+            return value
+        case PurePath():
+            return str(value)
+        case np.ndarray() | np.generic():
+            return to_dict(value.tolist())
+        case Mapping():
+            return {key: to_dict(one) for key, one in value.items()}
+    if keys := getattr(value, "JSON_KEYS", ""):
+        pairs = (entry.partition("=") for entry in keys.split())
+        return {key: to_dict(_at(value, path or key)) for key, _, path in pairs}
+    if is_dataclass(value):
+        return {field.name: to_dict(getattr(value, field.name)) for field in fields(value)}
+    if hasattr(value, "_asdict"):
+        return to_dict(value._asdict())
+    if isinstance(value, Iterable):
+        return [to_dict(one) for one in value]
+    raise TypeError(f"{type(value).__name__} has no form in JSON")
+
+
+def _at(record: Any, path: str) -> Any:
+    """The value at `path`: attributes, keys of mappings and indices, with dots between them."""
+    for name in path.split("."):
+        if isinstance(record, Mapping):
+            record = record[name]
+        else:
+            record = record[int(name)] if name.isdigit() else getattr(record, name)
+    return record

@@ -1,0 +1,281 @@
+"""Inputs of a system over time: `--input`, and tables in an SSP archive (CSV components), which are wired."""
+
+import io
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from twin.kernel.archive import sha256
+from twin.kernel.cosim.expression import expression
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.fmi.variable import EXACT, Variable
+from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
+from twin.kernel.recording.logs.csv_table import CsvTable, read_table, table_of
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.reader import read_log
+from twin.kernel.ssp.flat import FlatSystem, Hop
+from twin.kernel.ssp.package import Package
+from twin.kernel.ssp.structure import (
+    REALS,
+    TABLE,
+    Endpoint,
+    SspComponent,
+)
+from twin.kernel.systems.additions import UNIT, SystemNames
+from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.naming import distinct, topic, word
+
+INPUTS = "inputs"
+"""The component, and topic, of signals that a user feeds in."""
+FILES = (".csv", ".mcap")
+
+
+@dataclass(frozen=True)
+class _Fed:
+    """What is fed where: `unit` of the values ("": as of what they feed), `about` what they are made of."""
+
+    name: str
+    place: Endpoint
+    signal: Signal
+    unit: str
+    about: str
+    ignored: tuple[str, ...] = ()
+
+
+def inputs_beside(names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0) -> Beside:
+    """The signals of `inputs`, and what they feed.
+
+    Args:
+        names: of the system.
+        inputs: see `Additions`.
+        settings: likewise; what they set is not fed.
+        start: when the run begins (s).
+
+    Raises:
+        InputRefused: a name that means no input, a file or an expression that cannot be read, an input that is given
+            a value and a signal.
+    """
+    fed = [one for text in inputs for one in _fed(names, text)]
+    if not fed:
+        return Beside()
+    set_ = {names.place(text.partition("=")[0].strip(), "--set") for text in settings}
+    ports, signals, feeds, about, spans = [], [], [], {}, {}
+    for one, port in zip(fed, distinct(word(one.name) for one in fed), strict=True):
+        if one.place in set_:
+            raise InputRefused(f"--input {one.name} and --set {one.name} contradict each other; remove one")
+        by, wire = f"--input {one.name}", f"{INPUTS}.{port}"
+        ends: Sequence[tuple[Endpoint, tuple[Hop, ...]]] = [(one.place, ())]
+        spelled = one.unit
+        if not one.place.element:
+            ends = names.flat.entrances[one.place.connector]
+            spelled = spelled or names.package.structure.system.connector_of[one.place.connector].unit
+        else:
+            spelled = spelled or names.variable(one.place).unit
+        feeds += [Feed(end, wire, by, one.unit if not hops else spelled, hops) for end, hops in ends]
+        ports.append(Port(port, 1, spelled or "1", f"{one.name}, by {one.about}"))
+        signals.append(one.signal)
+        about[one.name] = one.about
+        if isinstance(one.signal, SampledSignal):
+            spans[one.name] = (float(one.signal.t[0]), float(one.signal.t[-1]))
+    ignored = tuple(dict.fromkeys(name for one in fed for name in one.ignored))
+    fed_by = source(INPUTS, ports, signals, start)
+    return Beside((fed_by,), tuple(feeds), signals=(INPUTS,), about=about, ignored=ignored, spans=spans)
+
+
+def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
+    name, equals, given = (part.strip() for part in text.partition("="))
+    if not equals:
+        yield from _by_name(names, Path(text.strip()))
+        return
+    if not name or not given:
+        raise InputRefused(f"--input {text}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
+    place, where = _input(names, name), f"--input {name}"
+    file, _, column = given.partition(":")
+    # not Path.exists, which raises for a name that is too long, as of an expression
+    if Path(file).suffix.lower() in FILES or os.path.exists(file):
+        spelled = ""
+        if column and (measured := UNIT.fullmatch(column)) and not measured["unit"].isdigit():
+            column, spelled = measured["value"], measured["unit"]
+        held = _is_held(names, place)
+        samples, own = _series(Path(file), column, name, where, held)
+        _refuse_broken(names, place, samples, f"{where}: {file}")
+        yield _Fed(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
+    else:
+        signal = expression(given, where)
+        for variable in (names.variable(end) for end in _ends(names, place)):
+            if variable.type not in REALS and np.any(np.abs(signal.numbers) >= EXACT):
+                raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
+        yield _Fed(name, place, signal, "", given)
+
+
+def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
+    """The columns of `file` that are called as inputs are."""
+    if file.suffix.lower() not in FILES and not os.path.exists(file):
+        raise InputRefused(f"--input {file}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
+    known, table = dict(names.inputs()), read_table(file)
+    time = _time(table)
+    columns = [head for head in table.head if head != time[0]]
+    names_of = {head: (head, "") if head in known else _in_brackets(head) for head in columns}
+    others = tuple(head for head in columns if names_of[head][0] not in known)
+    if len(others) == len(columns):
+        raise InputRefused(
+            f"--input {file}: no input is called {', '.join(others)}; {nearest(others[0], known)} Or name the column: "
+            "--input NAME=FILE:COLUMN"
+        )
+    for head in (head for head in columns if head not in others):
+        name, spelled = names_of[head]
+        samples = SampledSignal(time[1], _column(table, head), "held" if _is_held(names, known[name]) else "lines")
+        _refuse_broken(names, known[name], samples, f"{file}: column '{head}'")
+        about = f"{file.name} sha256 {_sha256(file)[:12]}"
+        yield _Fed(name, known[name], samples, spelled, about, tuple(f"{file.name}: {one}" for one in others))
+
+
+def _input(names: SystemNames, name: str) -> Endpoint:
+    place = names.place(name, "--input")
+    if not place.element and place.connector not in names.flat.entrances:
+        raise InputRefused(f"--input {name}: it is no input of the system")
+    if place.element and names.variable(place).causality != "input":
+        raise InputRefused(f"--input {name}: it is {names.variable(place).causality}; expected an input")
+    return place
+
+
+def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
+    return [place] if place.element else [end for end, _ in names.flat.entrances[place.connector]]
+
+
+def _is_held(names: SystemNames, place: Endpoint) -> bool:
+    """Whether a value holds until the next: what is not continuous does."""
+    variables = [names.variable(end) for end in _ends(names, place)]
+    return any(v.variability != "continuous" or v.type not in REALS for v in variables)
+
+
+def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, where: str) -> None:
+    for variable in (names.variable(end) for end in _ends(names, place)):
+        if variable.type not in REALS and not np.all(samples.values == np.rint(samples.values)):
+            bad = samples.values[samples.values != np.rint(samples.values)][0]
+            raise InputRefused(
+                f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
+            )
+        _refuse_unfit(variable, samples.values, where)
+
+
+def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
+    """Refuse values that the type of `variable` cannot hold, and those that may have been rounded when they were read.
+
+    Raises:
+        InputRefused: the first of them.
+    """
+    for value in map(float, (np.nanmin(values), np.nanmax(values))):
+        # a larger number may have been rounded to EXACT when it was read
+        if why := variable.unfit(value if abs(value) != EXACT or variable.type in REALS else 2.0 * value):
+            raise InputRefused(f"{where}: {why}")
+
+
+def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:
+    """(samples, unit) of a column of a CSV file, or of a series of a recording."""
+    between: Between = "held" if held else "lines"
+    if file.suffix.lower() != ".csv":
+        log = read_log(file)
+        wanted = column or name
+        if wanted not in log.series:
+            raise InputRefused(
+                f"{where}: {file}: '{wanted}' is not there; {nearest(wanted, log.series, 'it has {}', 3)}"
+            )
+        series = log[wanted]
+        return SampledSignal(series.t, series.values, between), "" if series.unit == "1" else series.unit  # type: ignore[arg-type]
+    table = read_table(file)
+    time, t = _time(table)
+    heads = [head for head in table.head if head != time]
+    wanted = column or next((head for head in heads if name in (head, _in_brackets(head)[0])), "")
+    if not wanted and len(heads) == 1:
+        wanted = heads[0]
+    if wanted not in heads:
+        wanted = next((head for head in heads if _in_brackets(head)[0] == (wanted or name)), wanted)
+    if wanted not in heads:
+        hint = nearest(column or name, heads, "it has {}")
+        raise InputRefused(f"{where}: {file} has no column '{column or name}'; {hint}")
+    return SampledSignal(t, _column(table, wanted), between), _in_brackets(wanted)[1]  # type: ignore[arg-type]
+
+
+def _in_brackets(head: str) -> tuple[str, str]:
+    """Name and unit of a column `u [rpm]`; a unit without brackets may be part of a name."""
+    return split_unit(head) if head.rstrip().endswith(("]", ")")) else (head, "")
+
+
+def _time(table: CsvTable) -> tuple[str, np.ndarray]:
+    """The column of time and its values (s)."""
+    named = {head: split_unit(head) for head in table.head}
+    head = next((head for head, (name, _) in named.items() if name.lower() in TIME_NAMES), None)
+    if head is None:
+        raise LogRefused(f"{table.path}: no column of time; it has {', '.join(table.head)}; call it time, in s")
+    t = _column(table, head)
+    if named[head][1]:
+        t = unit(named[head][1], f"{table.path}: column '{head}'").in_si(t)
+    back = np.flatnonzero(np.diff(t) < 0.0) + 1
+    if len(back):
+        k = int(back[0])
+        raise LogRefused(f"{table.path} line {table.lines[k]}: time runs backwards from {t[k - 1]:g} s to {t[k]:g} s")
+    return head, t
+
+
+def _column(table: CsvTable, head: str) -> np.ndarray:
+    wrong = table.mistakes(head)
+    if wrong:
+        got = f"'{wrong.text}'" if wrong.text else "nothing"
+        raise LogRefused(f"{table.path} line {wrong.line}: column '{head}' holds {got}; expected a finite number")
+    return table.column(head)
+
+
+def _sha256(file: Path) -> str:
+    return sha256(file) if file.is_file() else "of a folder"
+
+
+def is_table(component: SspComponent) -> bool:
+    """Whether a component of a system is a table of values over time, as OMSimulator has them."""
+    return component.type == TABLE or (component.type == "" and component.source.lower().endswith(".csv"))
+
+
+def tables_beside(package: Package, flat: FlatSystem) -> tuple[FlatSystem, Beside]:
+    """`flat` without its tables, and these.
+
+    Raises:
+        InputRefused: a table that is no CSV file of the archive, or a column that is not there.
+    """
+    tables = {path: one for path, one in flat.components.items() if is_table(one)}
+    if not tables:
+        return flat, Beside()
+    components, feeds, about = [], [], {}
+    for path, component in tables.items():
+        where = f"{package.file}: component '{path}'"
+        entry = package.entry(component.source)
+        if not entry or not entry.lower().endswith(".csv"):
+            raise InputRefused(f"{where}: its table '{component.source}' is no CSV file of this archive")
+        content = package.content(entry)
+        table = table_of(Path(f"{package.file}: {entry}"), io.BytesIO(content))
+        time, t = _time(table)
+        used = list(dict.fromkeys(lead.start.connector for lead in flat.leads if lead.start.element == path))
+        ports, signals = [], []
+        for name, port in zip(used, distinct(word(name) for name in used), strict=True):
+            if name not in table.head or name == time:
+                raise InputRefused(f"{where}: {entry} has no column '{name}'; {nearest(name, table.head, 'it has {}')}")
+            stated = component.connector_of.get(name)
+            held = stated is not None and stated.type not in ("", *REALS)
+            ports.append(Port(port, 1, (stated.unit if stated else "") or "1", f"column {name} of {entry}"))
+            signals.append(SampledSignal(t, _column(table, name), "held" if held else "lines"))
+            for lead in flat.leads:
+                if lead.start == Endpoint(path, name):
+                    spelled = stated.unit if stated else ""
+                    by = f"{package.file}: the connection from {'.'.join(lead.start)} to {'.'.join(lead.end)}"
+                    feeds.append(Feed(lead.end, f"{topic(path)}.{port}", by, spelled, lead.hops))
+        if used:
+            components.append(source(topic(path), ports, signals))
+        about[path] = entry
+    rest = {path: one for path, one in flat.components.items() if path not in tables}
+    leads = tuple(lead for lead in flat.leads if lead.start.element not in tables)
+    found = Beside(tuple(components), tuple(feeds), signals=tuple(one.name for one in components), about=about)
+    return replace(flat, components=rest, leads=leads), found

@@ -1,0 +1,185 @@
+"""Verdict on the runs of a report: the outcome in a sentence, and the claims behind it."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import Recording
+from twin.report.page.run import ReportRun, outcome, scored, unscored
+from twin.studies.metrics.standing import one_run_each
+from twin.studies.paper import fig4_measures
+from twin.studies.paper.claim import OWN, PAPERS, ClaimFinding, failed, judged, tally
+from twin.studies.paper.claim import standing as claims_standing
+from twin.studies.paper.fig4 import QUALITY, fig4_score
+from twin.studies.paper.fig5 import Fig5Score, fig5_score
+
+FIG4 = "fig4"
+"""How the names of experiments begin that follow the paper's Fig. 4."""
+IMPERFECT = "fig4_imperfect"
+"""How those begin of a robot and a scale that are not symmetrical."""
+ON_TRUTH = "Judged on the true contact force, force-position run"
+
+
+@dataclass(frozen=True)
+class RunGroup:
+    """Claims that belong together: of a figure, or of one task."""
+
+    title: str
+    findings: tuple[ClaimFinding, ...]
+    name: str = PAPERS
+
+
+@dataclass(frozen=True)
+class PageVerdict:
+    """How the runs went.
+
+    Attributes:
+        headline: one sentence.
+        good: whether all is well; None if nothing was judged, or claims are among it that are known not to hold.
+        remarks: what one has to know besides, worst first.
+        groups: claims that were judged, empty if the runs are none that the paper says anything about.
+        fig4, fig5: what the paper's picture is drawn from, if it applies.
+    """
+
+    headline: str
+    good: bool | None
+    remarks: tuple[str, ...]
+    groups: tuple[RunGroup, ...]
+    fig4: fig4_measures.Fig4Runs | None
+    fig5: Fig5Score | None
+
+
+def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
+    """Judge `runs`: Fig. 4 if there is one with force control and one without, Fig. 5 every run of tasks."""
+    pair, why_not = _fig4_runs(runs)
+    with_tasks = [run.recording for run in runs if run.values.get("task") and run.has("controller.task")]
+    fig5 = fig5_score(with_tasks) if with_tasks else None
+    groups: list[RunGroup] = []
+    if pair is not None:
+        score = fig4_score(pair)
+        groups.append(RunGroup("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
+        groups.append(RunGroup(ON_TRUTH, score.quality, OWN))
+    elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
+        # what we ask of the true force concerns this run alone
+        groups.append(
+            RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY), OWN)
+        )
+    if fig5 is not None:
+        labels = {run.recording.path: run.label for run in runs}
+        for task in fig5.tasks:
+            whose = f" of {labels[task.path]}" if len(with_tasks) > 1 else ""
+            groups.append(
+                RunGroup(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings)
+            )
+    deviations, alarms = (
+        _texts_by_run(runs, lambda run: (*run.recording.deviations, *run.recording.other_parts)),
+        _texts_by_run(runs, _alarms),
+    )
+    findings = [finding for group in groups for finding in group.findings]
+    remarks = [
+        *(beside(runs) if len(runs) > 2 else ()),
+        *alarms[1:],
+        *deviations,
+        *why_not,
+    ]
+    remarks += _texts_by_run(runs, _faults)
+    holds, of = tally(findings)
+    good: bool | None = None
+    if failed(findings) or alarms:
+        good = False
+    elif of and holds == of:
+        good = True
+    return PageVerdict(_headline(runs, groups, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
+
+
+def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Sequence[str]) -> str:
+    # of more than two the page would begin with a paragraph: they are remarks
+    clauses = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
+    for name in dict.fromkeys(group.name for group in groups):
+        findings = [finding for group in groups if group.name == name for finding in group.findings]
+        _, of = tally(findings)
+        failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
+        if failing:
+            named = f": {failing[0]}" if len(failing) == 1 else ""
+            clauses.append(f"{len(failing)} of {of} {name} {'fails' if len(failing) == 1 else 'fail'}{named}")
+        elif of:
+            clauses.append(claims_standing(findings, name))
+    if len(runs) == 1 and (held := outcome(runs[0])):
+        return "; ".join([held, *clauses])
+    who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
+    return "; ".join(clauses) or f"{who} complete, without failure or trip; no claim applies"
+
+
+def beside(runs: Sequence[ReportRun]) -> list[str]:
+    """Compare each run with the first, in a sentence; empty for one run."""
+    first = runs[0]
+    return [
+        one_run_each((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
+        for run in runs[1:]
+    ]
+
+
+def not_scored(runs: Sequence[ReportRun]) -> list[str]:
+    """What a run cannot be judged by although another one is, or because it lacks a series: it may hide a loss."""
+    known = {name for run in runs for name in scored(run)}
+    return [
+        f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"
+        for run in runs
+        for why, names in unscored(run, known).items()
+    ]
+
+
+def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[fig4_measures.Fig4Runs | None, list[str]]:
+    """The runs of Fig. 4, and what is to be said if one of the two is missing, or if they do not reach its end."""
+    asked = [run for run in runs if _is_fig4(run, "force_position") or _is_fig4(run, "position")]
+    ideal, imperfect = ([run for run in asked if run.name.startswith(IMPERFECT) == is_so] for is_so in (False, True))
+    if not asked:
+        return None, []
+    # without the ideal ones, the imperfect runs are all there is
+    pair, pair_in_x = _pair(ideal or imperfect), _pair(imperfect)
+    if not pair:
+        return None, ["Fig. 4 is scored on two runs, one with force control and one without: report those two together"]
+    try:
+        return fig4_measures.fig4_runs(*pair, *pair_in_x), []
+    except InputRefused as problem:
+        return None, [str(problem)]
+
+
+def _pair(runs: Sequence[ReportRun]) -> list[Recording]:
+    """The one with force control and the one without; empty if there is not exactly one of each."""
+    modes = [[run.recording for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position")]
+    return [one for mode in modes for one in mode] if [len(mode) for mode in modes] == [1, 1] else []
+
+
+def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
+    """Of Fig. 4; None if it is another, or none that can be judged."""
+    if not _is_fig4(run, "force_position"):
+        return None
+    try:
+        return fig4_measures.checked_run(run.recording)
+    except InputRefused:
+        return None
+
+
+def _is_fig4(run: ReportRun, mode: str) -> bool:
+    """Whether `run` follows the paper's Fig. 4 in a mode of the controller."""
+    asked = run.name.startswith(FIG4) and run.values.get("controller", {}).get("mode") == mode
+    return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
+
+
+def _texts_by_run(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterable[str]]) -> list[str]:
+    """`texts` of every run, of several under their names."""
+    return [f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in texts(run)]
+
+
+def _alarms(run: ReportRun) -> list[str]:
+    """What is wrong with a run: it is not whole, a component failed, the monitor tripped."""
+    note = run.recording.note
+    texts = [f"{note[0].upper()}{note[1:]}"] if note else []
+    serious = [event for event in run.recording.events if event.level in ("error", "fatal")]
+    return texts + [f"{event.text} ({event.time:.3f} s)" for event in serious]
+
+
+def _faults(run: ReportRun) -> list[str]:
+    return [f"injected on purpose: {json.dumps(fault)}" for fault in run.values.get("fault", ())]

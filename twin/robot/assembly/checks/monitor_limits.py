@@ -1,0 +1,128 @@
+"""Contradictions among the limits of [monitor], and between them and the robot."""
+
+import math
+
+from twin.kernel.errors import Unreachable
+from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution
+from twin.robot.monitor.component import low_pass_share as monitor_share
+from twin.robot.monitor.safe_action import retreat
+
+DISTINCT = 3.0
+"""A limit has to be this many times what the encoders resolve, or rounding alone comes near it."""
+
+
+def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float, speed_limit: float) -> list[str]:
+    """Every way in which the limits of [monitor] cannot all mean something, one sentence each; none if not enabled.
+
+    Args:
+        belief: the monitor's model of the robot.
+        sample_period: between two encoder messages, and between two commands (s).
+        speed_limit: of the controller's commands (rad/s).
+    """
+    if not monitor.enabled:
+        return []
+    if monitor.z_min >= monitor.z_max:
+        # no middle of the workspace to look at the others from
+        return [
+            f"[monitor] z_min_mm = {1e3 * monitor.z_min:g} is not below z_max_mm = {1e3 * monitor.z_max:g}; "
+            "exchange them",
+            *_among_times(monitor, sample_period, speed_limit),
+        ]
+    return [
+        *_among_times(monitor, sample_period, speed_limit),
+        *_against_robot(monitor, belief, sample_period),
+        *_of_retraction(monitor, belief),
+    ]
+
+
+def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:
+    mistakes = []
+    shortest = max(monitor.period, sample_period)
+    for key in ("stale_time", "frozen_time", "saturation_time", "follow_time", "hidden_time"):
+        if getattr(monitor, key) <= shortest:
+            mistakes.append(
+                f"[monitor] {key}_ms = {1e3 * getattr(monitor, key):g} is no longer than one sample of "
+                f"{1e3 * shortest:g} ms; allow several samples"
+            )
+    if monitor.contact_force >= monitor.force_limit:
+        mistakes.append(
+            f"[monitor] contact_force_N = {monitor.contact_force:g} is not below force_limit_N = "
+            f"{monitor.force_limit:g}; lower it, or no contact is ever seen"
+        )
+    if monitor.period > sample_period:
+        mistakes.append(
+            f"[monitor] period_ms = {1e3 * monitor.period:g} holds back the controller's commands, which come every "
+            f"{1e3 * sample_period:g} ms; expected at most that"
+        )
+    if monitor.command_limit is not None and monitor.command_limit > speed_limit:
+        mistakes.append(
+            f"[monitor] command_limit_rad_per_s = {monitor.command_limit:g} is never reached: the controller commands "
+            f"at most {speed_limit:g} rad/s; expected at most that"
+        )
+    if monitor.retract_speed <= monitor.follow_limit:
+        mistakes.append(
+            f"[monitor] retract_speed_rad_per_s = {monitor.retract_speed:g} is not above follow_limit_rad_per_s = "
+            f"{monitor.follow_limit:g}: a jam would go unseen; raise the one or lower the other"
+        )
+    return mistakes
+
+
+def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float) -> list[str]:
+    p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
+    at = f"at z = {1e3 * p_B[2]:g} mm"
+    try:
+        deflection = press_deflection(belief, p_B, monitor.force_limit)
+        one_count = resolution(belief, p_B, sample_period)
+    except Unreachable as problem:
+        return [f"[monitor] the middle of z_min_mm and z_max_mm: {problem}"]
+    mistakes = []
+    if deflection >= monitor.deflection_limit:
+        mistakes.append(
+            f"[monitor] force_limit_N = {monitor.force_limit:g} is never reached: {at} it deflects a spring by "
+            f"{math.degrees(deflection):.1f} deg (k_s N eta = {belief.k_s * belief.N * belief.eta:g} N m/rad), and "
+            f"deflection_limit_deg = {math.degrees(monitor.deflection_limit):g} trips before; lower the force limit "
+            "or raise the other"
+        )
+    share = monitor_share(monitor.filter, sample_period)
+    for key, unit, scale, resolved in _resolved(one_count, share):
+        if getattr(monitor, key) < DISTINCT * resolved:
+            mistakes.append(
+                f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is below the resolution of the "
+                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least {DISTINCT:g} times that"
+            )
+    return mistakes
+
+
+def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
+    """Limits that encoders bound: attribute, unit of its key, that unit per SI, and one count after the low-pass."""
+    return [
+        ("force_limit", "N", 1.0, one_count.force),
+        ("contact_force", "N", 1.0, one_count.force),
+        ("penetration_limit", "mm", 1e3, one_count.position),
+        ("deflection_limit", "deg", math.degrees(1.0), one_count.deflection),
+        ("frozen_travel", "deg", math.degrees(1.0), one_count.deflection),
+        ("jump_limit", "rad_per_s", 1.0, one_count.jump),
+        ("speed_limit", "mm_per_s", 1e3, share * one_count.velocity),
+        ("force_rate_limit", "N_per_s", 1.0, share * one_count.force_rate),
+        ("follow_limit", "rad_per_s", 1.0, share * one_count.motor_speed),
+    ]
+
+
+def _of_retraction(monitor: Monitor, belief: MonitorBelief) -> list[str]:
+    """The retraction has to raise the platform from everywhere: looked at around the top and around the bottom."""
+    for z in (monitor.z_max, monitor.z_min):
+        for angle in range(0, 360, 30):
+            x = monitor.workspace_radius * math.cos(math.radians(angle))
+            y = monitor.workspace_radius * math.sin(math.radians(angle))
+            where = f"from ({1e3 * x:.0f}, {1e3 * y:.0f}, {1e3 * z:.0f}) mm"
+            try:
+                rises = retreat(geometry(belief), belief.N, (x, y, z), monitor.retract).slowest > 0.0
+            except Unreachable as problem:
+                return [f"[monitor] the workspace or the retraction leaves the robot's reach {where}: {problem}"]
+            if not rises:
+                return [
+                    f"[monitor] retract_deg = {math.degrees(monitor.retract):g} is longer than the workspace: {where} "
+                    "the platform would sink again at the end; retract less or lower z_max_mm"
+                ]
+    return []

@@ -1,0 +1,132 @@
+"""Third-party parts of the robot: tables that name an FMU or a Python class in place of a component of twin."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import Field, model_validator
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.places import located
+from twin.kernel.settings import Settings
+from twin.robot.experiment.drive_files import completed
+from twin.robot.experiment.mistakes import checked, keys
+from twin.robot.experiment.schema import TOLERANCE, Declared, Parameter
+from twin.robot.experiment.source import NAMING, RETAINED, names_stand_in
+
+Names = dict[str, str | tuple[str, ...]]
+
+
+class StandIn(Settings):
+    """[controller], [estimator], [monitor], [scale], [body]: a third-party part.
+
+    Either `fmu`, with names and units of the FMU's own, or `python`, whose class names its ports itself.
+    """
+
+    fmu: str | None = Field(
+        None, examples=["fmus/parts/paper_law"], description="an .fmu or .ssp file, or a folder of fmus/parts/"
+    )
+    python: str | None = Field(None, examples=["my_controller.py:Controller"], description="a file and a class in it")
+    sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
+    inputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
+    outputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description="the FMU's or the class's own names")
+    tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "StandIn":
+        if (self.fmu is None) == (self.python is None):
+            raise ValueError('expected either fmu = "..." or python = "FILE:CLASS"')
+        if self.python is not None:
+            if not all(self.python.rpartition(":")[::2]):
+                raise ValueError(f'python = "{self.python}": expected "FILE:CLASS", a file and a class in it')
+            given = [key for key in ("inputs", "outputs", "tolerance") if getattr(self, key)]
+            if given:
+                raise ValueError(f"python: {' and '.join(given)} are an FMU's; the class names its ports itself")
+        return self
+
+    @property
+    def file(self) -> Path:
+        """The FMU, or the file of the class."""
+        return Path(self.fmu if self.fmu is not None else (self.python or "").rpartition(":")[0])
+
+    @property
+    def class_name(self) -> str:
+        """Of a Python class; "" for an FMU."""
+        return (self.python or "").rpartition(":")[2]
+
+    @property
+    def label(self) -> str:
+        """The file, without its folder, and the class."""
+        return f"{self.file.name}:{self.class_name}" if self.python else self.file.name
+
+
+class Apart(NamedTuple):
+    """A table of a third-party part: what is said of that, and what of the table still acts."""
+
+    stand_in: StandIn | None
+    rest: Settings | None
+
+
+def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folder: Path, mistakes: list[str]) -> Apart:
+    """The table [role], which names an FMU or a class.
+
+    Args:
+        declared: what may be said in it where twin's own component has the role.
+        folder: from which files are looked up.
+        mistakes: gets a sentence for each mistake.
+    """
+    own_keys, model = keys(StandIn), declared.tables[role]
+    own = {key: value for key, value in table.items() if key in own_keys}
+    rest = {key: value for key, value in table.items() if key not in own_keys}
+    idle = [key for key in rest if key in keys(model) and key not in RETAINED[role]]
+    if idle:
+        mistakes.append(
+            f"[{role}] {', '.join(idle)}: of twin's own {role}, and {_named(own)} is another one; remove "
+            + ("it" if len(idle) == 1 else "them")
+        )
+    try:
+        own = _with_file(role, own, folder)
+    except InputRefused as problem:
+        mistakes.append(f"[{role}] {problem}")
+        return Apart(None, None)
+    passed = {key: value for key, value in rest.items() if key not in idle}
+    if model is StandIn:
+        return Apart(checked(StandIn, {**own, **passed}, role, mistakes), None)
+    return Apart(checked(StandIn, own, role, mistakes), checked(declared.rest(role), passed, role, mistakes))
+
+
+def rest_of(declared: Declared, role: str, table: Mapping[str, Any]) -> Settings:
+    """What of the checked table [role] of a third-party part still acts."""
+    return declared.rest(role).model_validate({key: value for key, value in table.items() if key in RETAINED[role]})
+
+
+def _named(own: Mapping[str, Any]) -> str:
+    return " and ".join(f'{key} = "{own[key]}"' for key in NAMING if key in own)
+
+
+def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """`own` with its file as an absolute path, completed from a mapping if it names one.
+
+    Raises:
+        InputRefused: there is no such file.
+    """
+    table = dict(own)
+    if isinstance(python := table.get("python"), str) and ":" in python:
+        file, _, name = python.rpartition(":")
+        path = located(file, folder)
+        if not os.path.isfile(path):
+            raise InputRefused(f'python = "{python}": no file {path}; expected "FILE:CLASS"')
+        table["python"] = f"{path.absolute()}:{name}"
+    if isinstance(table.get("fmu"), str):
+        table = completed(table, folder)
+        if "parts" in table:
+            raise InputRefused(f'fmu = "{own["fmu"]}": a drive made of parts; a {role} is one FMU')
+    return table
+
+
+def role_named(values: Mapping[str, Any], role: str) -> Mapping[str, Any] | None:
+    """The table [role] of an experiment's values, if it names an FMU or a class."""
+    table = values.get(role)
+    return table if isinstance(table, Mapping) and names_stand_in(table) else None

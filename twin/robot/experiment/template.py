@@ -1,0 +1,257 @@
+"""A commented experiment to start from: every table and key, with its meaning, its bounds and a value.
+
+Made of the models that check an experiment, so that no key is missing and no key is left that is gone.
+"""
+
+import json
+import math
+import os
+import shlex
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.places import located
+from twin.kernel.writing import made_folder, write_text
+from twin.robot.experiment import schema
+from twin.robot.experiment.experiment import Head
+from twin.robot.experiment.experiment_files import fill_from_body, known_experiments
+from twin.robot.experiment.fault import CATALOGUE, table_of
+from twin.robot.experiment.json_schema import SCHEMA_FILE, schema_text
+from twin.robot.experiment.measure import KINDS as MEASURES
+from twin.robot.experiment.mistakes import model_in
+from twin.robot.experiment.schema import ChangeTable, Declared
+from twin.robot.experiment.source import RETAINED, Source, at, read_source, toml_value
+from twin.robot.experiment.stand_in import StandIn
+
+ROBOT = "robots/massage_robot.toml"
+OTHERS = ("fig4_force_position.toml", "massage.toml")
+"""Where values are taken from for what an experiment does not use."""
+FAULT = "surface_jump"
+"""The kind of fault that is shown."""
+CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
+MEASURE = {
+    "kind": "tracking",
+    "name": "force",
+    "signal": "-plant.F_ee_B[2]",
+    "reference": "controller.F_z_ref",
+    "begin_s": 10.0,
+    "until_s": 18.7,
+}
+BELIEVED = "What the controller believes where it differs from [robot]: any key of it."
+LED_BY_TASKS = (
+    "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
+)
+OTHER = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
+BREAKS = "What breaks: docs/faults_reference.md has every kind."
+CHANGES = "What of the controller changes on the way."
+MEASURED = "What twin check measures: docs/regression.md has every kind."
+TRUE = "What is true where it differs from [robot]: any key of it. The controller does not know."
+
+Table = Mapping[str, Any]
+
+
+def commented_experiment(declared: Declared, name: str, base: Path) -> str:
+    """The text of an experiment that does what the one at `base` does, with all that it could say besides.
+
+    What `base` says of other tables than [robot] stands as it is; of [plant], what the robot's file does not say. All
+    else stands behind a "#", with the value that body or robot give it, or its default, or one that would do.
+
+    Args:
+        declared: what may be said in it.
+        name: of the file it will be.
+        base: one of the repository's experiments.
+
+    Raises:
+        InputRefused: a file of the repository is not there.
+    """
+    own, filled, others = read_source(base), read_source(base), Source()
+    fill_from_body(filled, base.parent)
+    for other in OTHERS:
+        others.put(read_source(located(other, base.parent)).values, "")
+    page = _Page(own, filled.values, others.values)
+    models: dict[str, type[BaseModel]] = {"cosim": schema.Cosim, "drive": schema.Drive, **declared.tables}
+    lines = [
+        f"#:schema {SCHEMA_FILE}",
+        f"# Run this: {shlex.join(['twin', 'run', name])}",
+        "#",
+        "# A key's unit is in its name. Lines with # are not set; they show the default, or an example where there is",
+        '# none. Any value may be { value = 5.0, source = "where it comes from" }.',
+        "",
+        "# the file whose values hold wherever this one says nothing",
+        f'extends = "{ROBOT}"',
+        *page.keys("", Head, own.values, page.origins("")),
+    ]
+    for table, model in models.items():
+        if table not in ("robot", "plant"):
+            lines += page.table(table, model)
+    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", declared.tasks, others.values["task"])]
+    kind = CATALOGUE[FAULT]
+    assert kind.magnitudes is not None and kind.magnitude_key is not None
+    fault = {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
+    lines += ["", f"# {BREAKS}", *page.item("fault", table_of(kind), fault, "#", {})]
+    lines += ["", f"# {CHANGES}", *page.array("change", {None: ChangeTable}, (CHANGE,))]
+    lines += ["", f"# {MEASURED}", *page.array("measure", MEASURES, (MEASURE,))]
+    lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
+    whole = _plain_keys(declared.tables["robot"])
+    lines += page.keys("robot", declared.tables["robot"], {}, {})
+    robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, "plant") or {}
+    true = {key: value for key, value in (at(own.values, "plant") or {}).items() if robot.get(key) != value}
+    origins = page.origins("plant")
+    lines += [
+        "",
+        f"# {TRUE}",
+        f"{'' if true else '#'}[plant]",
+        *page.keys("plant", declared.tables["plant"], true, origins, whole),
+    ]
+    lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k in whole]
+    return "\n".join(lines) + "\n"
+
+
+class _Page:
+    """Writes tables and keys; what is not in use behind a #.
+
+    Args:
+        own: what stands there without a #.
+        nearer, farther: where values of the others are looked up, before and after their default.
+    """
+
+    def __init__(self, own: Source, nearer: Table, farther: Table):
+        self._own, self._nearer, self._farther = own, nearer, farther
+
+    def origins(self, table: str) -> Table:
+        """The sources of the values in `table`, by key; without those that are only the name of a file."""
+        prefix = f"{table}." if table else ""
+        found = {k.removeprefix(prefix): text for k, text in self._own.origins.items() if k.startswith(prefix)}
+        return {key: text for key, text in found.items() if not text.startswith("set in ")}
+
+    def table(self, name: str, model: type[BaseModel]) -> list[str]:
+        """[name] and the tables in it."""
+        own = at(self._own.values, name)
+        mark = "#" if own is None else ""
+        lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
+        fields = model.model_fields
+        if name in RETAINED and model is not StandIn:
+            lines += [f"# {OTHER}", *self.keys(name, StandIn, own or {}, self.origins(name))]
+            fields = {**fields, **StandIn.model_fields}
+        for field, info in fields.items():
+            inner, path = model_in(info.annotation), f"{name}.{info.alias or field}"
+            if get_origin(info.annotation) is dict:
+                entries = at(self._own.values, path) or {}
+                lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
+                lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
+            elif path == "controller.model":
+                lines += ["", f"# {BELIEVED}", f"#[{path}]"]
+            elif inner is not None and get_origin(info.annotation) is tuple:
+                entries = at(self._own.values, path)
+                for entry in entries or (info.examples or [()])[0]:
+                    lines += self.item(path, inner, entry, "" if entries else "#", {})
+            elif inner is not None:
+                lines += self.table(path, inner)
+        return lines
+
+    def array(self, name: str, models: Mapping[Any, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
+        """The experiment's tables [[name]], each of the model of its kind; if it has none, `others` behind a #."""
+        lines, own = [], self._own.values.get(name)
+        for number, table in enumerate(own or others, start=1):
+            origins = self.origins(f"{name}.{number}") if own else {}
+            lines += self.item(name, models[table.get("kind")], table, "" if own else "#", origins)
+        return lines
+
+    def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table) -> list[str]:
+        """One table of the array [[name]], all of `values` with the same mark."""
+        lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]"]
+        lines += [f'{mark}kind = "{values["kind"]}"'] if "kind" in values else []
+        for key, info in _plain_keys(model).items():
+            if key != "kind":
+                value, own = (values[key], mark) if key in values else (_instead(info), "#")
+                lines += [f"# {_meaning(info)}", _line(key, value, own, origins.get(key))]
+        return lines
+
+    def keys(
+        self, table: str, model: type[BaseModel], own: Table, origins: Table, without: Collection[str] = ()
+    ) -> list[str]:
+        """The keys of `model` but for tables and those `without`, each below its meaning."""
+        lines = []
+        for key, info in _plain_keys(model).items():
+            if key in without:
+                continue
+            path = f"{table}.{key}" if table else key
+            candidates = (at(self._nearer, path), _instead(info), at(self._farther, path))
+            instead = next((value for value in candidates if value is not None), None)
+            value, mark = (own[key], "") if key in own else (instead, "#")
+            lines += [f"# {_meaning(info)}", _line(key, value, mark, origins.get(key))]
+        return lines
+
+
+def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The keys of `model` that hold no table."""
+    return {
+        info.alias or field: info
+        for field, info in model.model_fields.items()
+        if model_in(info.annotation) is None and get_origin(info.annotation) is not dict
+    }
+
+
+def _instead(info: FieldInfo) -> Any:
+    """The default of a key, or an example."""
+    if info.is_required() or info.default is None:
+        return (info.examples or [None])[0]
+    return info.default
+
+
+def _meaning(info: FieldInfo) -> str:
+    """What a key means and what it may be: `largest command; > 0`."""
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+    bounds = [
+        f"{sign} {getattr(bound, name):g}"
+        for bound in info.metadata
+        for name, sign in signs.items()
+        # 2**63 is no bound for people
+        if abs(getattr(bound, name, math.inf)) < 1e18
+    ]
+    kinds = (info.annotation, *get_args(info.annotation))
+    choices = [json.dumps(value) for kind in kinds if get_origin(kind) is Literal for value in get_args(kind)]
+    return "; ".join(filter(None, (info.description, " and ".join(bounds), " or ".join(choices))))
+
+
+def _summary(model: type[BaseModel]) -> str:
+    """The first sentence of what is said of a table."""
+    text = " ".join((model.__doc__ or "").split("\n\n")[0].split())
+    return (text.partition(": ")[2] or text).removesuffix(".")
+
+
+def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
+    written = f"{{ value = {toml_value(value)}, source = {toml_value(source)} }}" if source else toml_value(value)
+    return f"{mark}{key} = {written}"
+
+
+def start_experiment(declared: Declared, file: Path, start: str) -> list[Path]:
+    """Write an experiment to `file` that does what the experiment `start` of those that come with twin does.
+
+    Returns:
+        The files that were written: `file`, and beside it the JSON Schema if none was there.
+
+    Raises:
+        InputRefused: `file` exists, or there is no experiment `start`.
+        NotWritten: the disk refuses.
+    """
+    known = known_experiments()
+    if start not in known:
+        raise InputRefused(f"--from {start}: no such experiment; {nearest(start, known_experiments())}")
+    if file.suffix != ".toml":
+        raise InputRefused(f"{file}: expected a name that ends with .toml")
+    schema = file.parent / SCHEMA_FILE
+    text = commented_experiment(declared, file.name, known[start])
+    made_folder(file.parent)
+    if os.path.lexists(file):
+        raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
+    write_text(file, text)
+    if os.path.lexists(schema):
+        return [file]
+    write_text(schema, schema_text(declared))
+    return [file, schema]

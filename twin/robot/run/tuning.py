@@ -1,0 +1,102 @@
+"""Parameters of a run that may be changed while it goes on."""
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.assemble import Assembly, tunables
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.mistakes import unknown
+from twin.robot.experiment.schema import changed_value
+
+
+class Tuning(Observer):
+    """The parameters of one run that may be changed while it goes on.
+
+    `values`, `request` and `close` may be called from any thread.
+
+    Attributes:
+        first: what was changed by hand first, as its event says it; "" as long as nothing was.
+    """
+
+    lasting = ("first", "_values")
+
+    def __init__(self, experiment: Experiment, assembly: Assembly):
+        self.first = ""
+        self._experiment = experiment
+        self._tunables = tunables(experiment, assembly.system)
+        self._values = {key: float(tunable.number) for key, tunable in self._tunables.items()}
+        self._asked: dict[str, tuple[float, float]] = {}
+        self._changes: list[TickEvent] = []
+        self._open = True
+        self._lock = threading.Lock()
+
+    def values(self) -> dict[str, float]:
+        """Every parameter that may be changed, by its key in the experiment's file, in the unit of that key.
+
+        What has been asked for counts already.
+        """
+        with self._lock:
+            return self._values | {key: number for key, (number, _) in self._asked.items()}
+
+    def request(self, key: str, number: object) -> None:
+        """Ask for `number` (in the unit of the key) from the next slice on.
+
+        Raises:
+            InputRefused: no such parameter, a value that the experiment's schema refuses, or the run is over.
+        """
+        if key not in self._tunables:
+            raise InputRefused(f"{unknown(key, list(self._tunables))}; only these can be changed while it runs")
+        value = changed_value(DECLARED, key, number, self._experiment.values)
+        with self._lock:
+            if not self._open:
+                raise InputRefused(f"{key} = {number}: the run is over, nothing can be changed any more")
+            self._asked[key] = (float(number), value)  # type: ignore[arg-type]
+
+    def restore(self, state: Any) -> None:
+        """What was changed by hand before is so again."""
+        before = dict(self._values)
+        super().restore(state)
+        for key, number in self._values.items():
+            if key not in before:
+                raise InputRefused(f"the state has {key} = {number}, which cannot be changed in this run")
+            if number != before[key]:
+                self._tunables[key].memory[...] = changed_value(DECLARED, key, number, self._experiment.values)
+
+    def ready(self, tick: int) -> None:
+        """Make the changes asked for, so that they act from `tick` on."""
+        with self._lock:
+            asked, self._asked = self._asked, {}
+            for key, (number, value) in asked.items():
+                if number != self._values[key]:
+                    self._tunables[key].memory[...] = value
+                    self._tell(tick, key, number, " (live)")
+                    self.first = self.first or self._changes[0].text
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        """Tell what was changed by hand before this slice, and by the experiment itself in it."""
+        with self._lock:
+            for change in self._experiment.changes:
+                if first <= change.tick < first + len(rows) and change.key in self._values:
+                    self._tell(change.tick, change.key, change.number)
+        events += self._changes
+        self._changes = []
+
+    def _tell(self, tick: int, key: str, number: float, how: str = "") -> None:
+        before, self._values[key] = self._values[key], number
+        change = f"{key}: {_written(before)} -> {_written(number)}{how}"
+        self._changes.append(TickEvent(tick, "INFO", change, "tuning"))
+
+    def close(self) -> None:
+        """Refuse from now on."""
+        with self._lock:
+            self._open = False
+
+
+def _written(number: float) -> str:
+    """With every digit that it takes to get the same number back."""
+    return repr(number).removesuffix(".0")

@@ -1,0 +1,124 @@
+"""Viewers of a running simulation, and the pace of a run."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from twin.kernel.cosim.deadlines import Deadlines, clock_functions
+from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.recording.recorder import RowStream
+from twin.robot.run.tuning import Tuning
+from twin.robot.scene import Scene
+
+SLICE = 0.01
+"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with what it costs."""
+
+
+class Viewer(Protocol):
+    """Called by the thread that steps, between slices; what it takes its time over delays the run."""
+
+    def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
+        """A run begins as soon as this returns.
+
+        Args:
+            streams: in the order of the recording.
+            tick: duration of a tick (s).
+            tuning: what may be changed, by any thread, until the run is over.
+        """
+
+    def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
+        """Show what has just been simulated.
+
+        Args:
+            first: tick of the first row.
+            rows: (n, width of the system's outputs), overwritten by the next slice.
+            events: what happened in them.
+        """
+
+
+class Shown(Observer):
+    """Shows a run to `viewer`; the arguments are those of its `begin`."""
+
+    def __init__(self, viewer: Viewer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
+        self._viewer, self._streams, self._scene, self._tuning = viewer, streams, scene, tuning
+
+    def begin(self, simulation: Simulation) -> None:
+        self._viewer.begin(self._streams, self._scene, simulation.system.tick, self._tuning)
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self._viewer.show(first, rows, events)
+
+
+@dataclass(frozen=True)
+class Punctuality:
+    """How a paced run kept its deadlines.
+
+    Attributes:
+        factor: simulated time per wall time that was wanted.
+        achieved: what it came to.
+        deadlines: how many there were.
+        misses: at how many the work was not done yet.
+        worst: longest time by which one was missed (s).
+        jitter, jitter_99: standard deviation and 99th percentile of the time from a deadline to going on (s).
+    """
+
+    factor: float
+    achieved: float
+    deadlines: int
+    misses: int
+    worst: float
+    jitter: float
+    jitter_99: float
+
+    @property
+    def sentence(self) -> str:
+        """For people, less than 80 columns."""
+        missed = f"{self.misses} of {self.deadlines} deadlines missed"
+        if self.misses:
+            missed += f", by {1e3 * self.worst:.1f} ms at most"
+        return f"{self.achieved:.4g} x real time; {missed}; jitter {1e3 * self.jitter:.2f} ms"
+
+
+class Pace(Observer):
+    """Lets simulated time pass `factor` times as fast as the clock on the wall, see `Deadlines`.
+
+    Args:
+        factor: simulated time per wall time, > 0.
+        tick: duration of a tick (s).
+
+    Attributes:
+        tick_time: wall time of a tick (s).
+        deadlines: of its ticks.
+    """
+
+    def __init__(self, factor: float, tick: float):
+        self._factor = factor
+        self.tick_time = tick / factor
+        self.deadlines = Deadlines(self.tick_time, clock_functions())
+
+    def slice_ticks(self, block: int) -> int:
+        """Ticks between two looks at what has come: at most `SLICE`, at least one tick, and a divisor of `block`."""
+        most = max(1, math.floor(SLICE / self.tick_time + 1e-9))
+        return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
+
+    def begin(self, simulation: Simulation) -> None:
+        simulation.pace(self.deadlines)
+
+    def punctuality(self) -> Punctuality:
+        """Of every deadline so far."""
+        found = self.deadlines.counts
+        count, mean = max(1, found["count"]), found["sum"] / max(1, found["count"])
+        due = (found["last"] - found["start"]) * self.tick_time if found["count"] else 0.0
+        return Punctuality(
+            factor=self._factor,
+            achieved=self._factor * due / (due + found["newest"]) if due else self._factor,
+            deadlines=int(found["count"]),
+            misses=int(found["missed"]),
+            worst=found["worst"],
+            jitter=math.sqrt(max(0.0, found["squares"] / count - mean**2)),
+            jitter_99=self.deadlines.lateness.quantile(0.99) if found["count"] else 0.0,
+        )

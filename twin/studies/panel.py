@@ -1,0 +1,59 @@
+"""Panels of pictures and pages: one description of their curves, drawn by matplotlib here and by the page's script."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from twin.kernel.errors import UnknownSeries
+from twin.studies.metrics.response import Curve
+
+if TYPE_CHECKING:
+    from twin.studies.figure import Axes
+
+Role = Literal["truth", "belief", "reference", "shifted", "display"]
+Samples = tuple[Curve, Curve]
+"""Times (n,) in s, and values (n,) in the panel's unit."""
+Reader = Callable[[Any], Samples | None]
+"""Function that returns a run's samples of a curve, or None without any."""
+
+
+class PanelCurve(NamedTuple):
+    """One curve of a panel, in every run that has it.
+
+    Attributes:
+        role: meaning of the curve; decides colour and line style.
+        read: its samples.
+        member: joint or axis, 0..2, if the panel shows several; decides the colour then. -1: neither.
+        shown: whether the page shows it at first.
+    """
+
+    label: str
+    role: Role
+    read: Reader
+    member: int = -1
+    shown: bool = True
+
+
+class Panel(NamedTuple):
+    """One plot. Values in `unit`."""
+
+    title: str
+    unit: str
+    quantities: tuple[PanelCurve, ...]
+
+
+def draw_panel(axes: "Axes", panel: Panel, run: Any, looks: Mapping[str, Mapping[str, Any]]) -> None:
+    """Draw the curves of a panel that `looks` has a style for; series that the run lacks are left out.
+
+    Args:
+        run: argument of the panel's readers.
+        looks: keywords of matplotlib's plot, by the label or the role of a curve; the order is that of drawing.
+    """
+    for name, look in looks.items():
+        for curve in panel.quantities:
+            if name in (curve.label, curve.role):
+                try:
+                    samples = curve.read(run)
+                except UnknownSeries:
+                    continue
+                if samples is not None:
+                    axes.plot(*samples, **({"label": curve.label} | dict(look)))

@@ -1,0 +1,109 @@
+"""Fig. 4 drawn from its runs, by the controller's estimates; the true force is dotted."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, picture
+from twin.studies.panel import Panel, PanelCurve, Reader, Samples, draw_panel
+from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
+
+MM = 1e3
+WIDE, THIN = 1.6, 0.9
+"""Widths of lines (pt); noise drawn wide is a block of colour."""
+BLUE, VERMILION, ORANGE, BLACK = 0, 1, 4, 6
+"""Numbers of the page's colours that are the nearest to the paper's."""
+PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE = PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE, GREY
+TRUE: dict[str, Any] = {"color": INK, "lw": THIN, "ls": ":"}
+TRUE_P, TRUE_FP = "P-based, true", "F&P-based, true"
+LOOKS: dict[str, dict[str, Any]] = {
+    "Pre-define": {"color": PRE_DEFINE, "lw": WIDE}, "P-based": {"color": P_BASED, "lw": WIDE},
+    "F&P-based": {"color": FP_BASED, "lw": WIDE}, "F&P-based-ref": {"color": FP_REFERENCE, "lw": THIN},
+    TRUE_P: {**TRUE, "label": "true force (plant)"}, TRUE_FP: {**TRUE, "label": None},
+}  # fmt: skip
+"""By label, in the order of the legends."""
+OF_FRICTION = LOOKS | {name: {**LOOKS[name], "lw": THIN} for name in ("P-based", "F&P-based")}
+
+
+def _of_run(name: str, curve: str, scale: float = 1.0, column: int | None = None) -> Reader:
+    """Return a reader of a curve of one of the runs, at the rate of the curve."""
+
+    def samples(runs: Fig4Runs) -> Samples | None:
+        run: Fig4Run | None = getattr(runs, name)
+        if run is None:
+            return None
+        values = getattr(run, curve)
+        return run.t_plant if curve.startswith("true_") else run.t, scale * (
+            values if column is None else values[:, column]
+        )
+
+    return samples
+
+
+def _level(value: str = "") -> Reader:
+    """Return a reader of a constant of the force-position run; of 0 without a name."""
+
+    def samples(runs: Fig4Runs) -> Samples:
+        run = runs.force_position
+        return run.t, np.full(len(run.t), getattr(run, value) if value else 0.0)
+
+    return samples
+
+
+def _friction(title: str, axis: int, position: str, force_position: str) -> Panel:
+    return Panel(
+        title, "N",
+        (
+            PanelCurve("Pre-define", "reference", _level(), BLUE, shown=False),
+            PanelCurve("P-based", "truth", _of_run(position, "F_ee_B", column=axis), ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run(force_position, "F_ee_B", column=axis), VERMILION),
+        ),
+    )  # fmt: skip
+
+
+FIG4_PANELS = (
+    Panel(
+        "A: z position", "mm",
+        (
+            PanelCurve("Pre-define", "truth", _of_run("force_position", "z_ref", MM), BLUE),
+            PanelCurve("P-based", "truth", _of_run("position", "z", MM), ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run("force_position", "z", MM), VERMILION),
+            PanelCurve("F&P-based-ref", "reference", _of_run("force_position", "z_cmd", MM), BLACK),
+        ),
+    ),
+    Panel(
+        "B: F_z, pressing", "N",
+        (
+            PanelCurve("Pre-define", "truth", _level("F_z_ref"), BLUE),
+            PanelCurve("P-based", "truth", _of_run("position", "F_z"), ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run("force_position", "F_z"), VERMILION),
+            PanelCurve(TRUE_P, "display", _of_run("position", "true_F_z"), BLACK, shown=False),
+            PanelCurve(TRUE_FP, "display", _of_run("force_position", "true_F_z"), BLACK, shown=False),
+        ),
+    ),
+    _friction("C: F_x, imperfect runs", 0, "imperfect_position", "imperfect_force_position"),
+    _friction("D: F_y", 1, "position", "force_position"),
+)  # fmt: skip
+
+
+def draw_fig4(runs: Fig4Runs, path: Path) -> None:
+    """Write the picture to `path` (PNG)."""
+    with picture(path, 12, 7.5) as figure:
+        (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
+        places = ("upper right", "lower right", "lower left", "lower left")
+        labels = ("z position (mm)", "F_z, pressing (N)", "F_x (N)", "F_y (N)")
+        for axes, panel, place, label in zip((a, b, c, d), FIG4_PANELS, places, labels, strict=True):
+            draw_panel(axes, panel, runs, LOOKS if axes in (a, b) else OF_FRICTION)
+            axes.set_ylabel(label)
+            axes.legend(loc=place)
+            axes.set_title(panel.title[0], loc="left", fontweight="bold")
+            axes.set_xlim(0, 20)
+        limits = [min(c.get_ylim()[0], d.get_ylim()[0]), max(c.get_ylim()[1], d.get_ylim()[1])]
+        c.set_ylim(*limits)
+        d.set_ylim(*limits)
+        # ideal runs have no force in x, by symmetry
+        text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
+        c.set_title(text, loc="right", fontsize="small")
+        for axes in (c, d):
+            axes.set_xlabel("time (s)")

@@ -1,0 +1,189 @@
+"""Tasks of a run (Fig. 5) as curves of what truly happened."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import Recording
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.controller.program import TASKS, PhaseKind, Task
+from twin.robot.experiment.recorded import recorded_values
+from twin.robot.experiment.schema import checked_tasks
+from twin.robot.monitor.checks import MEANINGS, Reason
+from twin.robot.run.view import RunView, held_samples
+from twin.studies.metrics import response
+from twin.studies.metrics.required_series import FIG5, lacking
+
+Mask = NDArray[np.bool_]
+TOUCH = 0.1
+"""Share of the pre-defined force that counts as a tap."""
+
+
+def _read(of: "Callable[[TaskRun], response.Curve]") -> "cached_property[response.Curve]":
+    return cached_property(of)
+
+
+@dataclass(frozen=True)
+class TaskRun:
+    """One task of a run, from its first phase to its last; without samples if the run never came to it.
+
+    Curves are (n,) or (n, 3), SI, at the plant's ticks `t`. Those of the controller are held between its samples, as
+    its commands are.
+
+    Attributes:
+        number: which task of the run, counted from 1.
+        task: what was asked for, SI.
+        F_z: true pressing force (N).
+        p_B: true position of the platform (m).
+        v_z: its vertical speed upwards (m/s).
+    """
+
+    recording: RunView
+    number: int
+    task: Task
+
+    @cached_property
+    def _held(self) -> NDArray[np.int64]:
+        """Index of the controller's sample that holds at each of the plant's ticks."""
+        return held_samples(self.recording.time("controller"), self.recording.time("plant"))
+
+    @cached_property
+    def _window(self) -> slice:
+        """The plant's samples in which this task was on."""
+        on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
+        ticks = np.flatnonzero(on[self._held])
+        return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
+
+    def commanded(self, name: str) -> response.Curve:
+        """A series of the controller, held."""
+        return self.recording[f"controller.{name}"][self._held[self._window]]
+
+    t = _read(lambda run: run.recording.time("plant")[run._window])
+    F_z = _read(lambda run: -run.recording["plant.F_ee_B"][run._window, 2])
+    p_B = _read(lambda run: run.recording["plant.p_B"][run._window])
+    v_z = _read(lambda run: run.recording["plant.v_B"][run._window, 2])
+
+    @cached_property
+    def phase(self) -> NDArray[np.int64]:
+        return self.commanded("phase").astype(np.int64)
+
+    def during(self, kind: PhaseKind) -> Mask:
+        """Samples of a phase."""
+        return self.phase == kind
+
+    @cached_property
+    def full_turns(self) -> Mask:
+        """Samples of the full circles: without the turn that spirals out and the one that spirals back."""
+        circling = self.during(PhaseKind.CIRCLE)
+        assert self.task.kind == "roll"
+        since = self.t - response.first_time(self.t, circling)
+        turn = 1.0 / self.task.rate
+        return circling & (since >= turn) & (since <= (1.0 + self.task.turns) * turn)
+
+    @cached_property
+    def taps(self) -> list[slice]:
+        """Samples of each tap, from its start to that of the next, or to the end of the task."""
+        tapping = self.during(PhaseKind.TAP)
+        starts = np.flatnonzero(np.diff(tapping.astype(np.int8), prepend=0) > 0)
+        return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
+
+    @cached_property
+    def peaks(self) -> response.Curve:
+        """Largest force of each tap that touches (N)."""
+        largest = np.array([self.F_z[tap].max() for tap in self.taps])
+        return largest[largest >= TOUCH * self.task.force]
+
+    @cached_property
+    def touches(self) -> NDArray[np.int64]:
+        """Index of the first sample in contact of each tap that touches."""
+        hits = [tap.start + np.flatnonzero(self.F_z[tap] > 0.0) for tap in self.taps]
+        return np.array([hit[0] for hit in hits if len(hit)], dtype=np.int64)
+
+    @cached_property
+    def whole_taps(self) -> int:
+        """How many taps touch and then leave the surface."""
+        whole = 0
+        for tap in self.taps:
+            F_z = self.F_z[tap]
+            peak = int(np.argmax(F_z))
+            whole += bool(F_z[peak] >= TOUCH * self.task.force and np.any(F_z[peak:] <= 0.0))
+        return whole
+
+    @property
+    def watched(self) -> bool:
+        """Whether the run had a safety monitor."""
+        return "monitor.tripped" in self.recording.fields()
+
+    @cached_property
+    def tripped(self) -> bool:
+        """Whether the safety monitor tripped before this task was over."""
+        return len(self.t) == 0 or bool(trip_time(self.recording) <= self.t[-1])
+
+
+def task_runs(recording: Recording) -> list[TaskRun]:
+    """The tasks of a run in their order.
+
+    Raises:
+        InputRefused: it holds none, or lacks what they are judged on.
+    """
+    tables = _tuples(settings(recording).get("task", []))
+    tasks = tuple(checked_tasks(TASKS, tables, []).values())
+    if tasks and (missing := lacking(FIG5, recording.fields())):
+        raise InputRefused(
+            f"{recording.path}: no {', '.join(missing)}; Fig. 5 is judged phase by phase of each task, so the "
+            "controller has to put these out"
+        )
+    if not tasks:
+        raise InputRefused(
+            f"{recording.path}: holds no task; Fig. 5 needs a run of [[task]] tables, such as experiments/pressing.toml"
+        )
+    return [TaskRun(recording, number, task) for number, task in enumerate(tasks, start=1)]
+
+
+def settings(run: RunView) -> dict[str, Any]:
+    """Return the experiment's checked values, keys with units; raise as `recorded_values`."""
+    path = run.path if isinstance(run, Recording) else Path("run in memory")
+    return recorded_values(DECLARED, run.metadata, path)
+
+
+def drive_of(recording: Recording) -> str:
+    """`velocity_servo`; `stepper+velocity_servo` where the joints differ."""
+    drive = settings(recording).get("drive", {})
+    tables = [drive, *(table for table in drive.values() if isinstance(table, dict))]
+    return "+".join(sorted({Path(table["fmu"]).stem for table in tables if "fmu" in table})) or "parts"
+
+
+def body_of(recording: Recording) -> str:
+    """`back`; `scale` or `skin` where no file of bodies was named."""
+    contact = settings(recording).get("contact", {})
+    return Path(contact.get("body", contact.get("kind", "unknown"))).stem
+
+
+def trip_time(recording: RunView) -> float:
+    """When the safety monitor tripped (s); infinity: never, or there is none."""
+    if "monitor.tripped" not in recording.fields():
+        return np.inf
+    return response.first_time(recording.time("monitor"), recording["monitor.tripped"].astype(bool))
+
+
+def trip_sentence(recording: Recording) -> str:
+    """One sentence on a trip, or ""."""
+    time = trip_time(recording)
+    if np.isinf(time):
+        return ""
+    code = recording["monitor.reason"][np.searchsorted(recording.time("monitor"), time)]
+    why = MEANINGS[Reason(int(code))].sentence.removeprefix("joint {joint}: ")
+    return f"{recording.path}: the safety monitor tripped at {time:.3f} s, {why}; every task from then on fails"
+
+
+def _tuples(value: Any) -> Any:
+    """JSON's lists as the tuples that the checks expect."""
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    return {key: _tuples(item) for key, item in value.items()} if isinstance(value, dict) else value

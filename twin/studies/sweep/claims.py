@@ -1,0 +1,92 @@
+"""The claims of Fig. 4 on a run of a sweep and its companion without force control: verdicts and curves."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.experiment import Experiment
+from twin.studies.metrics.response import Curve
+from twin.studies.packing import text_of, values_of
+from twin.studies.paper.claim import as_facts
+from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4_measures import WHOLE, Fig4Runs
+
+PERIOD = 0.04
+"""Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
+COMPANION = 'controller.mode="position"'
+"""The setting that makes the second run of a pair: the same plant, the same belief, no force loop."""
+
+
+def packed(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
+    """`curves` for JSON as they are at 0, `PERIOD`, ... up to `end` (s), on lines between their samples.
+
+    Args:
+        curves: (times (s), values), each (n,), by name; times ascend.
+    """
+    t = np.arange(int(end / PERIOD + 1e-9) + 1) * PERIOD
+    return {"period_s": PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
+
+
+def unpacked(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
+    """(times (s), values by name) of what `packed` made.
+
+    Raises:
+        ValueError: it did not make this.
+    """
+    try:
+        values = {name: values_of(text) for name, text in stored["of"].items()}
+    except KeyError as problem:
+        raise ValueError(str(problem)) from None
+    if len({len(curve) for curve in values.values()}) != 1:
+        raise ValueError("curves of different lengths")
+    samples = len(next(iter(values.values())))
+    t: Curve = np.arange(samples, dtype=float) * float(stored["period_s"])
+    return t, values
+
+
+def refuse_unfit(experiment: Experiment) -> None:
+    """Fig. 4 can be asked of it.
+
+    Raises:
+        InputRefused: it is too short, has massage tasks or no force control.
+    """
+    end = experiment.duration_ticks * experiment.cosim.tick
+    if end < WHOLE:
+        raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {WHOLE} s')
+    if experiment.tasks or experiment.values["controller"].get("mode") != "force_position":
+        raise InputRefused(
+            f'{experiment.name}: claims = "fig4" needs controller.mode = "force_position" and no tasks; '
+            "name fig4_force_position.toml, or one that extends it"
+        )
+
+
+def findings(runs: Fig4Runs) -> dict[str, Any]:
+    """For the row: "claims", key -> {"value", "verdict"}, and "curves", as `packed` writes them: height and
+    forces of both runs as estimated and, from `true_`, as they are (m, N)."""
+    # the plant drawn is the imperfect one
+    score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
+    judged = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
+    return {
+        "claims": {
+            str(facts["claim"]): {"value": facts["measured"], "verdict": facts["verdict"]}
+            for facts in map(as_facts, judged)
+        },
+        "curves": _curves(runs),
+    }
+
+
+def _curves(runs: Fig4Runs) -> dict[str, Any]:
+    curves = {"force_position.z_cmd": (runs.force_position.t, runs.force_position.z_cmd)}
+    for name, run in (("force_position", runs.force_position), ("position", runs.position)):
+        curves |= {
+            f"{name}.z": (run.t, run.z),
+            f"{name}.true_z": (run.t_plant, run.true_z),
+            f"{name}.F_z": (run.t, run.F_z),
+            f"{name}.true_F_z": (run.t_plant, run.true_F_z),
+            f"{name}.F_x": (run.t, run.F_ee_B[:, 0]),
+            f"{name}.F_y": (run.t, run.F_ee_B[:, 1]),
+        }
+    return packed(curves, WHOLE)

@@ -1,0 +1,65 @@
+"""Ctrl-C during a sweep: it is noted, and raised where nothing is lost."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from twin.kernel.process.job import INTERRUPTED
+
+PATIENCE = 3
+"""Presses of Ctrl-C in one sweep that end the process at once."""
+
+
+class _Presses:
+    """Presses of one sweep, a list entry each: appending is one step, incrementing a counter would lose one of two."""
+
+    def __init__(self) -> None:
+        self.noted: list[int] = []
+        self.raised = False
+
+    def note(self, number: int, frame: FrameType | None) -> None:
+        self.noted.append(number)
+        if len(self.noted) >= PATIENCE:
+            # child processes end with this one; rows are written as they come
+            os.write(2, b"\ninterrupted; finished runs are kept\n")
+            os._exit(INTERRUPTED)
+
+
+_presses = _Presses()
+
+
+@contextmanager
+def remembered() -> Iterator[None]:
+    """Within the block Ctrl-C is noted and raised by `raise_if_pressed`; the third press ends the process.
+
+    Nothing changes outside the main thread, or where SIGINT is ignored or has a handler, such as a notebook's.
+
+    Raises:
+        KeyboardInterrupt: at the end, if it was pressed and not raised yet.
+    """
+    global _presses
+    if not _in_main_thread() or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    _presses = _Presses()
+    signal.signal(signal.SIGINT, _presses.note)
+    try:
+        yield
+        raise_if_pressed()
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _presses = _Presses()
+
+
+def raise_if_pressed() -> None:
+    """Raise KeyboardInterrupt if Ctrl-C was pressed; once in a sweep, so that nothing disturbs its end."""
+    if _in_main_thread() and _presses.noted and not _presses.raised:
+        _presses.raised = True
+        raise KeyboardInterrupt
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
