@@ -181,7 +181,8 @@ FRESH = 77
 def test_the_band_holds_95_percent_and_is_narrower_than_holding_the_last_value_is_wrong():
     one = picked(foretold(FRESH, *ROBOTS), 200, 1)
     touching = pressing(one)
-    assert 0.3 < np.mean(touching) < 0.8
+    # taps, half of which are in air, have no band
+    assert 0.3 < np.mean(touching) < 0.9
     assert min(covered(one)) >= 0.95
     # a band of half the width is none
     assert max(covered(one, 0.5)) < 0.95
