@@ -36,8 +36,8 @@ from twin.studies.replay.model import model_of
 from twin.studies.shadow.ahead import Ahead
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 from twin.studies.shadow.following import AlarmWatch, twin_of
-from twin.studies.shadow.mapping import F_Z, WIDTH, wanted_signals
-from twin.studies.shadow.samples import samples_of
+from twin.studies.shadow.mapping import wanted_signals
+from twin.studies.shadow.samples import F_Z, samples_of
 from twin.studies.shadow.session import Followed, Session
 
 RATE = 1000.0
@@ -255,12 +255,11 @@ def in_wall_time(beside: Beside, blocks: int, block: float, long: float) -> list
 def replayed(beside: Beside, what: str, least: float, times: int = 5) -> Measurement:
     """Decoded samples of the experiment at 500 Hz, as fast as they go, recorded."""
     samples = samples_of(run_in_memory(beside.experiment, beside.experiment.controller_ticks))
-    rows = np.full((len(samples.t), WIDTH), np.nan)
-    rows[:, :6], rows[:, 7:10] = samples.u[:, :6], samples.only("omega_ref")
-    columns = tuple(range(WIDTH))
+    samples.u[:, 9:] = np.nan
+    columns = tuple(range(samples.u.shape[1]))
     arrivals = [
         Arrival("encoders", t, Reading(t, columns, tuple(row)))
-        for t, row in zip(np.rint(samples.t * 1e9).astype(int).tolist(), rows.tolist(), strict=True)
+        for t, row in zip(np.rint(samples.t * 1e9).astype(int).tolist(), samples.u.tolist(), strict=True)
     ]
     speeds = []
     for _ in range(times):

@@ -21,7 +21,7 @@ from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
 from twin.studies.shadow.fleet import SCALE
 from twin.studies.shadow.layout import Noises, ShadowDrive
-from twin.studies.shadow.samples import Columns, FilterSamples, followed, samples_of, shadow_of
+from twin.studies.shadow.samples import Columns, RobotSamples, followed, samples_of, shadow_of
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
 FLEET = EXPERIMENTS / "sweeps" / "healthy_fleet.toml"
@@ -40,7 +40,7 @@ class Run(NamedTuple):
     """
 
     experiment: Experiment
-    samples: FilterSamples
+    samples: RobotSamples
     y: Columns
     truth: NDArray[np.float64]
     touching: NDArray[np.bool_]
@@ -81,7 +81,7 @@ class Wandering(NamedTuple):
         samples: of it. x: its state at each (n, 15).
     """
 
-    samples: FilterSamples
+    samples: RobotSamples
     x: NDArray[np.float64]
 
 
@@ -119,7 +119,7 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
     noise = np.repeat([model.plant.motor_noise, model.plant.joint_noise], 3)
     angles = np.hstack([states[:, 6:9], joint_angles(geometry(model), states[:, :3])])
     counts = np.floor((angles + noise * random.standard_normal((n, 6))) / turns(model) + 0.5)
-    return Wandering(FilterSamples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
+    return Wandering(RobotSamples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
 
 
 SKIN = 1250.0
@@ -236,6 +236,14 @@ def turns(model: Experiment) -> NDArray[np.float64]:
     """A count of each of the six encoders (rad)."""
     plant = model.plant
     return 2 * np.pi / np.repeat([plant.motor_counts_per_turn, plant.joint_counts_per_turn], 3)
+
+
+def with_inputs(samples: RobotSamples, **inputs: NDArray[np.float64]) -> RobotSamples:
+    """The samples with other values of some of `layout.INPUTS`."""
+    changed = RobotSamples(samples.t, samples.u.copy())
+    for name, values in inputs.items():
+        changed.only(name)[:] = values
+    return changed
 
 
 @cache

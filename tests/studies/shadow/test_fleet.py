@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.studies.replay.logs import drifting, softened
+from tests.studies.shadow.false_alarms import Count, counts, rates
 from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fleet
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
@@ -31,8 +32,8 @@ from twin.studies.shadow.fleet import (
     watched,
 )
 from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import FilterSamples, samples_of
-from twin.studies.shadow.tolerances import shipped_fleet, tolerances_of
+from twin.studies.shadow.samples import RobotSamples, samples_of
+from twin.studies.shadow.tolerances import SLOWER, shipped_fleet, tolerances_of
 
 EVERY = 2
 """Ticks: samples at 500 Hz, the controller's."""
@@ -52,13 +53,13 @@ def fig4_twin() -> Experiment:
     return read_fleet(identified_fleet(), FIG4).twin()
 
 
-def robot(*settings: str) -> FilterSamples:
+def robot(*settings: str) -> RobotSamples:
     """A robot of Fig. 4 with a scale, by `settings` not what its twin believes."""
     return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY))
 
 
 def alarms_of(
-    samples: FilterSamples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
+    samples: RobotSamples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
 ):
     ends, means = block_means(twin or fig4_twin(), samples)
     return watched(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
@@ -224,7 +225,7 @@ def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_f
             continue
         runs += 1
         for name, missing in WITHOUT.items():
-            samples = FilterSamples(whole.t, whole.u.copy())
+            samples = RobotSamples(whole.t, whole.u.copy())
             for port in missing:
                 samples.only(port)[:] = np.nan
             found[name] += any(one.t > ONSET for one in alarms_of(samples, per_hour=0.01, limits=limits))
@@ -232,7 +233,7 @@ def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_f
     assert (runs, *found.values()) == (80, 32, 27, 16)
 
 
-def spread(twin: Experiment, samples: FilterSamples) -> np.ndarray:
+def spread(twin: Experiment, samples: RobotSamples) -> np.ndarray:
     """How far each channel goes from what it was, by its tolerance."""
     _, means = block_means(twin, samples)
     tolerance = np.array([fig4_limits().tolerance[name] for name in CHANNELS])
@@ -245,7 +246,7 @@ def test_a_dead_twin_is_noticed():
     healthy = robot(*NOISY)
     assert spread(fig4_twin(), healthy).max() < 1.0
     # its motors stand still
-    frozen = FilterSamples(healthy.t, healthy.u.copy())
+    frozen = RobotSamples(healthy.t, healthy.u.copy())
     frozen.only("omega_ref")[:] = 0.0
     assert spread(fig4_twin(), frozen)[:3].max() > 2.0
     assert alarms_of(frozen)
@@ -254,28 +255,18 @@ def test_a_dead_twin_is_noticed():
     assert spread(softer, healthy)[6:10].max() > 2.0
     assert alarms_of(healthy, softer)
     # it takes one joint for another
-    swapped = FilterSamples(healthy.t, healthy.u.copy())
+    swapped = RobotSamples(healthy.t, healthy.u.copy())
     for name in ("count_m", "count_l"):
         swapped.only(name)[:] = healthy.only(name)[:, [1, 0, 2]]
     assert alarms_of(swapped)
 
 
-def _means(one: tuple[int, int, int]) -> Means:
-    """Block means of robot `number` of `runs` with a seed; in a process of its own."""
-    seed, runs, number = one
-    fleet = read_fleet(FLEET, runs=runs, seed=seed)
-    return block_means(_massage_twin(), fleet.samples(number))
-
-
-@cache
-def _massage_twin() -> Experiment:
-    return read_fleet(FLEET).twin()
-
-
 @cache
 def massage_limits() -> Tolerances:
-    """Of the fleet of the file, in its own motion."""
-    return fleet_limits(read_fleet(FLEET))[0]
+    """Those that are shipped, at the controller's rate."""
+    limits = tolerances_at(tolerances_of(shipped_fleet(EXPERIMENTS / "massage.toml"))[0], 500.0)
+    assert limits is not None
+    return limits
 
 
 def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> Rate:
@@ -290,7 +281,8 @@ THREE_HOURS = 184
 
 @cache
 def three_hours() -> list[Means]:
-    fleet, twin = read_fleet(FLEET, runs=THREE_HOURS, seed=FRESH), _massage_twin()
+    fleet = read_fleet(FLEET, runs=THREE_HOURS, seed=FRESH)
+    twin = fleet.twin()
     return [block_means(twin, fleet.samples(k)) for k in range(THREE_HOURS)]
 
 
@@ -309,17 +301,43 @@ def test_half_of_threshold_and_tolerance_or_a_fleet_without_tolerance_break_it()
     assert counted(three_hours(), 1.0, none).upper > 1.0
 
 
+def _counts(one: tuple[str, int, tuple[int, ...], tuple[str, ...]]) -> list[Count]:
+    """Of one robot, in a process of its own."""
+    return list(counts(*one))
+
+
+def counted_anew(experiment: str, robots: int, thinned: tuple[int, ...], *settings: str) -> list[tuple[Rate, Rate]]:
+    """False alarms at each sampling rate."""
+    asked = [(experiment, k, thinned, settings) for k in range(robots)]
+    with get_context("spawn").Pool(2) as pool:
+        rows = [row for found in pool.imap_unordered(_counts, asked, chunksize=20) for row in found]
+    return [both for key, both in rates(rows).items() if key[0] == experiment]
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize(
+    ("experiment", "robots", "settings"),
+    [
+        ("fig4_force_position", 640, ()), ("fig4_position", 640, ()), ("pressing", 1090, ()), ("tapping", 835, ()),
+        ("rolling", 295, ()), ("pushing", 330, ()), ("massage", 184, ()),
+        ("fig4_force_position", 640, ("controller.period_ms=1",)),
+        ("fig4_force_position", 640, ("controller.period_ms=5",)),
+    ],
+)  # fmt: skip
+def test_at_each_rate_of_each_task_three_hours_keep_the_promise_of_one_alarm_an_hour(
+    experiment: str, robots: int, settings: tuple[str, ...]
+):
+    found = counted_anew(experiment, robots, SLOWER if not settings else (1,), *settings)
+    assert found and all(often.hours >= 3.0 and often.upper <= 1.0 for often, _ in found)
+
+
 THREE_HUNDRED_HOURS = 18_306
 
 
 @pytest.mark.endurance
 def test_three_hundred_hours_keep_the_promise_of_one_alarm_in_a_hundred():
-    numbers = [(FRESH + k // 500, 500, k % 500) for k in range(THREE_HUNDRED_HOURS)]
-    with get_context("spawn").Pool(2) as pool:
-        all_means = list(pool.imap_unordered(_means, numbers, chunksize=50))
-    rate = counted(all_means, 0.01, massage_limits())
-    assert rate.hours >= 300.0
-    assert rate.upper <= 0.01
+    ((_, rare),) = counted_anew("massage", THREE_HUNDRED_HOURS, (1,))
+    assert rare.hours >= 300.0 and rare.upper <= 0.01
 
 
 def test_a_fleet_is_of_robots_that_can_send_all_that_a_filter_takes():

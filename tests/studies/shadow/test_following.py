@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.studies.replay.logs import EXPERIMENTS, FIG4, SCALE, ran
+from tests.studies.shadow.robots import with_inputs
 from twin.kernel.cosim.delay import named
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import recorded
@@ -15,11 +16,11 @@ from twin.robot.controller.controller import Belief
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.model import RobotModel, model_of
 from twin.studies.replay.replay import robot_log
-from twin.studies.shadow.alarm import CHANNELS, Tolerances
+from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
+from twin.studies.shadow.deviations import NOT_IDENTIFIED
 from twin.studies.shadow.following import AlarmWatch, Rows, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
-from twin.studies.shadow.mapping import RobotSamples
-from twin.studies.shadow.samples import FilterSamples, followed, shadow_of
+from twin.studies.shadow.samples import RobotSamples, followed, shadow_of
 
 EXPERIMENT = load_experiment(EXPERIMENTS / f"{FIG4}.toml", SCALE)
 MODEL = model_of(EXPERIMENT)
@@ -30,9 +31,8 @@ def said(run: Recording, belief: Belief = MODEL.belief) -> RobotSamples:
     """What the robot of `run` says in its first 5 s, with the commands of its controller."""
     log = recorded(run)
     robot = robot_log(log, belief)
-    nothing = np.full((N, 3), np.nan)
     speeds = log.vector("controller.omega_ref").values[:N]
-    return RobotSamples(robot.t[:N], robot.count_m[:N], robot.count_l[:N], nothing[:, 0], speeds, nothing)
+    return RobotSamples(robot.t[:N], np.hstack([robot.count_m[:N], robot.count_l[:N], speeds, np.full((N, 4), np.nan)]))
 
 
 def part(samples: RobotSamples, a: int, b: int) -> RobotSamples:
@@ -64,14 +64,14 @@ def test_however_the_samples_are_cut_the_rows_are_the_same():
 
 def test_the_state_is_that_of_the_filter_over_all_samples_and_a_command_holds_until_the_next():
     samples = said(ran(FIG4))
-    commanded = samples.omega_ref.copy()
+    commanded = samples.only("omega_ref").copy()
     commanded[1::2] = np.nan
-    rows = fed(twin_of(EXPERIMENT, MODEL, "robot"), samples._replace(omega_ref=commanded), [3, 1000])["shadow"]
-    held = np.repeat(commanded[::2], 2, axis=0)
-    nothing = np.full((N, 1), np.nan)
-    u = np.hstack([samples.count_m, samples.count_l, held, nothing, samples.tau_motor])
-    whole = followed(shadow_of(EXPERIMENT), FilterSamples(samples.t, u))
+    rows = fed(twin_of(EXPERIMENT, MODEL, "robot"), with_inputs(samples, omega_ref=commanded), [3, 1000])["shadow"]
+    whole = followed(shadow_of(EXPERIMENT), with_inputs(samples, omega_ref=np.repeat(commanded[::2], 2, axis=0)))
+    assert np.all(named(OUTPUTS, rows)["deviation"] >= whole.pop("deviation"))
     for name, values in named(OUTPUTS, rows).items():
+        if name == "deviation":
+            continue
         np.testing.assert_allclose(values.reshape(N, -1), whole[name].reshape(N, -1), rtol=0, atol=1e-9, err_msg=name)
 
 
@@ -87,6 +87,33 @@ def test_counts_that_jump_raise_the_alarm_and_those_of_a_healthy_robot_do_not():
     assert watched.alarms[0].channel == "spread" and 3.0 < watched.alarms[0].t <= 5.0
 
 
+def test_another_rate_has_its_own_tolerances_and_what_is_normal_is_learnt_anew():
+    tight, wide = (
+        Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": k}, dict.fromkeys(CHANNELS, 0.01)) for k in (0.3, 1e9)
+    )
+    samples, half = said(ran(FIG4)), N // 2
+    for limits, state, known in (
+        ({500.0: wide, 250.0: tight}, WatchState.COOLING_DOWN, True), ({500.0: wide}, WatchState.NOT_WATCHED, False),
+    ):  # fmt: skip
+        watched = AlarmWatch(limits, 1.0)
+        twin = twin_of(EXPERIMENT, MODEL, "robot", watched)
+        twin.feed(part(samples, 0, half))
+        assert watched.changes == []
+        watched.change_rate(2.5, 250.0)
+        twin.feed(RobotSamples(*(field[half::2] for field in samples)))
+        assert watched.changes[0].state is state
+        assert ("250" in watched.why_not) != known
+
+
+def test_the_text_of_an_alarm_begins_with_its_caution():
+    limits = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))
+    jump = "fault=[{kind='encoder_bias', target='joint_encoder_1', onset_s=3.0, magnitude_deg=0.3}]"
+    twin = twin_of(EXPERIMENT, MODEL, "robot", AlarmWatch(limits, 1.0, caution=NOT_IDENTIFIED))
+    twin.feed(said(ran(FIG4, jump)))
+    texts = [one.text for one in twin.happenings()]
+    assert any(text.startswith(f"{NOT_IDENTIFIED}; robot and twin have parted") for text in texts), texts
+
+
 def joint_residual(model: RobotModel, samples: RobotSamples, alive: bool = True) -> float:
     """rms over the joints, deg, from 1 s on."""
     twin = twin_of(EXPERIMENT, model, "robot")
@@ -94,7 +121,7 @@ def joint_residual(model: RobotModel, samples: RobotSamples, alive: bool = True)
         frozen = twin.feed(part(samples, 0, 1))["plant"][0]
         rows = twin.feed(part(samples, 1, N))
         theta_l = frozen[6:9]
-        r = theta_l - samples.count_l[501:] * (2.0 * np.pi / model.belief.joint_counts)
+        r = theta_l - samples.only("count_l")[501:] * (2.0 * np.pi / model.belief.joint_counts)
     else:
         rows = twin.feed(samples)
         r = rows["residual/joints"][500:]
@@ -110,7 +137,7 @@ def test_a_twin_that_is_not_this_robot_is_seen(what: str):
         seen = joint_residual(wrong, samples)
     elif what == "swapped":
         order = [1, 0, 2]
-        seen = joint_residual(MODEL, samples._replace(count_l=samples.count_l[:, order]))
+        seen = joint_residual(MODEL, with_inputs(samples, count_l=samples.only("count_l")[:, order]))
     else:
         seen = joint_residual(MODEL, samples, alive=False)
     assert seen > 5.0 * alike
@@ -132,7 +159,7 @@ def test_a_plant_model_that_leaves_the_workspace_costs_no_more_than_itself():
     twin = twin_of(EXPERIMENT, MODEL, "robot")
     twin.feed(part(samples, 0, 1000))
     broken = part(samples, 1000, 1100)
-    twin.feed(broken._replace(count_m=broken.count_m + 30.0 * MODEL.belief.motor_counts))
+    twin.feed(with_inputs(broken, count_m=broken.only("count_m") + 30.0 * MODEL.belief.motor_counts))
     assert any("it starts anew, at rest" in one.text for one in twin.happenings())
     rows = twin.feed(part(samples, 1100, N))
     assert np.all(np.isfinite(rows["plant"][-500:])) and np.all(np.isfinite(rows["estimator"]))
@@ -149,7 +176,7 @@ def test_a_plant_model_that_leaves_the_workspace_costs_no_more_than_itself():
 )
 def test_angles_of_another_unit_or_sign_are_refused_with_what_to_write(joint: float, motor: float, written: str):
     samples = said(ran(FIG4))
-    wrong = samples._replace(count_m=motor * samples.count_m, count_l=joint * samples.count_l)
+    wrong = with_inputs(samples, count_m=motor * samples.only("count_m"), count_l=joint * samples.only("count_l"))
     with pytest.raises(InputRefused) as refused:
         twin_of(EXPERIMENT, MODEL, "robot").feed(wrong)
     assert written in str(refused.value)

@@ -14,6 +14,7 @@ import pytest
 from tests.conftest import ROOT
 from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL, said
+from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.reader import read
@@ -22,8 +23,10 @@ from twin.kernel.recording.sources.signals import Reading
 from twin.kernel.recording.sources.stamps import Aligner, Sample, rows_of
 from twin.studies.shadow.ahead import Ahead
 from twin.studies.shadow.following import Twin, twin_of
-from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
+from twin.studies.shadow.layout import INPUTS
+from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
 from twin.studies.shadow.receiving import Receiver
+from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.verdict import Followed
 
@@ -32,16 +35,15 @@ MS = 1_000_000
 
 def readings(n: int, period: int = 2 * MS) -> list[Reading]:
     """What the robot of Fig. 4 says, with a command in every other message."""
-    robot = said(ran(FIG4))
-    rows = np.hstack([robot.count_m, robot.count_l, robot.F_z[:, None], robot.omega_ref, robot.tau_motor])[:n]
-    rows[1::2, 7:10] = np.nan
-    return [Reading(k * period, tuple(range(WIDTH)), tuple(row)) for k, row in enumerate(rows.tolist())]
+    robot = RobotSamples(*(field[:n].copy() for field in said(ran(FIG4))))
+    robot.only("omega_ref")[1::2] = np.nan
+    return [Reading(k * period, tuple(range(width(INPUTS))), tuple(row)) for k, row in enumerate(robot.u.tolist())]
 
 
 class Robot:
     """Says `said`, each at its time on a clock that the test moves, or on the wall."""
 
-    name, dropped = "robot", 0
+    name, dropped, has_messages = "robot", 0, False
 
     def __init__(self, told: list[Reading], live: bool = False):
         self.told, self.live, self.at, self.next = told, live, 0, 0
@@ -82,7 +84,7 @@ class Robot:
 
 
 def receiver(robot: Robot, estimate: Callable[[Sample], None]) -> Receiver:
-    return Receiver(robot, {}, Aligner(WIDTH, NEEDED, 0.03), estimate)
+    return Receiver(robot, {}, Aligner(width(INPUTS), NEEDED, 0.03), estimate)
 
 
 def test_a_sample_that_is_estimated_at_once_gives_the_row_that_it_gives_in_a_slice():
@@ -104,7 +106,8 @@ def compare_at_once_with_slices(at_once: Twin, sliced: Twin, made: list[Sample])
     while not robot.ended:
         one.turn()
     # more of them than the first slice takes
-    found = samples_of(*rows_of(made))
+    stamps, rows_made = rows_of(made)
+    found = RobotSamples(stamps / NANOSECONDS, rows_made)
     halves = [type(found)(*(column[part] for column in found)) for part in (slice(200), slice(200, None))]
     rows, expected = [at_once.feed(half) for half in halves], [sliced.feed(half) for half in halves]
     assert len(made) == 500

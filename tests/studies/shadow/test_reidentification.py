@@ -6,9 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import binom
+from twin.kernel.places import HOME
 
 from tests.studies.replay.logs import softened
-from tests.studies.shadow.robots import FIG4, FLEET
+from tests.studies.shadow.robots import FIG4, FLEET, identified_fleet
 from twin.kernel.cosim.delay import named
 from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.assembly.load import load_experiment
@@ -20,7 +21,6 @@ from twin.studies.shadow.alarm import CHANNELS, Tolerances
 from twin.studies.shadow.fleet import SCALE, Fleet, arrived, read_fleet
 from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
-from twin.studies.shadow.mapping import RobotSamples
 from twin.studies.shadow.reidentification import (
     LATEST,
     MOST,
@@ -31,25 +31,25 @@ from twin.studies.shadow.reidentification import (
     reidentified,
     torque_error,
 )
-from twin.studies.shadow.samples import FilterSamples, drive_model, samples_of
+from twin.studies.shadow.samples import RobotSamples, drive_model, samples_of
 
 TWIN = load_experiment(FIG4, SCALE)
 NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 
 
 @cache
-def robot(*settings: str) -> FilterSamples:
+def robot(*settings: str) -> RobotSamples:
     """A robot of Fig. 4 that is broken from the start or from some moment on, as it arrives."""
     run = run_in_memory(load_experiment(FIG4, [*SCALE, *NOISY, *settings]), 2)
     return arrived(samples_of(run), np.random.default_rng(4), 0.01, 0.2e-3)
 
 
-def part(samples: FilterSamples, begin: float, end: float = np.inf) -> FilterSamples:
+def part(samples: RobotSamples, begin: float, end: float = np.inf) -> RobotSamples:
     chosen = (samples.t >= begin) & (samples.t < end)
-    return FilterSamples(samples.t[chosen], samples.u[chosen].copy())
+    return RobotSamples(samples.t[chosen], samples.u[chosen].copy())
 
 
-def found(samples: FilterSamples, plant: PlantParameters | None = None) -> dict[str, Moved]:
+def found(samples: RobotSamples, plant: PlantParameters | None = None) -> dict[str, Moved]:
     """By field and leg what is known of a robot that is believed to be that of Fig. 4."""
     plant = plant or plant_parameters(TWIN.plant, TWIN.contact)
     moved = reidentified(samples, plant, belief(TWIN), drive_model(TWIN).inertia)
@@ -59,7 +59,7 @@ def found(samples: FilterSamples, plant: PlantParameters | None = None) -> dict[
 DRAWN = 40
 
 
-def drawn(fleet: Fleet, number: int) -> tuple[FilterSamples, list[float], list[float]]:
+def drawn(fleet: Fleet, number: int) -> tuple[RobotSamples, list[float], list[float]]:
     """Twelve seconds of a robot of the fleet, every second one with a softer spring; the true springs and zeros."""
     own, zeros = np.random.default_rng([5, number]), np.random.default_rng([fleet.seed, number])
     motor, joint = zeros.uniform(-0.05, 0.05, 3), zeros.uniform(-0.05, 0.05, 3)
@@ -112,6 +112,26 @@ def test_a_drive_whose_torque_is_not_its_load_proposes_no_spring():
     assert str(moved[0]) == "k_s of joint 1 not known: not known with this drive"
 
 
+DRIVES = sorted(path.stem for path in HOME.glob("fmus/*/*.fmu"))
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize("drive", DRIVES)
+def test_of_twenty_healthy_robots_of_each_shipped_drive_nothing_is_proposed(drive: str):
+    believed, fleet = load_experiment(FIG4, SCALE, drive), read_fleet(identified_fleet(), FIG4, seed=41)
+    plant, loads = plant_parameters(believed.plant, believed.contact), torque_error(believed) < TORQUE_ERROR
+    # of the others twin's own run has no torque, or one that is not the spring's load
+    assert loads == (drive == "velocity_servo")
+    for number in range(20):
+        random = np.random.default_rng([fleet.seed, number])
+        zeros = [f"plant.{side}_zero_deg={random.uniform(-0.05, 0.05, 3).tolist()}" for side in ("motor", "joint")]
+        own = [*SCALE, *fleet.robots[number], *zeros, f"seed={int(random.integers(1 << 31))}"]
+        run = run_in_memory(load_experiment(FIG4, own, drive), believed.controller_ticks)
+        samples = part(arrived(samples_of(run), random), 3.0, 15.0)
+        moved = reidentified(samples, plant, belief(believed), drive_model(believed).inertia, loads)
+        assert not [str(one) for one in moved if one.is_news]
+
+
 def test_a_softer_spring_is_proposed_with_its_joint_and_no_other():
     moved = found(part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0))
     assert [name for name, one in moved.items() if one.is_news] == ["k_s_share 1"]
@@ -146,7 +166,7 @@ def test_of_a_robot_that_stands_nothing_is_known():
     samples = robot()
     still = samples.u[:5000].copy()
     still[:, :6] = still[0, :6]
-    moved = found(FilterSamples(samples.t[:5000], still))
+    moved = found(RobotSamples(samples.t[:5000], still))
     assert all(one.now is None and not one.is_news for one in moved.values())
     assert str(moved["k_s_share 0"]) == "k_s of joint 1 not known: nothing moves slowly and evenly"
 
@@ -211,9 +231,7 @@ def followed(adapts: bool) -> tuple[Twin, AlarmWatch, np.ndarray, list[str]]:
     samples = robot(softened((2,), 4.0, 0.93))
     residual, texts = [], []
     for u in (part(samples, k, k + 1.0) for k in range(20)):
-        names = ("count_m", "count_l", "F_z", "omega_ref", "tau_motor")
-        count_m, count_l, F_z, omega_ref, tau = (u.only(name) for name in names)
-        rows = twin.feed(RobotSamples(u.t, count_m, count_l, F_z[:, 0], omega_ref, tau))
+        rows = twin.feed(u)
         residual.append(np.nanmean(named(OUTPUTS, rows["shadow"])["residual_tau"][:, 1]))
         texts += [one.text for one in twin.happenings()]
     return twin, watched, np.array(residual), texts

@@ -30,7 +30,7 @@ from twin.studies.shadow.text import shadow_result
 from twin.studies.shadow.verdict import Followed, verdict_of
 
 START = 10**18
-JOINTS, COMMANDS = tuple(range(6)), (7, 8, 9)
+JOINTS, COMMANDS = tuple(range(6)), (6, 7, 8)
 COMMANDED = [f"controller.omega_ref[{i}]=/commands.velocity.m{i + 1}" for i in range(3)]
 
 
@@ -41,7 +41,7 @@ class Topics:
         arrivals: of both.
     """
 
-    name, dropped, ended = "robot", 0, False
+    name, dropped, ended, has_messages = "robot", 0, False, False
 
     def __init__(self, arrivals: list[Arrival]):
         self.arrivals = sorted(arrivals, key=lambda one: one.arrived)
@@ -72,7 +72,7 @@ class Topics:
 def joints(begin: int = 0, end: int = N, lacking: int | None = None, after: int = N) -> list[Arrival]:
     """Messages of the robot of Fig. 4; joint `lacking` is not in those from `after` on."""
     robot, found = said(ran(FIG4)), []
-    for k, row in enumerate(np.hstack([robot.count_m, robot.count_l]).tolist()):
+    for k, row in enumerate(robot.u[:, :6].tolist()):
         columns = tuple(c for c in JOINTS if k < after or c != lacking)
         reading = Reading(START + 2_000_000 * k, columns, tuple(row[c] for c in columns))
         found.append(Arrival("/joint_states", reading.stamp, reading))
@@ -81,7 +81,7 @@ def joints(begin: int = 0, end: int = N, lacking: int | None = None, after: int 
 
 def commands(end: int = N + 900) -> list[Arrival]:
     """Those of its controller, over and over."""
-    speeds = np.nan_to_num(said(ran(FIG4)).omega_ref).tolist()
+    speeds = np.nan_to_num(said(ran(FIG4)).only("omega_ref")).tolist()
     readings = [Reading(START + 2_000_000 * k, COMMANDS, tuple(speeds[k % N])) for k in range(end)]
     return [Arrival("/commands", one.stamp, one) for one in readings]
 

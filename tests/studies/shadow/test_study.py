@@ -135,6 +135,21 @@ def test_the_pace_of_a_log_changes_nothing_of_what_is_recorded(tmp_path: Path):
         np.testing.assert_allclose(fast[key], paced[key], rtol=0, atol=1e-8, err_msg=key)
 
 
+def test_twins_rows_are_recorded_once_per_call_of_its_controller_if_the_experiment_says_so(tmp_path: Path):
+    log, slow, kept = str(ran(FIG4).path), "controller.period_ms=4", {}
+    for rate in ("tick", "controller"):
+        settings = [slow, f"recording.rate={rate}"]
+        shadow(ROBOT, log, settings=settings, speed=0.0, duration_s=2.0, no_alarm=True, out=tmp_path / rate)
+        kept[rate] = read(tmp_path / rate)
+    every, calls = kept["tick"], kept["controller"]
+    assert len(calls["encoder.count_m"]) == len(calls["controller.omega_ref"]) == len(every["controller.omega_ref"])
+    called = np.isin(every.time("shadow"), every.time("controller"))
+    assert 0.4 < np.mean(called) < 0.6
+    np.testing.assert_array_equal(calls["shadow.p_B"], every["shadow.p_B"][called])
+    for rare in ("ahead.made", "scale.F_z"):
+        np.testing.assert_array_equal(calls[rare], every[rare])
+
+
 def test_a_session_ends_after_the_time_that_was_asked_for(tmp_path: Path):
     shadow(ROBOT, str(ran(FIG4).path), speed=0.0, duration_s=2.0, out=tmp_path / "out")
     assert 2.0 <= read(tmp_path / "out").time("encoder")[-1] < 3.5

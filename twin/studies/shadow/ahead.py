@@ -23,15 +23,18 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.robot.assembly.build import surface_motions
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
+from twin.robot.controller.program import Tap
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.branch import refuse_fixed
 from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
 from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
-from twin.studies.shadow.mapping import RobotSamples
+from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
+from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.surroundings import Surroundings
 
 EVERY = 0.5
@@ -165,14 +168,18 @@ class Foreseen:
 
     Attributes:
         predictions: how many were given.
+        banded: values of the force that had a band.
         within: of these estimates in the band.
+        no_band: why some predictions had none; "" if all have one.
         error: of the predicted force against them.
         holding: the same of the last value.
         apart: of what might be, by what is other.
     """
 
     predictions: int = 0
+    banded: int = 0
     within: int = 0
+    no_band: str = ""
     error: ForceDifference = field(default_factory=ForceDifference)
     holding: ForceDifference = field(default_factory=ForceDifference)
     apart: dict[str, ForceDifference] = field(default_factory=dict)
@@ -180,7 +187,7 @@ class Foreseen:
     @property
     def share(self) -> float:
         """Of the estimates that lay in the band."""
-        return self.within / self.error.count if self.error.count else math.nan
+        return self.within / self.banded if self.banded else math.nan
 
 
 @dataclass
@@ -193,6 +200,7 @@ class _Pending:
     first: NDArray[np.float64]
     others: list[list[NDArray[np.float64]]]
     changed: list[NDArray[np.float64]]
+    task: float
 
 
 class Ahead:
@@ -207,6 +215,8 @@ class Ahead:
     Attributes:
         foreseen: so far.
         limit, start: see there.
+        moves: whether the surface moves, by twin's clock: its phase is not estimated.
+        taps: numbers of the tasks that tap.
         own, changed: system of the twin, and those of what might be.
 
     Raises:
@@ -221,6 +231,8 @@ class Ahead:
         start: float = SETTLED,
     ):
         self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
+        self.moves = bool(surface_motions(experiment.contact))
+        self.taps = [number for number, task in enumerate(experiment.tasks, 1) if isinstance(task, Tap)]
         self.limit, self.start = limit, start
         with ExitStack() as made:
             self.own, self.changed = Branching(experiment), list[Branching]()
@@ -276,6 +288,8 @@ class _LookAhead:
         self._strange: list[NDArray[np.float64]] = []
         self._command = places(law.topics["controller"])[OMEGA_REF.name]
         self._warned = self._foreign = False
+        self._task = places(law.topics["controller"]).get("task")
+        self._tasks, self._task_on = np.empty(0), math.nan
         self._open: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
         p = ahead.branchings[0].parameters
         self._per_motor = float(p["N"] * p["eta"])
@@ -297,8 +311,9 @@ class _LookAhead:
         for topic in [one for one in self.topics if one not in made]:
             made[topic] = np.full((len(t), width(self.topics[topic])), np.nan)
         shadow, estimator, law = made["shadow"], rows["estimator"], made["controller"]
+        self._tasks = law[:, self._task] if self._task is not None else np.empty(0)
         heard = np.column_stack(
-            [t, samples.omega_ref, law[:, self._command], estimator[:, _TAU_L], estimator[:, _THETA_L],
+            [t, samples.u[:, COMMANDS], law[:, self._command], estimator[:, _TAU_L], estimator[:, _THETA_L],
              -shadow[:, _F_Z], shadow[:, _DEVIATION]]
         )  # fmt: skip
         starts = np.flatnonzero(shadow[:, _STARTED])
@@ -331,6 +346,8 @@ class _LookAhead:
                 self._around.learn(x, J, self._ahead.branchings[0].surface()[0])
         if beginning:
             self._next = _after(t, self._ahead.start, EVERY)
+            on = self._tasks[: sample + 1]
+            self._task_on = float(on[np.isfinite(on)][-1]) if np.isfinite(on).any() else self._task_on
             try:
                 for branching in self._ahead.branchings:
                     branching.catch_up()
@@ -387,7 +404,7 @@ class _LookAhead:
         self._around.settle(x, P, J, own.surface()[0])
         causes = ways(P, self._around)
         now, *might = (one.present(x, J, law, self._around) for one in (own, *changed))
-        pending = _Pending(t, now, iter(()), np.empty(0), [[] for _ in causes], [])
+        pending = _Pending(t, now, iter(()), np.empty(0), [[] for _ in causes], [], self._task_on)
         asked = zip(causes, pending.others, strict=True)
         wanted = [(into, one) for cause, into in asked for one in cause]
 
@@ -413,6 +430,9 @@ class _LookAhead:
             pass
         first, now = pending.first, self._ahead.own.beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
+        if why := self._no_band(pending.task):
+            self._ahead.foreseen.no_band = why
+            lower, upper = np.full((2, *first.shape), np.nan)
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])
         foreseen = self._ahead.foreseen
@@ -428,6 +448,12 @@ class _LookAhead:
             text = f"will press beyond {self._ahead.limit:g} N in {lead:.1f} s"
             self.happenings.append(Happening(t, text))
         self._warned = bool(len(beyond))
+
+    def _no_band(self, task: float) -> str:
+        """Return why a prediction during `task` has no band; "" if it has one."""
+        if self._ahead.moves:
+            return "no band: the surface moves by twin's clock"
+        return "no band: a tap's time of touch is not estimated" if task in self._ahead.taps else ""
 
     def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
         """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
@@ -445,6 +471,7 @@ class _LookAhead:
             came, unsure = F_z[at] + tare, Z * np.hypot(deviation[at], tare_unsure)
             foreseen.error.add(times, first - came)
             foreseen.holding.add(times, held - came)
+            foreseen.banded += int(np.count_nonzero(np.isfinite(lower)))
             foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
         self._open = [one for one in self._open if one[0][-1] > end]
 

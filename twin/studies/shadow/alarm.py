@@ -201,6 +201,11 @@ class Blocks:
         values[t >= self._anew, list(CHANNELS).index(COMMAND)] = math.nan
         yield from self._stretch(t, values)
 
+    def change_rate(self) -> None:
+        """Forget how many samples a full block has."""
+        self._most = 0
+        self._clear()
+
     def _stretch(self, t: NDArray[np.float64], values: NDArray[np.float64]) -> Iterator[tuple[float, NDArray]]:
         begin = int(np.searchsorted(t, self._start))
         while begin < len(t):
@@ -314,6 +319,11 @@ class ShadowWatch:
         if self._compares and self._normal[-1][list(CHANNELS).index(COMMAND)] > tolerance + self._H * sigma:
             self._compares = False
             self._go(WatchEvent(t, self.state, found=f"{APART}: it did not begin with the robot's, or is another"))
+
+    def use(self, t: float, limits: Tolerances) -> None:
+        """Listen anew with other tolerances, from `t` (s) on."""
+        self._limits = limits
+        self.listen_anew(t)
 
     def lose(self, t: float, why: str) -> None:
         """Nothing is watched from `t` (s) on, until the next block."""

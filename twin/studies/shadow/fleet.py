@@ -31,9 +31,9 @@ from twin.studies.shadow.alarm import (
     Tolerances,
     WatchEvent,
 )
+from twin.studies.shadow.deviations import is_identified
 from twin.studies.shadow.following import SampledSteps, farthest_command, own_law
-from twin.studies.shadow.mapping import RobotSamples
-from twin.studies.shadow.samples import Columns, FilterSamples, followed, samples_of, shadow_of
+from twin.studies.shadow.samples import Columns, RobotSamples, followed, samples_of, shadow_of
 from twin.studies.sweep.plan import Vary, plan_of, read_definition
 
 ZERO = 0.05
@@ -80,7 +80,7 @@ class Fleet:
         """What is believed of every robot."""
         return load_experiment(self.experiment, self.settings)
 
-    def run(self, number: int, settings: Sequence[str] = ()) -> FilterSamples:
+    def run(self, number: int, settings: Sequence[str] = ()) -> RobotSamples:
         """Samples of robot `number` of `all_robots`, from 0, as its computer takes them.
 
         A healthy robot whose monitor trips counts until then: without power it does not follow its commands.
@@ -97,18 +97,18 @@ class Fleet:
         if settings or "monitor.tripped" not in run.fields():
             return samples
         healthy = run.held("monitor.tripped")[: len(samples.t)] == 0
-        return FilterSamples(samples.t[healthy], samples.u[healthy])
+        return RobotSamples(samples.t[healthy], samples.u[healthy])
 
-    def arrived(self, number: int, samples: FilterSamples, every: int = 1) -> FilterSamples:
+    def arrived(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
         """One in `every` samples of robot `number`, after a way on which some are lost and stamps are off.
 
         A robot at a corner loses the most, and its stamps are off by the most.
         """
         random = np.random.default_rng([self.seed, number, every])
         share = random.uniform(0.0, 1.0, 2) if number < len(self.robots) else np.ones(2)
-        return arrived(FilterSamples(samples.t[::every], samples.u[::every]), random, *(share * (LOST, LATE)))
+        return arrived(RobotSamples(samples.t[::every], samples.u[::every]), random, *(share * (LOST, LATE)))
 
-    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> FilterSamples:
+    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> RobotSamples:
         """One in `every` samples of robot `number` as they arrive; see `run`."""
         return self.arrived(number, self.run(number, settings), every)
 
@@ -149,12 +149,6 @@ def read_fleet(
     return Fleet(plan.experiment, settings, robots, definition.seed, corners)
 
 
-def is_identified(experiment: Experiment, key: str) -> bool:
-    """Whether the origin of a value of [plant], or of the [robot] that it comes from, is `twin identify`."""
-    origins = experiment.origins
-    return origins.get(key, origins.get(key.replace("plant.", "robot.", 1), "")).startswith("identified")
-
-
 def _scaled(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:
     """An interval about a value of one experiment, about the same value of another one; as it is about 0."""
     table, _, key = one.label.partition(".")
@@ -164,36 +158,32 @@ def _scaled(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Var
     return one.model_copy(update={name: x * ratio for name, x in numbers.items() if x is not None})
 
 
-def arrived(
-    samples: FilterSamples, random: np.random.Generator, lost: float = LOST, late: float = LATE
-) -> FilterSamples:
+def arrived(samples: RobotSamples, random: np.random.Generator, lost: float = LOST, late: float = LATE) -> RobotSamples:
     """`samples` of which a share is lost and stamps are off by `late` (s) at most."""
     keep = random.random(len(samples.t)) >= lost
     # the filter starts with the first one
     keep[0] = True
     t = samples.t[keep]
     late = min(late, LATE_SHARE * float(np.median(np.diff(samples.t))))
-    return FilterSamples(t + random.uniform(-late, late, len(t)), samples.u[keep])
+    return RobotSamples(t + random.uniform(-late, late, len(t)), samples.u[keep])
 
 
-def own_commands(twin: Experiment, samples: FilterSamples) -> Columns:
+def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     """How far the commands of the twin's own controller, on the same counts, are from the robot's: `farthest_command`.
 
     Empty if the twin has no controller of its own, or one that tasks lead: where it is in its program depends on single
     samples, and some are lost.
     """
     law = [] if twin.reference is None else own_law(twin)
-    u = [samples.only(name) for name in ("count_m", "count_l", "F_z", "omega_ref", "tau_motor")]
-    robot = RobotSamples(samples.t, u[0], u[1], u[2][:, 0], u[3], u[4])
     estimator = SampledSteps(Estimator(belief(twin), twin.controller.gravity_compensation))
-    rows = {"estimator": estimator.rows(samples.t, np.hstack(u[:2]))} if law else {}
+    rows = {"estimator": estimator.rows(samples.t, samples.u[:, :6])} if law else {}
     for part in law:
-        rows |= part.feed(robot, rows)
+        rows |= part.feed(samples, rows)
     return farthest_command(rows)
 
 
 def block_means(
-    twin: Experiment, samples: FilterSamples, block: float = BLOCK
+    twin: Experiment, samples: RobotSamples, block: float = BLOCK
 ) -> tuple[list[float], NDArray[np.float64]]:
     """Ends (s) and means (n, channels) of all blocks of a robot beside its twin."""
     y = followed(shadow_of(twin), samples) | own_commands(twin, samples)

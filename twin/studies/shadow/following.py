@@ -41,14 +41,19 @@ from twin.studies.shadow.alarm import (
     threshold,
     tolerances_at,
 )
-from twin.studies.shadow.layout import INPUTS, OUTPUTS, STATES
-from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, NANOSECONDS, TAU, RobotSamples
-from twin.studies.shadow.mapping import OMEGA_REF as OMEGA_REF_AT
+from twin.studies.shadow.deviations import HealthyDeviation
+from twin.studies.shadow.layout import OUTPUTS, STATES
+from twin.studies.shadow.mapping import NANOSECONDS
 from twin.studies.shadow.reidentification import Adaptation, Reidentifier
-from twin.studies.shadow.samples import FilterFeed, shadow_of
+from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, FilterFeed, RobotSamples, shadow_of
+from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
+
+DEVIATION = places(OUTPUTS)["deviation"]
+RARE = ("ahead", "what_if", "scale")
+"""Topics with fewer rows than samples."""
 
 Rows = dict[str, NDArray[np.float64]]
 """By topic, (n, width); a row of NaN alone is none."""
@@ -157,19 +162,19 @@ class Estimates:
         self._begun = False
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        counts = np.hstack([samples.count_m, samples.count_l])
+        counts, measured = samples.u[:, :6], samples.u[:, F_Z]
         if not self._begun:
-            if mistake := self._check.first(samples.count_m[0], samples.count_l[0]):
+            if mistake := self._check.first(counts[0, COUNT_M], counts[0, COUNT_L]):
                 raise InputRefused(mistake)
             self._begun = True
-        found = {"encoder": counts, "scale": samples.F_z[:, None]}
+        found = {"encoder": counts, "scale": measured}
         for name, stepped in self._steps.items():
             found[name] = stepped.rows(samples.t, counts)
         best = best_estimate(found)
         pressing = -best["F_ee_B"][:, 2]
-        found["residual/force"] = (pressing - samples.F_z)[:, None]
+        found["residual/force"] = pressing[:, None] - measured
         self._check.add(best["theta_m"], best["theta_l"])
-        self._check.add_force(pressing, samples.F_z)
+        self._check.add_force(pressing, measured[:, 0])
         return found
 
 
@@ -213,7 +218,7 @@ class OwnLaw:
         if len(called):
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
         omega_ref = named(self.controller.outputs, found)[OMEGA_REF.name]
-        return {"controller": found, "residual/command": omega_ref - samples.omega_ref}
+        return {"controller": found, "residual/command": omega_ref - samples.u[:, COMMANDS]}
 
     def held(self, sample: int) -> NDArray[np.uint8]:
         """All that the controller held after this one of the last samples, its pieces one after the other."""
@@ -287,15 +292,6 @@ class PlantModel:
         self._model, self._run = replace(self._model, plant=plant), None
 
 
-def filter_inputs(samples: RobotSamples, omega_ref: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The samples as the filter takes them (n, 13); omega_ref: commands (3,) from before the first, rad/s."""
-    commanded = np.vstack([omega_ref, samples.omega_ref])
-    # a command holds until the next one
-    newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
-    held = np.take_along_axis(commanded, newest, axis=0)[1:]
-    return np.hstack([samples.count_m, samples.count_l, held, samples.F_z[:, None], samples.tau_motor])
-
-
 class RobotState:
     """The state of the robot with its deviations, by the filter; its residuals are those of what it expected before.
 
@@ -312,7 +308,7 @@ class RobotState:
         self._stepped = SampledSteps(self._shadow, math.inf, self._estimated)
         self._omega_ref = np.full(3, np.nan)
         self._one, self._made = FilterFeed(self._shadow), deque[tuple[NDArray[np.float64], NDArray[np.uint8]]]()
-        self._estimates = self._stepped.copies
+        self._estimates, self._healthy = self._stepped.copies, HealthyDeviation(experiment)
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
         # the thread that estimates must not find parameters half new
@@ -325,13 +321,13 @@ class RobotState:
 
     def at_once(self, sample: Sample) -> None:
         """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
-        row, inputs = sample.row, self._one.inputs
-        for name, place in zip(("count_m", "count_l", "F_z", "tau_motor"), (COUNT_M, COUNT_L, F_Z, TAU), strict=True):
-            inputs[name][:] = row[place]
-        for k, command in enumerate(row[OMEGA_REF_AT]):
+        commands = self._one.inputs["omega_ref"]
+        held = commands.tolist()
+        self._one.u[:] = sample.row
+        for k, command in enumerate(held):
             # one that has not come holds
-            if command == command:
-                inputs["omega_ref"][k] = command
+            if commands[k] != commands[k]:
+                commands[k] = command
         try:
             with self._stepping:
                 self._one(sample.t / NANOSECONDS)
@@ -350,14 +346,21 @@ class RobotState:
         if self._made:
             made = [self._made.popleft() for _ in samples.t]
             self._estimates = np.array([estimated for _, estimated in made])
-            return {"shadow": np.array([y for y, _ in made])}
-        u = filter_inputs(samples, self._omega_ref)
-        self._omega_ref = u[-1, places(INPUTS)["omega_ref"]]
+            return {"shadow": self._widened(np.array([y for y, _ in made]), self._estimates, rows)}
+        u = samples.held_commands(self._omega_ref).u
+        self._omega_ref = u[-1, COMMANDS]
         found = np.full((len(u), width(OUTPUTS)), np.nan)
         rows_made = self._stepped.rows(samples.t, u)
         found[: len(rows_made)] = rows_made
         self._estimates = self._stepped.copies[1:]
-        return {"shadow": found}
+        return {"shadow": self._widened(found, self._estimates, rows)}
+
+    def _widened(self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows) -> NDArray[np.float64]:
+        """Rows of the filter with the deviations of a healthy robot."""
+        y, tau_l = named(OUTPUTS, found), named(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
+        J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
+        found[:, DEVIATION] = self._healthy.widened(y["deviation"], y["NIS"], y["used"], J, tau_l)
+        return found
 
 
 def own_law(experiment: Experiment) -> list[OwnLaw]:
@@ -377,13 +380,21 @@ class AlarmWatch:
         limits: tolerances, or tolerances by sampling rate (Hz): those of the rate of the first second are used.
         per_hour: false alarms that the user bears.
         reidentifier: says which parameter has moved; None: nothing does.
+        caution: begins the text of each alarm.
 
     Attributes:
         why_not: why nothing is watched; "" if something is.
     """
 
-    def __init__(self, limits: Tolerances | RateTolerances, per_hour: float, reidentifier: Reidentifier | None = None):
+    def __init__(
+        self,
+        limits: Tolerances | RateTolerances,
+        per_hour: float,
+        reidentifier: Reidentifier | None = None,
+        caution: str = "",
+    ):
         self._limits, self._per_hour, self._blocks = limits, per_hour, Blocks()
+        self._caution = f"{caution}; " if caution else ""
         self._watch: ShadowWatch | None = None
         self._first, self._count = list[NDArray[np.float64]](), 0
         self.why_not = "fewer than 3 s of samples"
@@ -392,31 +403,41 @@ class AlarmWatch:
         self.topics: dict[str, tuple[Port, ...]] = {"alarm": (ALARM_LEVEL,)}
         self.happenings: list[Happening] = []
         self.alarms: list[WatchEvent] = []
-        self._level = 0.0
+        self._level, self._is_known = 0.0, True
 
     @property
     def changes(self) -> list[WatchEvent]:
         """Of the state so far."""
         return self._watch.changes if self._watch else []
 
-    def _begin(self, end: float) -> None:
-        """Choose the tolerances at the end (s) of the first block."""
-        limits, t = self._limits, np.concatenate(self._first)
+    def change_rate(self, t: float, rate: float) -> None:
+        """Use the tolerances of another sampling rate (Hz) from `t` (s) on, and learn anew what is normal."""
+        if self._count and not isinstance(self._limits, Tolerances):
+            self._blocks.change_rate()
+            self._choose(t, rate)
+
+    def _choose(self, t: float, rate: float) -> None:
+        """Choose the tolerances of a sampling rate (Hz) at `t` (s)."""
+        limits, self._is_known = self._limits, True
         if not isinstance(limits, Tolerances):
-            rate = rate_of(t[t <= end])
             known = ", ".join(f"{one:.4g}" for one in limits) or "no"
             found = tolerances_at(limits, rate)
             if found is None:
                 self.why_not = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
                 self.why_not += "; at another rate a spring 20 % softer or a dead drive may not be found"
-                self.happenings.append(Happening(end, f"no alarm: {self.why_not}"))
+                self.happenings.append(Happening(t, f"no alarm: {self.why_not}"))
+                self._is_known = False
+                self.lose(t, self.why_not)
                 return
             limits = found
-        self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
+        if self._watch is None:
+            self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
+        else:
+            self._watch.use(t, limits)
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self.reidentifier is not None:
-            self.reidentifier.keep(samples.t, filter_inputs(samples, np.full(3, np.nan)))
+            self.reidentifier.keep(samples.t, samples.held_commands(np.full(3, np.nan)).u)
         levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
         if not self._count:
             self._first.append(samples.t)
@@ -425,14 +446,15 @@ class AlarmWatch:
             at = int(np.searchsorted(samples.t, end))
             levels[begin:at], begin = self._level, at
             if not self._count:
-                self._begin(end)
+                first = np.concatenate(self._first)
+                self._choose(end, rate_of(first[first <= end]))
                 self._first.clear()
             self._count += 1
-            if self._watch is None:
+            if self._watch is None or not self._is_known:
                 continue
             self.why_not = "" if self._count > FIRST_BLOCKS else self.why_not
             for change in self._watch.take(end, means):
-                self.happenings.append(Happening(end, str(change)))
+                self.happenings.append(Happening(end, f"{self._caution if change.alarm else ''}{change}"))
                 self.alarms += [change] if change.alarm else []
             self._level = max(self._watch.levels.values())
         levels[begin:] = self._level
@@ -471,6 +493,7 @@ class Twin:
         check: of the column map.
         on_plant: those that take another plant.
         adapts: accepts each proposal by itself.
+        records_calls: whether only rows at calls of the controller are recorded, `[recording] rate`.
     """
 
     parts: Sequence[Part]
@@ -478,6 +501,7 @@ class Twin:
     check: MapCheck
     on_plant: Sequence[OnPlant] = ()
     adapts: bool = False
+    records_calls: bool = False
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
@@ -492,6 +516,15 @@ class Twin:
         if self.adapts and self.proposal is not None:
             self.accept(self.proposal)
         return rows
+
+    def recorded(self, rows: Rows) -> Rows:
+        """Those of `rows` that are recorded."""
+        if not self.records_calls or "controller" not in rows:
+            return rows
+        called = np.isfinite(rows["controller"]).any(axis=1, keepdims=True)
+        return {
+            topic: own if topic.startswith(RARE) else np.where(called, own, math.nan) for topic, own in rows.items()
+        }
 
     def at_once(self, sample: Sample) -> None:
         """What does not wait for a slice."""
@@ -560,4 +593,5 @@ def twin_of(
     rest: list[Part] = [*followed] if followed else [*laws, state]
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))
-    return Twin([Estimates(model, check), plant, *rest, *alarm], state, check, on_plant, adapts)
+    records_calls = experiment.recording.rate == "controller"
+    return Twin([Estimates(model, check), plant, *rest, *alarm], state, check, on_plant, adapts, records_calls)

@@ -1,12 +1,11 @@
-"""What the robot said, as the parts of the twin take it: counts, and what else was measured or commanded."""
+"""Signals that a column map may name, and the samples of a log."""
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from twin.kernel.cosim.port import width
 from twin.kernel.errors import nearest
 from twin.kernel.recording.logs.column_map import TIME, refuse_unit
 from twin.kernel.recording.logs.log import Log, LogRefused, MappedColumn
@@ -15,37 +14,11 @@ from twin.kernel.recording.sources.signals import Reading, WantedSignal
 from twin.robot.controller.controller import Belief
 from twin.studies.replay.plausible import COUNTS, SCALE, as_counts
 from twin.studies.replay.replay import robot_log
+from twin.studies.shadow.layout import INPUTS
+from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 
-COUNT_M, COUNT_L, F_Z, OMEGA_REF, TAU = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 10), slice(10, 13)
-WIDTH = 13
 NEEDED = range(6)
 NANOSECONDS = 1e9
-
-
-class RobotSamples(NamedTuple):
-    """RobotSamples in order of time.
-
-    Attributes:
-        t: s since the first one of all, (n,).
-        count_m, count_l: counts of the encoders, (n, 3); of angles they are no whole numbers.
-        F_z: measured pressing force, N, (n,); NaN where none has come since the sample before.
-        omega_ref: the motor speeds that the robot commands, rad/s, (n, 3); NaN likewise.
-        tau_motor: torques of its motors, N m, (n, 3); NaN likewise.
-    """
-
-    t: NDArray[np.float64]
-    count_m: NDArray[np.float64]
-    count_l: NDArray[np.float64]
-    F_z: NDArray[np.float64]
-    omega_ref: NDArray[np.float64]
-    tau_motor: NDArray[np.float64]
-
-
-def samples_of(times: NDArray[np.int64], rows: NDArray[np.float64]) -> RobotSamples:
-    """RobotSamples at `times` (n,), ns, of rows (n, WIDTH)."""
-    columns = (rows[:, place] for place in (COUNT_M, COUNT_L, F_Z, OMEGA_REF, TAU))
-    count_m, count_l, force, omega_ref, tau = columns
-    return RobotSamples(times / NANOSECONDS, count_m, count_l, force[:, 0], omega_ref, tau)
 
 
 def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
@@ -93,7 +66,7 @@ def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
         LogRefused: it has no encoders, see `robot_log`.
     """
     robot = robot_log(log, belief)
-    rows = np.full((len(robot.t), WIDTH), np.nan)
+    rows = np.full((len(robot.t), width(INPUTS)), np.nan)
     rows[:, COUNT_M], rows[:, COUNT_L] = robot.count_m, robot.count_l
     for name, one in wanted_signals(belief).items():
         if one.column in NEEDED or name not in log.series:
@@ -104,6 +77,6 @@ def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
         at = np.searchsorted(robot.t, series.t)
         there = at < len(rows)
         rows[at[there], one.column] = series.values[there]
-    columns = tuple(range(WIDTH))
+    columns = tuple(range(width(INPUTS)))
     for t, row in zip(np.rint(robot.t * NANOSECONDS).astype(np.int64).tolist(), rows.tolist(), strict=True):
         yield Arrival("encoders", t, Reading(t, columns, tuple(row)))

@@ -48,7 +48,7 @@ from twin.studies.identify.windows import (
 from twin.studies.replay.replay import RobotLog
 from twin.studies.shadow.alarm import UNKNOWN
 from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import FilterSamples, drive_model
+from twin.studies.shadow.samples import RobotSamples, drive_model
 
 LATEST = 60.0
 """s of samples that are looked at, at most."""
@@ -184,7 +184,7 @@ def torque_error(experiment: Experiment) -> float:
 
 
 def reidentified(
-    samples: FilterSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
+    samples: RobotSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
 ) -> tuple[Moved, ...]:
     """What `samples`, all since something changed, say of springs, their zeros and the contact.
 
@@ -217,7 +217,7 @@ def reidentified(
     return (*_springs(springs, why, plant), _contact(contact, contact_why, plant))
 
 
-def _slow_motion(samples: FilterSamples, believed: Belief) -> SlowMotion | None:
+def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
     """None: the robot nowhere moves slowly and evenly."""
     t = samples.t
     if len(t) < FEWEST:
@@ -330,11 +330,11 @@ class SampleRing:
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MOST
 
-    def since(self, t: float) -> FilterSamples:
+    def since(self, t: float) -> RobotSamples:
         """A copy of those after `t` (s), `LATEST` at most."""
         order = np.argsort(self._t)
         at = order[self._t[order] >= max(t, self._t.max() - LATEST, 0.0)]
-        return FilterSamples(self._t[at], self._u[at])
+        return RobotSamples(self._t[at], self._u[at])
 
 
 class Reidentifier:

@@ -23,16 +23,29 @@ KNOWN_DRIVE = 0.1
 """rad/s2/sqrt(Hz). A lag of 20 ms that is 1 % off is as much, at 10 rad/s2 that change ten times a second."""
 
 
-class FilterSamples(NamedTuple):
-    """Of a robot, n of them.
+COUNT_M, COUNT_L, OMEGA_REF, F_Z, TAU = (places(INPUTS)[port.name] for port in INPUTS)
+"""Columns of a sample."""
+
+
+class RobotSamples(NamedTuple):
+    """Samples of a robot, n of them, in order of time.
 
     Attributes:
-        t: when each was taken (n,), s, ascending, by the robot's clock.
-        u: inputs of the filter by `layout.INPUTS` (n, 13), SI; NaN where nothing came.
+        t: sampling times (n,), s, ascending, by the robot's clock.
+        u: inputs of the filter by `layout.INPUTS` (n, 13), SI; NaN where none has come since the sample before. Counts
+            made of angles are no whole numbers.
     """
 
     t: NDArray[np.float64]
     u: NDArray[np.float64]
+
+    def held_commands(self, omega_ref: NDArray[np.float64]) -> "RobotSamples":
+        """The samples with each command held until the next; omega_ref: commands (3,) before the first, rad/s."""
+        commanded = np.vstack([omega_ref, self.u[:, OMEGA_REF]])
+        newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
+        u = self.u.copy()
+        u[:, OMEGA_REF] = np.take_along_axis(commanded, newest, axis=0)[1:]
+        return self._replace(u=u)
 
     def only(self, name: str) -> NDArray[np.float64]:
         """The columns of the input `name`, (n, size), a view."""
@@ -44,7 +57,7 @@ class FilterSamples(NamedTuple):
         return np.diff(self.t, prepend=-np.inf)
 
 
-def samples_of(run: RunView) -> FilterSamples:
+def samples_of(run: RunView) -> RobotSamples:
     """The samples that the computer of the robot of `run` had: counts, its commands, what was measured besides.
 
     Of a robot with broken encoders the counts are what they gave. A measured force is there at its own times only.
@@ -57,7 +70,7 @@ def samples_of(run: RunView) -> FilterSamples:
         raise InputRefused("no encoder.count_m and encoder.count_l: a shadow needs the counts of all six encoders")
     t = run.time("encoder")
     u = np.full((len(t), width(INPUTS)), np.nan)
-    taken = FilterSamples(t, u)
+    taken = RobotSamples(t, u)
     for name in ("count_m", "count_l"):
         faults = [int(m[1]) for key in has if (m := re.fullmatch(rf"fault/(\d+)\.{name}", key))]
         topic = f"fault/{max(faults)}" if faults else "encoder"
@@ -112,19 +125,20 @@ class FilterFeed:
         shadow: the filter.
 
     Attributes:
-        inputs: by port of `layout.INPUTS` views to write what has come into; NaN in the beginning.
+        u: the sample that is taken next (13,), by `layout.INPUTS`; NaN in the beginning.
+        inputs: views of it by port.
         y: what the filter said last (24,), by `layout.OUTPUTS`.
         outputs: views of it by port.
     """
 
     def __init__(self, shadow: Shadow):
         self._shadow, self._last = shadow, -np.inf
-        self._u, self.y = np.full(width(INPUTS), np.nan), np.zeros(width(OUTPUTS))
-        self._step, self._at = shadow.step.called_at_once, (self._u.ctypes.data, self.y.ctypes.data)
-        self.inputs, self.outputs = by_port(INPUTS, self._u), by_port(OUTPUTS, self.y)
+        self.u, self.y = np.full(width(INPUTS), np.nan), np.zeros(width(OUTPUTS))
+        self._step, self._at = shadow.step.called_at_once, (self.u.ctypes.data, self.y.ctypes.data)
+        self.inputs, self.outputs = by_port(INPUTS, self.u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
-        """Take the sample of time `t` (s), later than the one before, that lies in `inputs`.
+        """Take the sample of time `t` (s), later than the one before, that lies in `u`.
 
         Raises:
             ComponentFailed: it is the first, and its counts fit no pose.
@@ -135,7 +149,7 @@ class FilterFeed:
         self._last = t
 
 
-def followed(shadow: Shadow, samples: FilterSamples) -> Columns:
+def followed(shadow: Shadow, samples: RobotSamples) -> Columns:
     """What the filter says at each of `samples`, by `layout.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
 
     Raises:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.process.real_time import real_time
 from twin.kernel.recording.logs.column_map import TIME
@@ -24,10 +25,11 @@ from twin.studies.replay.model import RobotModel
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
 from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
-from twin.studies.shadow.layout import OUTPUTS
-from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
+from twin.studies.shadow.layout import INPUTS, OUTPUTS
+from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
 from twin.studies.shadow.receiving import SLICE, Receiver
 from twin.studies.shadow.recording import ShadowRecording
+from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.seen import ShadowViewer
 from twin.studies.shadow.sources import waiting_hint
 from twin.studies.shadow.text import COLUMNS, shadow_facts, status_line
@@ -97,7 +99,7 @@ class Session:
         self._happenings: list[Happening] = []
         self._readers: dict[str, MessageReader] = {}
         self._others: list[OthersTopic] = []
-        self._aligner = Aligner(WIDTH, list(NEEDED), lateness)
+        self._aligner = Aligner(width(INPUTS), list(NEEDED), lateness)
         # a log is as fast in slices as it can be; a robot does not wait
         self._receiver = Receiver(source, self._readers, self._aligner, twin.at_once if live else None)
         self._recording: ShadowRecording | None = None
@@ -110,7 +112,7 @@ class Session:
         self._t, self._level = 0.0, math.nan
         self._newest: int | None = None
         self._last_period = math.inf
-        self._there = np.zeros(WIDTH, dtype=bool)
+        self._there = np.zeros(width(INPUTS), dtype=bool)
         self._gross = ""
         self.followed = Followed(source.name)
 
@@ -232,10 +234,10 @@ class Session:
                 self._refuse_lacking()
                 return False
             arrivals, self._before = self._before, []
-        times, values = rows_of(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, WIDTH)))
+        times, values = rows_of(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, width(INPUTS))))
         rows: Rows = {}
         if samples:
-            found = samples_of(times, values)
+            found = RobotSamples(times / NANOSECONDS, values)
             rows = self._twin.feed(found)
             self._t = float(found.t[-1])
             self._there |= np.isfinite(values).any(axis=0)
@@ -252,7 +254,7 @@ class Session:
             if not self._unread:
                 self._announce(received.unread[0])
             self._unread += len(received.unread)
-        self._recording.write(arrivals, times, rows)
+        self._recording.write(arrivals, times, self._twin.recorded(rows))
         if received.late:
             late = counted(len(received.late), "estimate")
             what = f"{late} later than a period after the sample, by {1e3 * max(received.late):.3g} ms at most"
@@ -303,6 +305,8 @@ class Session:
             what = f"the rate has changed from {1e9 / before:.4g} to {1e9 / period:.4g} Hz"
             self._happened(Happening(self._t, what), "rate")
             self._last_period = period
+            if self._watched:
+                self._watched.change_rate(self._t, 1e9 / period)
         if now.invalid > noted.invalid:
             what = f"{now.invalid - noted.invalid} samples with NaN or infinity in an encoder; they are left out"
             self._happened(Happening(self._t, what), "invalid")

@@ -120,7 +120,7 @@ def shadow(
 
     The alarm's tolerances are shipped for the experiments of Fig. 4 and the
     tasks. With another drive, body or setting they are computed once, in one
-    to three minutes, and cached. Massage as a whole has none.
+    to three minutes, and cached.
 
     Exit code: 0 robot and twin match, or nothing could be watched; 1 they part;
     2 input refused.
@@ -141,7 +141,7 @@ def shadow(
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.ahead import ahead_of, changed_experiments
-    from twin.studies.shadow.fleet import is_identified
+    from twin.studies.shadow.deviations import NOT_IDENTIFIED, SPRING, is_identified
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.reidentification import Reidentifier
@@ -167,11 +167,12 @@ def shadow(
         robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed, notes, (from_s, to_s))
         stack.callback(robot.close)
         watched, why = None, "--no-alarm"
+        caution = "" if is_identified(loaded, SPRING) else NOT_IDENTIFIED
         if not no_alarm:
             limits, why = _limits(fleet, experiment, settings, say)
         if not why:
             assert limits is not None
-            watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now))
+            watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now), caution)
         beside, viewer = ahead.beside if ahead else None, None
         twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:
@@ -181,15 +182,14 @@ def shadow(
             )  # fmt: skip
             viewer = ShadowViewer(stack.enter_context(server), twin.topics, loaded, twin)
         duration = math.inf if duration_s is None else duration_s
-        # the arrivals of a table and of a recording are readings
-        messages = columns if of_now or robot.seen() else {}
+        messages = columns if robot.has_messages else {}
         session = Session(
             robot, messages, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
         )
-        if not why and not is_identified(loaded, "plant.k_s_Nm_per_rad"):
-            notes.append("this robot was not identified yet: `twin identify`; the alarm finds springs 20 % softer")
+        if caution and (watched or ahead):
+            notes.append(f"{caution}; the alarm finds springs 20 % softer, and no share is promised of the band")
         session.followed.notes += notes
-        session.followed.no_alarm = why
+        session.followed.no_alarm, session.followed.caution = why, caution
         session.followed.ahead = ahead.foreseen if ahead else None
         session.wait()
         claimed = claim_run_folder(out) if out else None

@@ -74,7 +74,7 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
         body.append(note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, {shares}, all within "
                                     f"{_ms(hand.largest)}; {followed.missed} later than a period"))  # fmt: skip
     if followed.ahead is not None and followed.ahead.predictions:
-        body += [note("ahead", text, True) for text in _ahead(followed.ahead)]
+        body += [note("ahead", text, True) for text in _ahead(followed.ahead, not followed.caution)]
     if followed.alarms is not None:
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
     missing = [name for name in SIGNALS if name not in followed.measured]
@@ -128,10 +128,20 @@ def _clock(followed: Followed) -> str:
     return text
 
 
-def _ahead(foreseen: Foreseen) -> list[str]:
+def _band(foreseen: Foreseen, is_promised: bool) -> str:
+    """What is said of the band; of a robot that was not identified a share below 95 % is no failure."""
+    if not foreseen.banded:
+        return foreseen.no_band or "no band"
+    text = f"{100.0 * foreseen.share:.0f} % of the estimated forces lay in the band"
+    if foreseen.share < 0.95 and not is_promised:
+        text += ", 95 % is promised of identified robots only"
+    return f"{text}; partly {foreseen.no_band}" if foreseen.no_band else text
+
+
+def _ahead(foreseen: Foreseen, is_promised: bool) -> list[str]:
     texts = [
-        f"{counted(foreseen.predictions, 'prediction')} of 1 s; {100.0 * foreseen.share:.0f} % of the estimated forces "
-        f"lay in the band; off by {foreseen.error.rms:.2f} N rms, the last value by {foreseen.holding.rms:.2f} N"
+        f"{counted(foreseen.predictions, 'prediction')} of 1 s; {_band(foreseen, is_promised)}; off by "
+        f"{foreseen.error.rms:.2f} N rms, the last value by {foreseen.holding.rms:.2f} N"
     ]
     for name, apart in foreseen.apart.items():
         worst = f", at most {apart.largest:+.2f} N at {apart.at:.2f} s" if apart.largest else ""

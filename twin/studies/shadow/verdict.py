@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from twin.kernel.recording.sources.stamps import Counts, Histogram
 from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import WatchEvent
-from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
+from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 
 SIGNALS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
 """Columns of a sample by their names in a summary."""
@@ -99,6 +99,7 @@ class Followed:
         notes: sentences.
         changes: of the alarm's state; None: there was no alarm.
         no_alarm: why there was none.
+        caution: what an alarm is to be read with; "" of an identified robot.
         ahead: how predictions compare with what came; None: there were none.
         measured: names of the `SIGNALS` that came.
         silent: what was missing when the session ended; "" if samples came to the end.
@@ -120,6 +121,7 @@ class Followed:
     notes: list[str] = field(default_factory=list)
     changes: list[WatchEvent] | None = None
     no_alarm: str = ""
+    caution: str = ""
     ahead: Foreseen | None = None
     measured: list[str] = field(default_factory=list)
     silent: str = ""
@@ -174,12 +176,13 @@ def verdict_of(followed: Followed) -> Verdict:
     """The verdict of a finished session."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
-        return Verdict("part", alarm.since, f"robot and twin part since {alarm.since:.1f} s")
+        caution = f"; {followed.caution}" if followed.caution else ""
+        return Verdict("part", alarm.since, f"robot and twin part since {alarm.since:.1f} s{caution}")
     gross = gross_disagreement(followed.residuals, followed.mistake)
     if gross is not None:
         return gross
     ahead = followed.ahead
-    if ahead is not None and ahead.error.count >= FEWEST_PREDICTED and ahead.share < GROSS_BAND:
+    if ahead is not None and ahead.banded >= FEWEST_PREDICTED and ahead.share < GROSS_BAND:
         share = 100.0 * ahead.share
         return Verdict("part", math.nan, f"robot and twin part: {share:.0f} % of the forces lie in the band of 95 %")
     if followed.changes is None:

@@ -31,9 +31,11 @@ class RobotSource(Protocol):
 
     Attributes:
         name: what sentences about it begin with.
+        has_messages: whether arrivals are messages, of topics to subscribe to; else they are readings.
     """
 
     name: str
+    has_messages: bool
 
     @property
     def ended(self) -> bool:

@@ -43,7 +43,7 @@ class DdsSource:
             from cyclonedds.domain import DomainParticipant
         except ImportError:
             raise InputRefused(f"--source {name}: needs cyclonedds; pip install 'twin[shadow]'") from None
-        self.name, self.ended = name, False
+        self.name, self.ended, self.has_messages = name, False, True
         self._clock = SteadyClock()
         domain = domain_id()
         try:

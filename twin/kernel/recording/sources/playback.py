@@ -58,7 +58,7 @@ class Playback:
         part: tuple[float | None, float | None] = (None, None),
         time: MappedColumn | None = None,
     ):
-        self.name, self.ended = name, False
+        self.name, self.ended, self.has_messages = name, False, bool(topics)
         self._topics, self._speed, self._part, self._time = topics, speed, part, time
         self._readings = list(readings)
         self._subscribed: dict[str, None] = {}

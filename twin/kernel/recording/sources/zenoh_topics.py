@@ -36,7 +36,7 @@ class ZenohSource:
             import zenoh
         except ImportError:
             raise InputRefused(f"--source {name}: needs eclipse-zenoh; pip install 'twin[shadow]'") from None
-        self.name, self.ended = name, False
+        self.name, self.ended, self.has_messages = name, False, True
         self._clock, self._ring, self._domain = SteadyClock(), Ring(), domain_id()
         file = os.environ.get(CONFIGURATION, "")
         try:

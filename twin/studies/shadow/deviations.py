@@ -1,0 +1,75 @@
+"""Deviations of the filter's state for a healthy robot that is not quite what its twin believes.
+
+The filter's covariance is that of a robot with the believed encoders, springs and joints. Healthy robots differ from it
+(docs/shadow_method.md): zeros of encoders, springs, dead zones and dry friction shift the estimate for good, and noise
+of encoders that the twin does not know of widens it, which its NIS shows. With J = d theta_l / d p_B and k = k_s N eta,
+
+    var p_B = J^-1 zero_l^2 J^-T,  var theta_m = zero_m^2,
+    var F = J^T [(k (1 + N) zero)^2 + (k dead_zone)^2 + friction^2 + (spring tau_l)^2] J   per leg.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.experiment.experiment import Experiment
+from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, STATES
+
+ZERO, FRICTION, SPRING_ERROR, DEAD_ZONE_ERROR = math.radians(0.05), 0.02, 0.04, 1.0
+"""Largest zero of an encoder (rad) and dry friction of a joint (N m), and largest relative errors of a spring and of
+a dead zone that was not identified, in the shipped fleet of healthy robots."""
+COVERAGE = 0.75
+"""Deviation by the largest error: at the corners of the fleet, where several causes are largest at once, at most a
+tenth of all samples lies beyond 1.96 deviations."""
+SPRING, DEAD_ZONE = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
+NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
+MEMORY = 500
+"""Samples over which NIS is averaged."""
+
+
+def is_identified(experiment: Experiment, key: str) -> bool:
+    """Whether the origin of a value of [plant], or of the [robot] that it comes from, is `twin identify`."""
+    origins = experiment.origins
+    return origins.get(key, origins.get(key.replace("plant.", "robot.", 1), "")).startswith("identified")
+
+
+class HealthyDeviation:
+    """Widens the filter's deviations to those of a healthy robot, slice by slice."""
+
+    def __init__(self, experiment: Experiment):
+        plant = plant_parameters(experiment.plant, experiment.contact)
+        self._spring, dead_zone = (
+            0.0 if is_identified(experiment, key) else error
+            for key, error in ((SPRING, SPRING_ERROR), (DEAD_ZONE, DEAD_ZONE_ERROR))
+        )
+        k = plant.k_s * plant.N * plant.eta
+        torque = (k * (1.0 + plant.N) * ZERO) ** 2 + (k * dead_zone * plant.backlash) ** 2 + FRICTION**2
+        self._torque = COVERAGE**2 * torque
+        self._NIS, self._used = 0.0, 0.0
+
+    def widened(
+        self, deviation: NDArray[np.float64], NIS: NDArray[np.float64], used: NDArray[np.float64],
+        J: NDArray[np.float64], tau_l: NDArray[np.float64],
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """Deviations (n, 15) from the filter's (n, 15), its NIS and new counts (n,), J (n, 3, 3) and tau_l (n, 3)."""
+        added = np.zeros((len(deviation), STATES))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))
+        added[:, POSITION : POSITION + 3] = (COVERAGE * ZERO) ** 2 * np.sum(away**2, axis=2)
+        added[:, MOTOR : MOTOR + 3] = (COVERAGE * ZERO) ** 2
+        torque = self._torque + (COVERAGE * self._spring * tau_l) ** 2
+        added[:, FORCE : FORCE + 3] = np.einsum("nji,nj->ni", J**2, torque)
+        spread = self._spread(NIS, used)
+        wide: NDArray[np.float64] = np.sqrt(deviation**2 * spread[:, None] + added)
+        return wide
+
+    def _spread(self, NIS, used) -> NDArray[np.float64]:
+        """NIS per count, averaged over `MEMORY` samples; 1 at least."""
+        keep = 1.0 - 1.0 / MEMORY
+        spread = np.empty(len(NIS))
+        for k, (square, count) in enumerate(zip(np.nan_to_num(NIS).tolist(), used.tolist(), strict=True)):
+            self._NIS, self._used = keep * self._NIS + square, keep * self._used + count
+            spread[k] = self._NIS / self._used if self._used > 0.0 else 1.0
+        return np.maximum(spread, 1.0)
