@@ -23,14 +23,14 @@ from twin.kernel.compiled.store import sealed
 from twin.robot import shaft
 from twin.robot.controller import controller, task_controller
 from twin.robot.monitor import component as monitor
-from twin.robot.plant import component
+from twin.robot.plant import component, equations
 
 ROOT = Path(__file__).parent
 CLOSED = (
     (controller.step_over, 2),
     (task_controller.step_over, 2),
     (component.step_over, 2),
-    (component.outputs_at_start, 2),
+    (equations.outputs_at_start, 2),
     (shaft.shaft_step_over, 1),
     (monitor.step_over, 1),
 )

@@ -13,6 +13,7 @@ import pytest
 
 from tests.cli.commands import COMMANDS
 from tests.command_line import twin
+from twin.cli.app import parameters
 from twin.kernel import errors
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
@@ -70,7 +71,10 @@ def test_commands_take_a_recording_of_then(tmp_path: Path):
 
 def options() -> dict[str, list[str]]:
     """Every command's options and arguments as they are called."""
-    return {words: sorted({name for p in command.params for name in p.opts}) for words, command in COMMANDS.items()}
+    return {
+        words: sorted({name for p in parameters(command.function) for name in p.opts})
+        for words, command in COMMANDS.items()
+    }
 
 
 def test_commands_and_their_options_are_still_there():

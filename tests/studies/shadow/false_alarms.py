@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from twin.kernel.places import HOME
 
+from twin.robot.places import HOME
 from twin.studies.shadow.alarm import FIRST_BLOCKS, RateTolerances, ShadowWatch, tolerances_at
 from twin.studies.shadow.fleet import Fleet, Rate, arrived, block_means, read_fleet, watched
 from twin.studies.shadow.samples import RobotSamples

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import binom
-from twin.kernel.places import HOME
 
 from tests.studies.replay.logs import softened
 from tests.studies.shadow.robots import FIG4, FLEET, identified_fleet
 from twin.kernel.cosim.delay import named
 from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.assembly.load import load_experiment
+from twin.robot.places import HOME
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of

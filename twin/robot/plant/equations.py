@@ -14,10 +14,19 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import step_function
 from twin.kernel.cosim.port import Port, memory_of, record
-from twin.kernel.fmi.cosim_step import settle
 from twin.robot.mechanism.kinematics import jacobian_row, leg_angle
 from twin.robot.mechanism.statics import platform_weight
-from twin.robot.plant.component import LEFT_WORKSPACE, MEMORY, MOTION, OUTPUTS, STILL, inputs, outputs_near, triple
+from twin.robot.plant.component import (
+    LEFT_WORKSPACE,
+    MEMORY,
+    MOTION,
+    OUTPUTS,
+    STILL,
+    inputs,
+    outputs_near,
+    settle,
+    triple,
+)
 from twin.robot.plant.contact import apex_frame, contact_force
 from twin.robot.plant.dynamics import (
     PARAMETERS,
