@@ -104,7 +104,8 @@ class _Watch:
             self.work = MonitorWork(past.work if past else None)
         if request.tally:
             self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
-        self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
+        check = _Check(request.check, experiment) if request.check else None
+        self.observers: list[Observer] = [one for one in (check, self.trace, self.work, self.tally) if one is not None]
 
     def outcome(self, done: Simulated) -> Outcome:
         monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
@@ -120,6 +121,16 @@ class _Watch:
             failure=done.failure,
             stepping=done.stepping,
         )
+
+
+class _Check(Observer):
+    """Calls `RunRequest.check` before the first tick of a run."""
+
+    def __init__(self, check: Callable[[Experiment, System], None], experiment: Experiment):
+        self._check, self._experiment = check, experiment
+
+    def begin(self, simulation: Simulation) -> None:
+        self._check(self._experiment, simulation.system)
 
 
 class _SharedTally(Observer):
@@ -197,8 +208,6 @@ class Runs:
         if past is None or past.shared is None:
             watch = _Watch(self.request, experiment)
             with assemble(experiment) as assembly:
-                if self.request.check:
-                    self.request.check(experiment, assembly.system)
                 return watch.outcome(simulate(assembly, experiment.duration_ticks, watch.observers))
         watch = _Watch(self.request, experiment, past.watch)
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
@@ -208,7 +217,7 @@ class Runs:
     def _past(self, experiment: Experiment) -> _Past | None:
         """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
         base = replace(before_fault(experiment), changes=())
-        if not self._most or self.request.signals is None or self.request.check:
+        if not self._most or self.request.signals is None:
             return None
         if len(experiment.faults) > 1 and any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults):
             # which of several faults an idle shaft stands for is unknown
