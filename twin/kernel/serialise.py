@@ -7,8 +7,6 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
-import numpy as np
-
 
 def to_dict(value: Any) -> Any:
     """Return `value` as mappings, lists, texts and numbers; None for a number that is infinite or NaN.
@@ -25,10 +23,11 @@ def to_dict(value: Any) -> Any:
             return value
         case PurePath():
             return str(value)
-        case np.ndarray() | np.generic():
-            return to_dict(value.tolist())
         case Mapping():
             return {key: to_dict(one) for key, one in value.items()}
+    # arrays and scalars of NumPy, which takes long to import
+    if hasattr(value, "tolist"):
+        return to_dict(value.tolist())
     if keys := getattr(value, "JSON_KEYS", ""):
         pairs = (entry.partition("=") for entry in keys.split())
         return {key: to_dict(_at(value, path or key)) for key, _, path in pairs}

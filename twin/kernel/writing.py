@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import json
-import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import BAD_NAME, InputRefused, disk_refusals
+from twin.kernel.serialise import to_dict
 
 
 def made_folder(folder: Path) -> Path:
@@ -129,7 +129,7 @@ def json_text(facts: Any, indent: int | None = None) -> str:
     try:
         return json.dumps(facts, indent=indent, allow_nan=False)
     except ValueError:
-        return json.dumps(finite(facts), indent=indent, allow_nan=False)
+        return json.dumps(to_dict(facts), indent=indent, allow_nan=False)
 
 
 def inline_table(facts: Mapping[str, Any]) -> Any:
@@ -140,15 +140,6 @@ def inline_table(facts: Mapping[str, Any]) -> Any:
     table = inline_table()
     table.update(facts)
     return table
-
-
-def finite(facts: Any) -> Any:
-    """`facts` with None for every number that is infinite or none."""
-    if isinstance(facts, dict):
-        return {key: finite(value) for key, value in facts.items()}
-    if isinstance(facts, list | tuple):
-        return [finite(value) for value in facts]
-    return None if isinstance(facts, float) and not math.isfinite(facts) else facts
 
 
 def _umask() -> int:

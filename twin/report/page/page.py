@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import seen_from_here
-from twin.kernel.writing import finite, made_folder, write_text
+from twin.kernel.serialise import to_dict
+from twin.kernel.writing import made_folder, write_text
 from twin.report.page.followed import PANELS as SESSION_PANELS
 from twin.report.page.followed import (
     alarms,
@@ -538,7 +539,7 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 
 def _json(data: object) -> str:
     """JSON that cannot end the script element it stands in, whatever texts it holds."""
-    return json.dumps(finite(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return json.dumps(to_dict(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def plain_page(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 
 if TYPE_CHECKING:
     # the process that supervises a run prints measures, and loads no numerics
@@ -289,7 +289,7 @@ def measured(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
         value = measure.value(hold, run)
         if isinstance(value, MeasuredValue):
             found[measure.key] = value
-        elif finite(value) is None:
+        elif to_dict(value) is None:
             found[measure.key] = MeasuredValue(None, measure.missing)
         else:
             found[measure.key] = MeasuredValue(value, remark if of_a_hold else "")

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from enum import StrEnum
 from itertools import pairwise
 from math import degrees
@@ -16,7 +15,7 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.recorder import port_fields
 from twin.kernel.recording.writer import Writer
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
 from twin.robot.plant.component import OUTPUTS as MOTION
 from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
@@ -264,7 +263,7 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
         "samples": len(log.t),
         "missing": log.missing,
         "gaps_s": log.gaps.tolist(),
-        "force_N": {name: finite(asdict(one)) for name, one in replay.statistics.items()},
+        "force_N": {name: to_dict(one) for name, one in replay.statistics.items()},
         "indicators": [_indicator_facts(one) for one in replay.indicators],
         "measures": with_units(held),
         "notes": list(log.notes),
@@ -273,7 +272,7 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
 
 def _indicator_facts(one: Indicator) -> dict[str, object]:
     d = one.drift
-    return finite(
+    return to_dict(
         {
             "name": one.name, "unit": one.unit, "matches": d.matches, "since_s": d.since, "alarm_s": d.alarm,
             "size": d.size, "baseline": d.baseline, "sigma": d.sigma, "tolerance": d.tolerance, "slack": d.slack,

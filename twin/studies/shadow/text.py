@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from twin.kernel.recording.sources.stamps import Counts
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.studies.result import Block, Column, Result, Table, counted, note
 from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
@@ -165,7 +165,7 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
         if one.count and one is not NIS
     }  # fmt: skip
     lateness, verdict = followed.lateness, verdict_of(followed)
-    return finite(
+    return to_dict(
         {
             "experiment": name,
             "source": followed.source,

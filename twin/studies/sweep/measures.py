@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.robot.run.measures import HEADLINE, MEASURES, TABLE
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ class RunFinding:
             "status": self.status,
             "reason": self.reason,
             "metrics": self.metrics,
-            "seconds": finite(self.seconds),
-            "stepping_s": finite(self.stepping),
+            "seconds": to_dict(self.seconds),
+            "stepping_s": to_dict(self.stepping),
             **self.paper,
             **({"no_hold": self.no_hold} if self.no_hold else {}),
         }

@@ -20,7 +20,7 @@ from scipy.optimize import differential_evolution
 
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.assemble import FORCE_REFERENCE, assemble
 from twin.robot.assembly.declared import PLACES
 from twin.robot.assembly.roles import refuse_other_parts
@@ -511,7 +511,7 @@ def _run_facts(whole: Whole) -> dict[str, Any]:
 
 def _corner_facts(prediction: Prediction, trial: StepTrial | None) -> dict[str, Any]:
     point = prediction.corner.point
-    return finite({
+    return to_dict({
         "drive": prediction.corner.drive,
         "p_B": point.p_B,
         "F_z": point.F_z,
