@@ -21,7 +21,8 @@ from tests.studies.identify.calibrations import (
 from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
-from twin.studies.identify.identification import Fit, NotIdentifiable, fit, identified, line, sandwich, t_factor
+from twin.studies.identify.clustered import line, sandwich, t_factor
+from twin.studies.identify.identification import Fit, NotIdentifiable, fit, identified
 from twin.studies.identify.text import truth
 from twin.studies.identify.windows import BACKLASH, COMPLIANCE, KAPPA, OFFSET, Windows, in_air, on_scale, parameters
 from twin.studies.replay.model import RobotModel, loaded_model

@@ -7,24 +7,21 @@ whitened Jacobian say how well each direction of parameter space is seen; a dire
 uncertain by more than `BLIND` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
 named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within one, but
 no narrower than if all errors were independent and of one size: few clusters can agree by chance.
-
-Linear least squares whose errors come in clusters.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import t as student
 
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.studies.command import Say, Steps, silent
+from twin.studies.identify.clustered import line, sandwich, t_factor
 from twin.studies.identify.windows import (
     BACKLASH,
     COMPLIANCE,
@@ -58,60 +55,6 @@ from twin.studies.identify.windows import (
 )
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.replay import estimates, robot_log
-
-CONFIDENCE = 0.95
-
-
-class Line(NamedTuple):
-    """Coefficients (p,), and half widths of their 95 % intervals (p,)."""
-
-    coefficients: NDArray[np.float64]
-    half_widths: NDArray[np.float64]
-
-
-def t_factor(clusters: int) -> float:
-    """Half width of a 95 % interval in standard deviations: Student's t of clusters - 1 degrees of freedom."""
-    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, clusters - 1)) if clusters > 1 else np.inf
-
-
-def sandwich(
-    A: NDArray[np.floating], inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Covariance (p, p) of least squares whose errors are independent between clusters and anything within.
-
-    (G - 1)/G sum_g s_g s_g^T, s_g = (I - A_g^+ A_g)^-1 A_g^+ r_g: what leaving out cluster g moves. It is CR3 of Bell
-    and McCaffrey (2002), Bias reduction in standard errors, Survey Methodology 28:169, as in Cameron and Miller (2015),
-    J. Human Resources 50:317, Sec. VI.B, with (I - A_g A_g^+)^-1 pushed through: plain residuals of a few clusters are
-    too small, because the fit has bent to them. Infinite for a single cluster.
-
-    Args:
-        A: (m, p).
-        inverse: its pseudo-inverse, A^+ (p, m).
-        residual: (m,).
-        cluster: the group of each row (m,).
-    """
-    numbers = np.unique(cluster)
-    G = len(numbers)
-    if G < 2:
-        return np.full((len(inverse), len(inverse)), np.inf)
-    moved = np.zeros((G, len(inverse)))
-    for row, g in zip(moved, numbers, strict=True):
-        own = cluster == g
-        remainder = np.eye(len(inverse)) - inverse[:, own] @ A[own]
-        # a direction that only one cluster sees has no scatter
-        row[:] = np.linalg.pinv(remainder, rcond=1e-6) @ (inverse[:, own] @ residual[own])
-    return (G - 1.0) / G * moved.T @ moved
-
-
-def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """The least squares solution of A c = y, A (m, p); None if A does not say it."""
-    if len(y) < A.shape[1] or np.linalg.matrix_rank(A) < A.shape[1]:
-        return None
-    inverse = np.linalg.pinv(A)
-    c: NDArray[np.float64] = inverse @ y
-    covariance = sandwich(A, inverse, y - A @ c, cluster)
-    return Line(c, t_factor(len(np.unique(cluster))) * np.sqrt(np.diag(covariance)))
-
 
 BLIND = 0.3
 """Sizes: a direction that is known to no better than this is not seen."""

@@ -8,18 +8,17 @@ of encoders that the twin does not know of widens it, which its NIS shows. With 
     var F = J^T [(k (1 + N) zero)^2 + (k dead_zone)^2 + friction^2 + (spring tau_l)^2] J   per leg.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, STATES
+from twin.studies.shadow.surroundings import FRICTION, ZERO
 
-ZERO, FRICTION, SPRING_ERROR, DEAD_ZONE_ERROR = math.radians(0.05), 0.02, 0.04, 1.0
-"""Largest zero of an encoder (rad) and dry friction of a joint (N m), and largest relative errors of a spring and of
-a dead zone that was not identified, in the shipped fleet of healthy robots."""
+SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
+"""Largest relative errors of a spring and of a dead zone that were not identified, in the shipped fleet of healthy
+robots."""
 COVERAGE = 0.75
 """Deviation by the largest error: at the corners of the fleet, where several causes are largest at once, at most a
 tenth of all samples lies beyond 1.96 deviations."""

@@ -34,7 +34,7 @@ from twin.robot.controller.controller import Belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
-from twin.studies.identify.identification import Line, line, t_factor
+from twin.studies.identify.clustered import Line, line, t_factor
 from twin.studies.identify.windows import (
     Estimate,
     Windows,
@@ -49,6 +49,7 @@ from twin.studies.replay.replay import RobotLog
 from twin.studies.shadow.alarm import UNKNOWN
 from twin.studies.shadow.layout import INPUTS
 from twin.studies.shadow.samples import RobotSamples, drive_model
+from twin.studies.shadow.surroundings import ZERO
 
 LATEST = 60.0
 """s of samples that are looked at, at most."""
@@ -60,8 +61,6 @@ KNOWN = 0.1
 """Share of a spring or a contact to which it has to be known to be reported."""
 SPRING, CONTACT = 0.02, 0.25
 """Shares by which a spring and a contact are off that are news: healthy bodies differ by a fifth."""
-ZERO = math.radians(0.05)
-"""rad. The zeros of healthy robots' encoders are so far off."""
 PLACE = 5e-3
 """m. Less is one place, in which no slope is seen."""
 FEWEST = 100
