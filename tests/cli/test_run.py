@@ -51,7 +51,7 @@ def test_out_names_the_runs_own_folder_with_one_recording(root: Path, tmp_path: 
 def test_any_drive_can_take_the_place_of_the_experiments(root: Path, tmp_path: Path, drive: str):
     done = twin("run", root / FIG4, "--drive", root / "fmus" / drive, "--set", "duration_s=1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert f"drive      {drive}.fmu  FMI 2.0" in done.stdout
+    assert f"  drive      {drive}.fmu  FMI 2.0" in done.stdout.splitlines()
 
 
 PRESSING = "experiments/pressing.toml"
