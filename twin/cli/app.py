@@ -119,7 +119,7 @@ class _NumberRange(click.FloatRange):
 
 
 class CommandList(click.Group):
-    """Commands in the order in which they are listed, with their whole first sentences.
+    """A group of commands: its help lists them by section, each with its whole first sentence.
 
     Args:
         name: "" of all commands of twin.
@@ -217,7 +217,7 @@ def as_spelt_now(words: list[str]) -> list[str]:
 
 
 def _sentence(mistake: click.UsageError) -> str:
-    """A mistake in the command line: where, what, and what is meant or where help is."""
+    """Return the error message for a command line: the command, the error, and a suggestion or the help to read."""
     text, context = mistake.format_message().strip(), mistake.ctx
     if context is None:
         return text

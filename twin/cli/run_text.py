@@ -1,9 +1,9 @@
 """What `twin run` prints of a finished run: measures, outcome, events, parts, files; and the same for programs."""
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from twin.kernel.archive import sha256
 from twin.robot.places import HOME
 from twin.robot.run.measures import (
     LARGE_OVERSHOOT,
@@ -154,7 +154,7 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
 def _comes_with_twin(name: str, digest: str) -> bool:
     """Whether the FMU `name` is one of twin's own, unchanged; `digest` is the beginning of its SHA-256."""
     files = [file for file in (HOME / "fmus").glob("*/*.fmu") if file.name == name]
-    return any(hashlib.sha256(file.read_bytes()).hexdigest().startswith(digest) for file in files)
+    return any(sha256(file).startswith(digest) for file in files)
 
 
 def _row(name: str, text: object) -> str:

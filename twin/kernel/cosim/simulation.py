@@ -72,7 +72,7 @@ class Simulation:
         last_tick: the tick that gets the last row and no step.
         slice_ticks: most ticks one call of `advance` runs.
         timed: count the processor cycles of each component.
-        memory: memory of the mark and the inputs; None for that of `HOOKS.memory`.
+        memory: memory of the mark and the inputs; None to use `HOOKS.memory`.
     """
 
     def __init__(

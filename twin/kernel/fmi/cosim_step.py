@@ -124,8 +124,8 @@ STATE_MEMORY = record(
 )
 """To save and restore a state; addresses of functions."""
 PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
-"""What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
-the FMU itself ticks it."""
+"""Kinds of clocks: the period gives the next tick, the FMU reports it at each tick, the FMU reports it at each event,
+or the FMU itself activates the clock."""
 NEVER = 1 << 62
 """Step of a clock whose next tick is not known."""
 CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
@@ -147,7 +147,7 @@ EVENTS = record(
 )
 """Event mode: counts, and addresses of functions and tables."""
 _VALUE, _ANSWER = 16, 24
-"""Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
+"""Offsets (bytes) in `returned` of a clock's value reference and of the answer, behind the 16 of the update."""
 EVENT_MEMORY = record(
     **alike("i8", "instance do_step final inputs input_groups outputs output_groups"),
     held="i8",  # clocked outputs, which are read in events

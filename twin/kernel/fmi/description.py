@@ -36,13 +36,13 @@ MOST_DESCRIPTION = 64 << 20
 STRUCTURAL = "structuralParameter"
 NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
 SETTLED = 2_000_000_000
-"""Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
+"""Minimum age (ns) of a file whose times identify its content: the coarsest clock of a file system, FAT."""
 INDICES = ("index", "dependencies", "derivative")
 """Attributes that count the variables from 1 on (FMI 2.0.4, 2.2.8)."""
 MOST_CLOCKS = 62
-"""A bit of a number tells of each whether it is active."""
+"""Maximum number of clocks: each has a bit in an integer."""
 CLOSE = 1e-6
-"""Of a step, by which a multiple of another one may miss it."""
+"""Maximum deviation of a step from a multiple of another one, as a share of the step."""
 
 
 def complete(model: Any, file: Path) -> None:

@@ -72,7 +72,7 @@ GROUP = record(
     buffer="i8",  # of the FMI type
     bytes="i8",  # of the buffer
     last="i8",  # with events: what inputs were last set to
-    clocks="i8",  # with events: those with which alone the group changes, a bit for each
+    clocks="i8",  # with events: clocks that alone change the group, a bit each
     note="i8",  # a `NOTE`
 )
 """Variables of one FMI type: counts, and addresses of functions and arrays."""
@@ -93,7 +93,7 @@ RAMP = record(
     slope="i8",
     buffer="i8",
     t="f8",  # of the start (s)
-    bad="i8",  # what was bad within a step
+    bad="i8",  # the wrong value within a step
     note="i8",  # a `NOTE`
 )
 """Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""

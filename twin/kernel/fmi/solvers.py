@@ -108,7 +108,7 @@ _FLAGS = {
 TIME_PLACE = 24
 """Where in the memory of what comes back the time of the next event is."""
 USUAL_TOLERANCE = 1e-6
-"""Relative, of CVODE, where neither the experiment nor the FMU says anything."""
+"""Relative tolerance of CVODE if neither the experiment nor the FMU sets one."""
 HALVINGS = 60
 """A step halved so often is shorter than two times that differ."""
 BDF, ONE_STEP, ROOT_RETURN = 2, 2, 2

@@ -55,7 +55,7 @@ _WITHOUT_PREFIX = """#undef FMI2_FUNCTION_PREFIX
 HOME = "unpacked"
 CONTENT, SEAL = "fmu", "seal.json"
 MOST_UNPACKED = 50
-"""Folders that are kept in any case; those in use are kept besides."""
+"""Maximum number of folders to keep; folders in use are never removed."""
 _CHUNK = 1 << 20
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import xml_of
-from twin.kernel.fmi.description import FmuDescription, stated_step
+from twin.kernel.fmi.description import CLOSE, FmuDescription, stated_step
 from twin.kernel.fmi.variable import number
 from twin.kernel.ssp.flat import FlatSystem
 from twin.kernel.ssp.package import Package
@@ -21,8 +21,6 @@ STEPS = ("stepSize", "baseStepSize")
 """What OMSimulator and libcosim call the length of a step in annotations."""
 ORDER = "twin.order"
 """Type of the annotation of a system that says in which order its components step."""
-CLOSE = 1e-6
-"""Of a step, by which a multiple of it may be missed."""
 
 
 def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:

@@ -35,8 +35,7 @@ class RunRequest(NamedTuple):
             past lacks: every run is made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
-        check: called with each experiment and its system before the first tick, to refuse what cannot be measured; its
-            runs share no past.
+        check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
     """
 
     signals: frozenset[str] | None = frozenset()
