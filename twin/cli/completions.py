@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from twin.kernel.errors import InputRefused
-from twin.robot.places import located
 
 
 def experiment_files(incomplete: str) -> list[str]:
@@ -23,6 +22,8 @@ def experiment_names(incomplete: str) -> list[str]:
 
 def drive_names(incomplete: str) -> list[str]:
     """Drives of fmus/."""
+    from twin.robot.places import located
+
     shelf = located("fmus", Path.cwd())
     fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
     return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
@@ -38,6 +39,7 @@ def role_names(incomplete: str) -> list[str]:
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
     from twin.robot.experiment.experiment_files import FOLDERS
+    from twin.robot.places import located
 
     bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
     return _starting_with(incomplete, bodies)
