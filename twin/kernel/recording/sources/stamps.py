@@ -304,13 +304,13 @@ class Aligner:
                 break
             del self._pending[0]
             self._due = max(self._due, min(now, head.arrived + self._budget))
+            invalid = not all(map(math.isfinite, map(head.row.__getitem__, head.there)))
+            self.counts.invalid += invalid
             if not complete:
                 # at the beginning one has to learn first what belongs together
-                self.counts.incomplete += self._base is not None
+                self.counts.incomplete += self._base is not None and not invalid
                 self.lacking = self._needed - head.there
-            elif not all(map(math.isfinite, map(head.row.__getitem__, self._needed))):
-                self.counts.invalid += 1
-            else:
+            elif not invalid:
                 found.append(self._sample(head))
         return found
 
