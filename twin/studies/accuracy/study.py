@@ -37,6 +37,8 @@ def accuracy(
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     found = accuracy_budget(loaded, say)
-    write_json(folder / FACTS, accuracy_facts(found))
+    write_json(home / FACTS, accuracy_facts(found))
     return accuracy_result(found, str(folder / FACTS))

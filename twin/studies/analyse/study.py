@@ -58,17 +58,19 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
     from twin.studies.analyse.stability import stability
     from twin.studies.analyse.text import analysis_result
 
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     done = stability(experiment, tried, say)
-    draw_analysis(done, folder / PICTURE)
+    draw_analysis(done, home / PICTURE)
     pictures = [PICTURE]
     if any(point.disks for point in done.points):
-        draw_disks(done, folder / DISKS)
+        draw_disks(done, home / DISKS)
         pictures.append(DISKS)
     if done.maps:
-        draw_stability_maps(done, folder / MAP)
+        draw_stability_maps(done, home / MAP)
         pictures.append(MAP)
     result = analysis_result(done, [str(folder / name) for name in (*pictures, FACTS)])
-    write_json(folder / FACTS, result.facts)
+    write_json(home / FACTS, result.facts)
     return result
 
 
@@ -78,8 +80,10 @@ def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
     from twin.studies.analyse.pictures import draw_passivity
     from twin.studies.analyse.text import passivity_result
 
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     done = passivity(experiment, tried, say)
-    draw_passivity(done, folder / PASSIVITY_PICTURE)
+    draw_passivity(done, home / PASSIVITY_PICTURE)
     result = passivity_result(done, [str(folder / name) for name in (PASSIVITY_PICTURE, PASSIVITY_FACTS)])
-    write_json(folder / PASSIVITY_FACTS, result.facts)
+    write_json(home / PASSIVITY_FACTS, result.facts)
     return result

@@ -40,7 +40,9 @@ def converge(
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     done = convergence(loaded, tolerance, duration, smooth, say)
-    draw_convergence(done, folder / PICTURE)
-    write_json(folder / FACTS, to_dict(done))
+    draw_convergence(done, home / PICTURE)
+    write_json(home / FACTS, to_dict(done))
     return convergence_result(done, {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)})

@@ -196,6 +196,8 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
 
     say(Path(fmu).stem, 0.0)
     folder = made_folder(out)
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     table = lone_drive(fmu, Path.cwd())
     came = came_with(table, apart)
     try:
@@ -206,7 +208,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
             raise
         return no_drive(came, str(refusal))
     picture = folder / f"{Path(done.plan.label).stem}.png"
-    draw_drive_check(done, picture)
+    draw_drive_check(done, home / picture.name)
     facts = done.facts() | {"references": [one.facts() for one in came], "picture": str(picture)}
     references = references_text(came) if came else ""
     return qualification_result(facts, references, picture, all(one.holds for one in came))
@@ -241,13 +243,15 @@ def compare_drives(
     from twin.studies.qualify.text import compare_blocks
 
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     compared = trials(files, list(fmus), settings, body, say)
     sentences = verdict(compared)
     facts: list[dict[str, Any]] = []
     blocks: list[Block] = [Note(sentence, later=2, whole=True) for sentence in sentences] or [""]
     for file, one in zip(files, compared, strict=True):
         picture = folder / f"{file.stem}.png"
-        draw_drive_compare(one.trials, f"Drives compared in {file.name}", picture)
+        draw_drive_compare(one.trials, f"Drives compared in {file.name}", home / picture.name)
         facts.append(comparison_facts(one) | {"picture": str(picture)})
         blocks += ["", one.name, *compare_blocks(one), f"picture  {picture}"]
     everything = {

@@ -61,6 +61,8 @@ def tune(
 
     goals = Goals(margin, overshoot / 100.0, None if bandwidth is None else 2.0 * math.pi * bandwidth)
     folder = made_folder(out or HOME / experiment.stem)
+    # absolute: an FMU may change the working directory
+    home = folder.absolute()
     file = experiment_file(experiment)
     span = None if stiffness is None else stiffness_range(stiffness)
     # of several drives the file's own stays
@@ -84,9 +86,9 @@ def tune(
         lines += schedule_lines(over, done.experiments[0].controller.tissue is not None)
         parts += ["", *schedule_parts(over), ""]
         facts["schedule"] = over.facts()
-    write_text(folder / GAINS, lines)
-    draw_tuning(done, folder / PICTURE)
-    write_json(folder / FACTS, facts)
+    write_text(home / GAINS, lines)
+    draw_tuning(done, home / PICTURE)
+    write_json(home / FACTS, facts)
     met = done.met and (over is None or over.met)
     shown = {file: file for file in files}
     return Result(first, [*parts, f"next  {again}", ""], facts, shown, label=0, exit_code=0 if met else 1)
