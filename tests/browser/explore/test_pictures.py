@@ -10,8 +10,7 @@ from tests.browser.explore.explorer import GAIN, SPRING, Explorer, Opened, wait_
 from tests.laws.runs import shipped
 from twin.report.explore.asked import Base, asked
 from twin.report.explore.figures import fig4_runs
-from twin.studies.faults.matrix import onsets_of
-from twin.studies.faults.trials import healthy_run
+from twin.studies.faults.onsets import healthy_run, onsets_of
 from twin.studies.paper.claim import tally
 from twin.studies.paper.fig4 import fig4_score
 

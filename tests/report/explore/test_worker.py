@@ -21,8 +21,7 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.analyse.linearised import Linearised
 from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import judged_point
-from twin.studies.faults.matrix import onsets_of
-from twin.studies.faults.trials import healthy_run
+from twin.studies.faults.onsets import healthy_run, onsets_of
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import fig5_score

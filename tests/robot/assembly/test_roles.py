@@ -31,7 +31,7 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.accuracy.budget import accuracy_budget
 from twin.studies.analyse.stability import stability
 from twin.studies.converge.convergence import convergence
-from twin.studies.faults.matrix import healthy_trial
+from twin.studies.faults.onsets import checked_healthy_run
 from twin.studies.replay.model import model_for
 from twin.studies.tune.prediction import Goals
 from twin.studies.tune.tuned import tuned
@@ -404,7 +404,7 @@ def _tuned(experiment: Experiment) -> None:
     [
         (_tuned, "controller"), (_tuned, "estimator"), (stability, "controller"), (stability, "estimator"),
         (convergence, "controller"), (convergence, "estimator"), (accuracy_budget, "estimator"),
-        (healthy_trial, "monitor"),
+        (checked_healthy_run, "monitor"),
     ],
 )  # fmt: skip
 def test_studies_of_twins_own_law_refuse_another(mine: Path, study: Callable[[Experiment], Any], role: str):

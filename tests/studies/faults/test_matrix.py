@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,17 +9,12 @@ from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
 from twin.kernel.errors import InputRefused, SafetyTrip
 from twin.robot.experiment import fault
-from twin.robot.experiment.fault import CATALOGUE, UNSEEN
-from twin.studies.faults.matrix import (
-    GLITCH_SHARE,
-    FaultTrial,
-    cases,
-    default_onsets,
-    healthy_trial,
-    known_kinds,
-    matrix_rows,
-    touching,
-)
+from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, UNSEEN
+from twin.robot.run.runs import Outcome
+from twin.studies.faults.cases import cases, known_kinds
+from twin.studies.faults.matrix import matrix_rows
+from twin.studies.faults.onsets import checked_healthy_run, default_onsets, touching
+from twin.studies.faults.stage import Stage
 from twin.studies.faults.text import _cells, _worst, fault_matrix_result
 
 
@@ -65,8 +61,13 @@ def test_a_time_that_cannot_be_is_one_sentence(onset, duration, told):
         cases(shipped("pressing"), ("surface_jump",), (onset,), duration)
 
 
-def healthy(force, z) -> FaultTrial:
-    return FaultTrial(np.array(force, dtype=float), np.array(z, dtype=float), None, None, "", "")
+def healthy(force, z) -> Outcome:
+    """A run with these forces along y (N) and heights."""
+    trace: Any = {
+        "plant.F_ee_B": np.outer(force, (0.0, -1.0, 0.0)),
+        "plant.p_B": np.outer(z, (0.0, 0.0, 1.0)),
+    }
+    return Outcome("done", "", trace, None, None, None, True, "", None, 0.0)
 
 
 def test_onsets_are_the_middles_of_the_descent_and_of_the_longest_contact():
@@ -184,10 +185,9 @@ def test_the_same_case_gives_the_same_row():
 
 
 def test_the_duration_ends_the_fault():
-    experiment = shipped("pressing")
-    healthy = healthy_trial(experiment)
+    stage = Stage(shipped("pressing"))
     short, forever = (
-        next(matrix_rows(experiment, healthy, cases(experiment, ("belief_eta",), (4.0,), duration)[-1:]))
+        next(matrix_rows(stage, cases(stage.experiment, ("belief_eta",), (4.0,), duration)[-1:]))
         for duration in (0.1, None)
     )
     assert short.watched.peak < forever.watched.peak - 1.0
@@ -195,10 +195,9 @@ def test_the_duration_ends_the_fault():
 
 @pytest.mark.parametrize(("kind", "delay"), [("drive_failure", 0.0), ("encoder_dropout_nan", None)])
 def test_a_fault_that_ends_the_run_in_its_very_first_step_has_touched_nobody(kind: str, delay: float | None):
-    experiment = shipped("pressing")
-    planned = cases(experiment, (kind,), (0.0,), None)[-1:]
-    (row,) = matrix_rows(experiment, healthy_trial(experiment), planned)
-    assert (row.watched.peak, row.watched.delay, row.watched.end) == (0.0, delay, "run ended")
+    stage = Stage(shipped("pressing"))
+    (row,) = matrix_rows(stage, cases(stage.experiment, (kind,), (0.0,), None)[-1:])
+    assert (row.watched.peak, row.watched.seen, row.watched.end) == (0.0, delay, "run ended")
 
 
 def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
@@ -236,15 +235,15 @@ def test_the_documented_matrix_is_the_measured_one(root: Path, title, measured):
 
 def test_an_experiment_that_nobody_watches_is_refused_with_what_to_add():
     with pytest.raises(InputRefused, match=r"no safety monitor .* add a table \[monitor\]"):
-        healthy_trial(shipped("fig4_force_position"))
+        checked_healthy_run(shipped("fig4_force_position"))
 
 
 def test_an_experiment_with_faults_of_its_own_is_refused():
     faulty = shipped("pressing", 'fault=[{kind="drive_dead", onset_s=1.0}]')
     with pytest.raises(InputRefused, match=r"has \[\[fault\]\] tables"):
-        healthy_trial(faulty)
+        checked_healthy_run(faulty)
 
 
 def test_a_monitor_that_trips_without_any_fault_ends_the_matrix():
     with pytest.raises(SafetyTrip, match="without any fault: safety monitor: the platform moves too fast"):
-        healthy_trial(shipped("pressing", "monitor.speed_limit_mm_per_s=50"))
+        checked_healthy_run(shipped("pressing", "monitor.speed_limit_mm_per_s=50"))

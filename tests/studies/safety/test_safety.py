@@ -19,9 +19,10 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace
 from twin.studies.command import silent
+from twin.studies.faults.stage import Stage, load_stage
 from twin.studies.faults.together import DELAYS
 from twin.studies.safety.changes import old_lines, worse
-from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, HazardRobot, interval, robot_of
+from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import read_hazards
 from twin.studies.safety.lines import drawn
 from twin.studies.safety.study import safety, written_page
@@ -124,8 +125,8 @@ def test_draws_are_of_the_seed_and_within_what_the_table_says(table: Path, lines
     (hazard,) = read_hazards(table).hazards
 
     @cache
-    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
-        return robot_of(Path(EXPERIMENT), (), body, point)
+    def robots(body: str, point: tuple[float, float]) -> Stage:
+        return load_stage(Path(EXPERIMENT), (), body, point, share=False)
 
     def made(seed: int) -> list[tuple]:
         evidence = hazard.evidence.model_copy(update={"seed": seed, "draws": 3})
@@ -171,12 +172,12 @@ def test_a_place_where_the_robot_cannot_be_is_drawn_again_and_one_where_it_trips
     hazard = replace(hazard, evidence=evidence)
     asked_for: list[tuple[float, float]] = []
 
-    def robots(body: str, point: tuple[float, float], trips: bool = False) -> HazardRobot:
+    def robots(body: str, point: tuple[float, float], trips: bool = False) -> Stage:
         asked_for.append(point)
         if trips and point != (0.0, 0.0):
             raise SafetyTrip("without any fault: FORCE")
         # beyond 10 mm from the axis it is refused
-        return robot_of(Path(EXPERIMENT), ("monitor.workspace_radius_mm=10",), body, point)
+        return load_stage(Path(EXPERIMENT), ("monitor.workspace_radius_mm=10",), body, point, share=False)
 
     found = [run for run, _ in drawn(hazard, robots)]
     assert len(found) == 2 and all(run.watched for run in found)
@@ -227,7 +228,7 @@ def test_the_command_of_the_worst_run_makes_it_again(lines):
 
 
 def test_a_point_moves_the_first_task_in_millimetres():
-    robot = robot_of(Path(EXPERIMENT), (), "scale", (0.0, 0.02))
+    robot = load_stage(Path(EXPERIMENT), (), "scale", (0.0, 0.02))
     assert robot.experiment.tasks[0].point == pytest.approx((0.0, 0.02))
 
 

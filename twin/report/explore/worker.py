@@ -33,8 +33,7 @@ from twin.robot.experiment.source import at
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.trace import Trace, fields_of
 from twin.robot.run.watch import run_observers
-from twin.studies.faults.matrix import default_onsets
-from twin.studies.faults.trials import healthy_run
+from twin.studies.faults.onsets import default_onsets, healthy_run
 from twin.studies.metrics.required_series import FIG4
 from twin.studies.paper.fig4_figure import FIG4_PANELS
 from twin.studies.paper.fig4_measures import Fig4Runs

@@ -33,15 +33,12 @@ from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_u
 from twin.studies.command import Say
 from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, creeps, offset_text, ways_of
 from twin.studies.faults.magnitudes import BEYOND
-from twin.studies.faults.matrix import default_onsets
-from twin.studies.faults.together import DELAYS, HERE
-from twin.studies.faults.trials import fault_trial
+from twin.studies.faults.offsets import HERE
+from twin.studies.faults.onsets import FORCE_SIGNAL, PLACE_SIGNAL, default_onsets
+from twin.studies.faults.together import DELAYS
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
-
-FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
-
 
 MOST_PASTS = 8
 """Maximum number of pasts in one process: a body each, at rest and moved."""
@@ -73,7 +70,7 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
         # drives that need processes would need some for each past
         most = 0 if need_processes(planned_drives(experiment)) else MOST_PASTS
-        ended = _runs(frozenset(names | {FORCE, PLACE}), most).run(experiment)
+        ended = _runs(frozenset(names | {FORCE_SIGNAL, PLACE_SIGNAL}), most).run(experiment)
         assert ended.trace is not None
         signals = Signals(ended.trace, geometry_of(experiment.controller.model))
         found: dict[str, float | None] = {
@@ -83,7 +80,7 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         if not experiment.faults:
             try:
                 # in contact first: that is where a fault can press
-                onsets = list(reversed(default_onsets(fault_trial(ended))))
+                onsets = list(reversed(default_onsets(ended)))
             except InputRefused:
                 onsets = [round(0.5 * experiment.duration_ticks)]
     # a mistake of ours in one run costs that run, as in a sweep

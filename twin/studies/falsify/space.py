@@ -25,8 +25,9 @@ from twin.robot.experiment.together import (
     pair_names,
 )
 from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
+from twin.studies.faults.offsets import HERE, moved_tasks, on_disc
 from twin.studies.faults.text import magnitude_text
-from twin.studies.faults.together import HERE, moved_tasks, on_disc, slowest
+from twin.studies.faults.together import slowest
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
 
 RANDOM = (

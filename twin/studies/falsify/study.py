@@ -94,7 +94,7 @@ def falsify(
     from twin.robot.experiment.source import Source, override
     from twin.studies.falsify.search import TRIAL, Judge, Search, requirements_of
     from twin.studies.falsify.space import Found, Holes, Space, falsify_result, header, known_sets
-    from twin.studies.faults.matrix import cases
+    from twin.studies.faults.cases import cases
     from twin.studies.left_behind import held_folder
     from twin.studies.sweep.engine import Job, run_pool
     from twin.studies.tune.text import findable

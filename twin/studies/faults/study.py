@@ -87,32 +87,16 @@ def faults(
 
     Raises:
         InputRefused: experiment, kinds, onsets or the folder cannot be used.
-        SafetyTrip, ComponentFailed: without any fault, see `healthy_trial`.
+        SafetyTrip, ComponentFailed: without any fault, see `checked_healthy_run`.
         NotWritten: the disk refuses.
     """
     from twin.kernel.writing import growing, json_text, made_folder, write_json
-    from twin.robot.assembly.load import load_experiment
-    from twin.studies.faults.matrix import (
-        Case,
-        FaultRow,
-        FaultTrial,
-        cases,
-        healthy_trial,
-        known_kinds,
-        matrix_rows,
-        onsets_of,
-        touching,
-    )
+    from twin.studies.faults.cases import cases, known_kinds
+    from twin.studies.faults.matrix import FaultRow, matrix_rows
+    from twin.studies.faults.offsets import offsets
+    from twin.studies.faults.stage import Stage, load_stage
     from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result, together_result
-    from twin.studies.faults.together import (
-        FaultSet,
-        Stage,
-        TogetherRow,
-        moved_settings,
-        places,
-        together_of,
-        together_rows,
-    )
+    from twin.studies.faults.together import FaultSet, TogetherRow, together_of, together_rows
 
     folder = made_folder(out or HOME / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE
@@ -124,24 +108,17 @@ def faults(
     with growing(home / ROWS) as append:
         chosen = known_kinds(kinds)
         stages: list[Stage] = []
-        of_bodies: list[tuple[FaultTrial, tuple[Case, ...]]] = []
-        for body, place in product(dict.fromkeys(bodies) or (None,), places(1e-3 * reach)):
-            loaded = load_experiment(experiment, settings, drive, body)
-            if moved := moved_settings(loaded, place):
-                loaded = load_experiment(experiment, (*settings, *moved), drive, body)
-            healthy = healthy_trial(loaded)
-            times = onsets_of(loaded, healthy, onsets)
+        for body, offset in product(dict.fromkeys(bodies) or (None,), offsets(1e-3 * reach)):
+            stages.append(load_stage(experiment, settings, body, offset, drive, onsets))
             # checks the onsets, too
-            of_bodies.append((healthy, cases(loaded, chosen, times, duration)))
-            touches = touching(healthy)
-            inside = tuple((t, bool(touches[round(t / loaded.cosim.tick)])) for t in times)
-            stages.append(Stage(body or "", loaded, inside, place))
+            planned = cases(stages[-1].experiment, chosen, stages[-1].onsets, duration)
+        first = stages[0]
         # single faults on the first body
-        healthy, planned = of_bodies[0] if FaultSet.SINGLE in wanted else (of_bodies[0][0], ())
-        begin = [at for stage in stages for at in stage.onsets]
+        planned = cases(first.experiment, chosen, first.onsets, duration) if FaultSet.SINGLE in wanted else ()
+        begin = [(onset, stage.touches(onset)) for stage in stages for onset in stage.onsets]
         total = len(planned) + sum(len(together_of(kind, *at, kinds)) for kind in wanted for at in begin)
         rows: list[FaultRow] = []
-        for row in matrix_rows(stages[0].experiment, healthy, planned):
+        for row in matrix_rows(first, planned):
             rows.append(row)
             append(json_text(row.facts()) + "\n")
             say(f"{len(rows)} of {total} cases", len(rows) / total)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.robot.experiment.fault import CATALOGUE
-from twin.studies.faults.matrix import ALLOWANCE, FaultRow
-from twin.studies.faults.together import HERE, OF_IDEAL, REACHABLE, FaultSet, TogetherRow
+from twin.studies.faults.matrix import ALLOWANCE, OF_IDEAL, FaultRow
+from twin.studies.faults.offsets import HERE
+from twin.studies.faults.together import REACHABLE, FaultSet, TogetherRow
 from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Table, counted
 
@@ -182,7 +183,7 @@ def _cells(row: FaultRow, of_kind: Sequence[FaultRow]) -> tuple[str, ...]:
         _force(max(r.unwatched.peak for r in of_kind)),
         f"{sum(r.detected for r in of_kind)}/{len(of_kind)}",
         row.watched.reason,
-        "" if row.watched.delay is None else f"{row.watched.delay:.3f}",
+        "" if row.watched.seen is None else f"{row.watched.seen:.3f}",
     )
 
 
@@ -214,7 +215,7 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
 def _named(row: FaultRow) -> str:
     fault = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
     limit = "" if row.safe else f" (limit {row.bound:g} N)"
-    seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not detected"
+    seen = f"{row.watched.reason} after {1e3 * (row.watched.seen or 0.0):.0f} ms" if row.detected else "not detected"
     ideal = "" if row.ideal is None else f"; ideal {row.ideal:.1f} N"
     return f"{fault} at {row.onset:.2f} s: {row.watched.peak:.1f} N{limit}, {seen}{ideal}"
 

@@ -6,46 +6,24 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from scipy.stats import binomtest
 
 from twin.kernel.errors import TwinError
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.together import table
-from twin.studies.faults.matrix import healthy_trial, onsets_of
-from twin.studies.faults.together import Felt, FeltRuns, faults_of, felt, moved_settings, with_share
+from twin.studies.faults.cases import faults_of, with_share
+from twin.studies.faults.reaction import Reaction
+from twin.studies.faults.stage import Stage
 from twin.studies.safety.hazards import Cause, Hazard, SafetyTable
 
 CONFIDENCE = 0.95
 """Of intervals of a detected share, by Clopper and Pearson (1934)."""
 
 
-class HazardRobot(NamedTuple):
-    """An experiment on one body at one point, healthy.
-
-    Attributes:
-        body: its name.
-        point: by how much its tasks are moved (m).
-        settings: that make it of the experiment's file.
-        experiment: loaded.
-        onsets: (s) in free motion and in contact.
-        runs: makes runs of it.
-    """
-
-    body: str
-    point: tuple[float, float]
-    settings: tuple[str, ...]
-    experiment: Experiment
-    onsets: tuple[float, ...]
-    runs: FeltRuns
-
-
-Robots = Callable[[str, tuple[float, float]], HazardRobot]
-"""The robot of a body and a point, made once."""
-
-
+Stages = Callable[[str, tuple[float, float]], Stage]
+"""Stage of a body and an offset, made once."""
 Origin = Literal["grid", "search", "draw"]
 """Of a run: one of the grid of all causes, one that was searched for a worse case, or one that was drawn at random."""
 
@@ -71,9 +49,9 @@ class EvidenceRun:
     settings: tuple[str, ...]
     tables: tuple[dict[str, Any], ...]
     seed: int
-    watched: Felt | None
-    unwatched: Felt | None = None
-    ideal: Felt | None = None
+    watched: Reaction | None
+    unwatched: Reaction | None = None
+    ideal: Reaction | None = None
     found: Origin = "grid"
     failure: str = ""
 
@@ -131,7 +109,7 @@ class HazardLine:
     head_area: float
     variants: dict[str, tuple[float, float] | None] = field(default_factory=dict)
 
-    def measured(self, run: Felt) -> float:
+    def measured(self, run: Reaction) -> float:
         """What the limit limits, in its unit."""
         match self.hazard.limit_key:
             case "limit_kPa":
@@ -238,27 +216,8 @@ def _share_facts(share: tuple[int, int]) -> dict[str, Any] | None:
     return {"count": share[0], "of": share[1], "interval": list(interval(share))} if share[1] else None
 
 
-def robot_of(
-    path: Path, settings: Sequence[str], body: str, point: tuple[float, float], share: bool = False
-) -> HazardRobot:
-    """The experiment on `body`, its tasks moved by `point` (m).
-
-    Args:
-        share: whether more than one run is made of it; then its `runs` are to be closed.
-
-    Raises:
-        InputRefused: it cannot be made so. SafetyTrip, ComponentFailed: it trips or fails without any fault.
-    """
-    experiment = load_experiment(path, settings, None, body)
-    moved = moved_settings(experiment, point)
-    if moved:
-        experiment = load_experiment(path, (*settings, *moved), None, body)
-    onsets = onsets_of(experiment, healthy_trial(experiment), ())
-    return HazardRobot(body, point, (*settings, *moved), experiment, onsets, FeltRuns(experiment, share))
-
-
 def run_of(
-    robot: HazardRobot, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
+    robot: Stage, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
 ) -> EvidenceRun:
     """One run with the monitor, a drawn one also without; one that is refused or fails is a failed run, never none.
 
@@ -269,9 +228,9 @@ def run_of(
     one = EvidenceRun(str(cause), robot.body, robot.settings, tuple(tables), robot.experiment.seed, None, found=found)
     try:
         if cause.ordered:
-            one = replace(one, tables=robot.runs.delayed(tables, delay))
+            one = replace(one, tables=robot.delayed(tables, delay))
         faults = faults_of(robot.experiment, one.tables)
-        watched, unwatched = robot.runs.both(faults) if found == "draw" else (robot.runs.felt(faults), None)
+        watched, unwatched = robot.reactions(faults) if found == "draw" else (robot.reaction(faults), None)
     except TwinError as problem:
         return replace(one, failure=str(problem))
     meant = any(kind == "drive_failure" for kind, _ in cause.faults)
@@ -287,16 +246,16 @@ def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: i
     return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
-def beside(robot: HazardRobot, run: EvidenceRun) -> EvidenceRun:
+def beside(robot: Stage, run: EvidenceRun) -> EvidenceRun:
     """`run` with that of the same robot without its monitor, and with an ideal one."""
     faults = faults_of(robot.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
-    ideal = None if seen is None else robot.runs.ideal(faults, seen)
-    return replace(run, unwatched=run.unwatched or robot.runs.felt(faults, watched=False), ideal=ideal)
+    ideal = None if seen is None else robot.ideal(faults, seen)
+    return replace(run, unwatched=run.unwatched or robot.reaction(faults, watched=False), ideal=ideal)
 
 
 def hardware(
-    line: HazardLine, table_: SafetyTable, path: Path, robot: HazardRobot | None
+    line: HazardLine, table_: SafetyTable, path: Path, robot: Stage | None
 ) -> dict[str, tuple[float, float] | None]:
     """(peak, left) in N of the worst run of `line` with each variant of the hardware."""
     worst = line.worst
@@ -306,7 +265,7 @@ def hardware(
     for variant in table_.variants:
         try:
             experiment = load_experiment(path, (*robot.settings, *variant.set), None, robot.body)
-            run = felt(experiment, faults_of(experiment, worst.tables))
+            run = Stage(experiment, share=False).reaction(faults_of(experiment, worst.tables))
             found[variant.name] = None if run.failure else (run.peak, run.left)
         except TwinError:
             found[variant.name] = None

@@ -14,21 +14,23 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import fields_of, run_in_memory
 from twin.studies.faults.magnitudes import directions, has_two_ways, magnitude_between, share_of
-from twin.studies.faults.together import DELAYS, HERE, Felt, on_disc, slowest
+from twin.studies.faults.offsets import HERE, on_disc
+from twin.studies.faults.reaction import Reaction
+from twin.studies.faults.stage import Stage
+from twin.studies.faults.together import DELAYS, slowest
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.safety.evidence import (
     EvidenceRun,
     HazardLine,
-    HazardRobot,
     Origin,
-    Robots,
+    Stages,
     beside,
     run_of,
     tables_of,
 )
 from twin.studies.safety.hazards import Cause, Hazard, magnitudes_of
 
-Made = tuple[EvidenceRun, HazardRobot | None]
+Made = tuple[EvidenceRun, Stage | None]
 NEAR = 0.5
 """Share of the search that goes to the surroundings of the worst run until then."""
 WIDTH = 0.3
@@ -38,15 +40,15 @@ TRIES = 20
 
 
 def line_of(
-    hazard: Hazard, robots: Robots, head_area: float, say: Callable[[str], None]
-) -> tuple[HazardLine, HazardRobot | None]:
+    hazard: Hazard, robots: Stages, head_area: float, say: Callable[[str], None]
+) -> tuple[HazardLine, Stage | None]:
     """The line of a hazard, and the robot of its worst run.
 
     Args:
         head_area: (m2).
         say: called before each robot, with what is done.
     """
-    made: list[tuple[EvidenceRun, HazardRobot | None]] = []
+    made: list[tuple[EvidenceRun, Stage | None]] = []
     distances: dict[str, float] = {}
     causes: dict[int, Cause] = {}
     for body in hazard.evidence.bodies:
@@ -83,7 +85,7 @@ def line_of(
     return replace(line, runs=every), there
 
 
-def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
+def _cases(hazard: Hazard, robot: Stage) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
     """Cause, magnitudes, onset and, of an ordered cause, delay (s)."""
     for cause in hazard.causes:
         if cause.faults:
@@ -93,9 +95,9 @@ def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[fl
                     yield cause, sizes, onset, delay
 
 
-def _distance(robot: HazardRobot, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
+def _distance(robot: Stage, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
     """Of the healthy robot, by formula, body and point; or the run that failed."""
-    where = "" if robot.point == HERE else " at " + ", ".join(f"{1e3 * each:g}" for each in robot.point) + " mm"
+    where = "" if robot.offset == HERE else " at " + ", ".join(f"{1e3 * each:g}" for each in robot.offset) + " mm"
     try:
         with assemble(robot.experiment) as assembly:
             fields = fields_of(assembly.system)
@@ -109,11 +111,11 @@ def _distance(robot: HazardRobot, formula: str) -> tuple[dict[str, float], list[
 
 def searched(
     hazard: Hazard,
-    robots: Robots,
-    robot: HazardRobot,
+    robots: Stages,
+    robot: Stage,
     cause: Cause,
     worst: EvidenceRun,
-    measured: Callable[[Felt], float],
+    measured: Callable[[Reaction], float],
 ) -> Iterator[Made]:
     """Runs in search of a worse one than `worst`, on its body and of its cause.
 
@@ -144,7 +146,7 @@ def searched(
         yield run, where
 
 
-def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
+def drawn(hazard: Hazard, robots: Stages) -> Iterator[Made]:
     """Runs drawn independently of each other: cause, body and point evenly from those of the table, place evenly over
     the disc of its reach, time evenly over the run, magnitudes evenly by ratio between the catalogue's smallest and
     largest, either direction as often, delays of ordered causes evenly from 0 to the longest.
@@ -173,7 +175,7 @@ def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
     yield from islice(possible, evidence.draws)
 
 
-def _numbers(run: EvidenceRun, robot: HazardRobot, cause: Cause, reach: float) -> NDArray[np.float64]:
+def _numbers(run: EvidenceRun, robot: Stage, cause: Cause, reach: float) -> NDArray[np.float64]:
     """Those that `_made` makes `run` of."""
     experiment, kinds = robot.experiment, [one["kind"] for one in run.tables]
     time = run.tables[0]["onset_s"] / experiment.cosim.tick / (experiment.duration_ticks - 1)
@@ -185,15 +187,15 @@ def _numbers(run: EvidenceRun, robot: HazardRobot, cause: Cause, reach: float) -
     late: tuple[float, ...] = ()
     if cause.ordered:
         first, second = run.tables
-        after = second["onset_s"] - first["onset_s"] - robot.runs.trip_after(first)
+        after = second["onset_s"] - first["onset_s"] - robot.trip_after(first)
         late = (min(1.0, max(0.0, after / DELAYS[-1])),)
     return np.array([time, *each, *late, *((0.0, 0.0) if reach else ())])
 
 
 def _made(
     hazard: Hazard,
-    robots: Robots,
-    robot: HazardRobot,
+    robots: Stages,
+    robot: Stage,
     cause: Cause,
     numbers: NDArray[np.float64] | Sequence[float],
     found: Origin,
@@ -218,7 +220,7 @@ def _made(
     offset = on_disc(reach, *rest[-2:]) if reach else HERE
     if offset != HERE:
         try:
-            robot = robots(robot.body, (robot.point[0] + offset[0], robot.point[1] + offset[1]))
+            robot = robots(robot.body, (robot.offset[0] + offset[0], robot.offset[1] + offset[1]))
         except InputRefused:
             return None
         except TwinError as problem:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from twin.studies.faults.together import LOW, Felt
+from twin.studies.faults.reaction import BEARABLE_FORCE, Reaction
 from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import SafetyTable
 
@@ -122,7 +122,7 @@ def seen_text(line: HazardLine) -> str:
     return f"{seen} of {made}" if made else "-"
 
 
-def value_text(line: HazardLine, run: Felt | None) -> str:
+def value_text(line: HazardLine, run: Reaction | None) -> str:
     """What the limit limits, of one run, with its unit."""
     if run is None:
         return "-"
@@ -153,7 +153,7 @@ def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
     yield from _runs(line)
 
 
-def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) -> Iterator[str]:
+def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Reaction) -> Iterator[str]:
     how = (
         f"{line.searched} more runs searched for a worse one found none"
         if worst.found == "grid"
@@ -165,7 +165,7 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
         "seen (s)": lambda one: one.seen,
         "reaction at the drives (s)": lambda one: one.acted,
         "power off (s)": lambda one: one.power_off,
-        f"below {LOW:g} N for good (s)": lambda one: "not by the end" if one.below is None else one.below,
+        f"below {BEARABLE_FORCE:g} N for good (s)": lambda one: "not by the end" if one.below is None else one.below,
         "peak (N)": lambda one: one.peak,
         "left at the end (N)": lambda one: one.left,
         "impulse (N s)": lambda one: one.impulse,
@@ -204,7 +204,7 @@ def _pair(found: tuple[float, float] | None, index: int) -> str:
     return "failed" if found is None else f"{found[index]:.1f}"
 
 
-def _pressure(line: HazardLine, run: Felt) -> float:
+def _pressure(line: HazardLine, run: Reaction) -> float:
     """Mean pressure of the peak over the head (kPa)."""
     return 1e-3 * run.peak / line.head_area
 
@@ -259,9 +259,9 @@ def _runs(line: HazardLine) -> Iterator[str]:
         sizes = ", ".join(f"{v:g}" for one in run.tables for k, v in one.items() if k.startswith("magnitude"))
         onset = f"{run.tables[0]['onset_s']:g}" if run.tables else ""
         cells: tuple[str, ...] = ("failed", "", "", escape(run.failure), "")
-        if felt := run.watched:
-            digest = f"<code>{felt.digest}</code>"
-            cells = (f"{felt.peak:.1f}", f"{felt.left:.1f}", _number(felt.seen), felt.reason or "-", digest)
+        if one := run.watched:
+            digest = f"<code>{one.digest}</code>"
+            cells = (f"{one.peak:.1f}", f"{one.left:.1f}", _number(one.seen), one.reason or "-", digest)
         where = "; ".join(text.partition("=")[2].strip("[]") for text in run.settings if "point_mm" in text)
         made_by = (f"<code>{run.id}</code>", escape(run.cause), run.body, run.found, where)
         rows.append((*made_by, sizes, onset, str(run.seed), *cells))

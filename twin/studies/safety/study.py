@@ -131,8 +131,9 @@ def written_page(
 
     from twin.kernel.writing import made_folder, write_text
     from twin.robot.experiment.experiment_files import experiment_file
+    from twin.studies.faults.stage import Stage, load_stage
     from twin.studies.safety.argument import draw_argument
-    from twin.studies.safety.evidence import HazardRobot, hardware, robot_of
+    from twin.studies.safety.evidence import hardware
     from twin.studies.safety.lines import line_of
     from twin.studies.safety.page import page
     from twin.studies.safety.sensitivity import draw_sensitivity, threshold_points
@@ -140,22 +141,22 @@ def written_page(
     # absolute: an FMU may change the working directory
     home = made_folder(folder).absolute()
     path = experiment_file(Path(table.head.experiment))
-    known: dict[tuple[str, tuple[float, float]], HazardRobot] = {}
+    known: dict[tuple[str, tuple[float, float]], Stage] = {}
 
     grid = {(body, point) for h in table.hazards for body in h.evidence.bodies for point in h.evidence.points}
 
-    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
+    def robots(body: str, point: tuple[float, float]) -> Stage:
         if (body, point) not in grid:
-            return robot_of(path, settings, body, point)
+            return load_stage(path, settings, body, point, share=False)
         if (body, point) not in known:
-            known[body, point] = robot_of(path, settings, body, point, share=True)
+            known[body, point] = load_stage(path, settings, body, point)
         return known[body, point]
 
     asked = None if quick else table.sensitivity
     places = sum(len(h.evidence.bodies) * len(h.evidence.points) for h in table.hazards)
     steps = Steps(say, places + (len(asked.keys) * len(asked.factors) if asked else 0))
     lines: list[HazardLine] = []
-    worst: list[tuple[HazardLine, HazardRobot]] = []
+    worst: list[tuple[HazardLine, Stage]] = []
     try:
         for hazard in table.hazards:
             line, robot = line_of(hazard, robots, pi * table.head.head_radius**2, steps.next)
@@ -165,7 +166,7 @@ def written_page(
             worst += [(line, robot)] if robot is not None else []
     finally:
         for one in known.values():
-            one.runs.close()
+            one.close()
     pictures = [("The argument", home / "argument.png")]
     draw_argument(table, lines, pictures[0][1])
     points = threshold_points(asked, path, settings, worst, steps.next) if asked else []
