@@ -12,7 +12,7 @@ from tests.command_line import twin
 from tests.robot.run import by_hand as hand
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
-from twin.robot.monitor.checks import Reason
+from twin.robot.monitor.reasons import Reason
 from twin.robot.run.run import execute
 from twin.studies.qualify.comparison import disturbed
 

@@ -7,7 +7,7 @@ from tests.robot.monitor.motions import LIMITS
 from twin.robot.assembly.build import monitor_limits
 from twin.robot.controller import program as programs
 from twin.robot.controller.program import PhaseKind as Kind
-from twin.robot.monitor.checks import Limits, Monitor
+from twin.robot.monitor.limits import Limits, Monitor
 
 
 def test_every_limit_of_the_component_is_in_the_table():

@@ -2,7 +2,7 @@ import pytest
 from pydantic import ValidationError
 
 from twin.robot.experiment.mistakes import keys
-from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.limits import Monitor
 
 
 def test_an_empty_table_is_complete():

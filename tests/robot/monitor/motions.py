@@ -9,9 +9,10 @@ from tests.laws.runs import Sampled, shipped
 from twin.robot.assembly.build import monitor_belief, monitor_limits
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import Masses, environment_force
-from twin.robot.monitor.checks import Limits, Trip
-from twin.robot.monitor.checks import Monitor as Section
 from twin.robot.monitor.component import MonitorBelief, SafetyMonitor, geometry
+from twin.robot.monitor.limits import Limits
+from twin.robot.monitor.limits import Monitor as Section
+from twin.robot.monitor.reasons import Trip
 
 BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)

@@ -1,7 +1,8 @@
 import math
 
 from tests.robot.monitor.motions import LIMITS
-from twin.robot.monitor.checks import MEANINGS, REASONS, Reason, Trip, thresholds, trip_sentence
+from twin.robot.monitor.checks import thresholds
+from twin.robot.monitor.reasons import MEANINGS, REASONS, Reason, Trip, trip_sentence
 
 
 def test_every_reason_says_what_it_means():

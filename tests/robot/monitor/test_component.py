@@ -11,8 +11,8 @@ from tests.conftest import examples
 from tests.laws.runs import Sampled
 from tests.robot.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, SAMPLE, inputs, latched, ramp, standing, watched
 from twin.kernel.cosim.port import width
-from twin.robot.monitor.checks import Reason
 from twin.robot.monitor.component import INPUTS, OUTPUTS, SafetyMonitor
+from twin.robot.monitor.reasons import Reason
 
 
 def swinging(share, frequency, stiffness):

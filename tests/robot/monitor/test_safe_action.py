@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.checks import Limits, Reason
 from twin.robot.monitor.component import SafetyMonitor
+from twin.robot.monitor.limits import Limits
+from twin.robot.monitor.reasons import Reason
 from twin.robot.monitor.safe_action import RETRACTION, Retreat, retraction_speed, retreat
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.encoder import Encoder, Shaft

@@ -47,8 +47,8 @@ from twin.robot.experiment.schema import whole_ticks
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION, Masses, leg_inertia, moving_mass
-from twin.robot.monitor.checks import Limits, Monitor
 from twin.robot.monitor.component import LINES, POWER, MonitorBelief, SafetyMonitor
+from twin.robot.monitor.limits import Limits, Monitor
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot

@@ -18,8 +18,8 @@ from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import NEEDED, OPTIONAL
 from twin.robot.experiment.schema import Changeable, Declared, nested
 from twin.robot.mechanism.statics import G_ACCELERATION
-from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.component import MonitorBelief
+from twin.robot.monitor.limits import Monitor
 from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import Display

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone
     from twin.robot.controller.program import Approach, Task
     from twin.robot.controller.task_controller import Computer
-    from twin.robot.monitor.checks import Monitor
+    from twin.robot.monitor.limits import Monitor
     from twin.robot.plant.contact_law import Contact
     from twin.robot.plant.dynamics import Robot, TrueRobot
     from twin.robot.plant.encoder import Display

@@ -29,26 +29,19 @@ from twin.robot.mechanism.statics import (
     load_torque,
 )
 from twin.robot.monitor.checks import (
-    INVALID_SAMPLE,
     LARGEST_COUNT,
     LARGEST_SAMPLE,
-    LIMITS,
-    NO_POSE,
     REACHED,
-    REASONS,
-    STALE,
     TIMERS,
-    Limits,
-    Reason,
-    Trip,
     first_reached,
     thresholds,
     time_joints,
-    trip_sentence,
     unusable,
     value_command,
     value_sample,
 )
+from twin.robot.monitor.limits import LIMITS, Limits
+from twin.robot.monitor.reasons import INVALID_SAMPLE, NO_POSE, REASONS, STALE, Reason, Trip, trip_sentence
 from twin.robot.monitor.safe_action import (
     RETRACTION,
     doubt,

@@ -17,14 +17,8 @@ from twin.kernel.cosim.port import record, states
 from twin.kernel.settings import alike
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles, position
-from twin.robot.monitor.checks import (
-    DEFLECTION,
-    FROZEN_JOINT,
-    FROZEN_MOTOR,
-    HIDDEN_FORCE,
-    LARGEST_COUNT,
-    NO_POSE,
-)
+from twin.robot.monitor.checks import LARGEST_COUNT
+from twin.robot.monitor.reasons import DEFLECTION, FROZEN_JOINT, FROZEN_MOTOR, HIDDEN_FORCE, NO_POSE
 
 STEPS = 101
 

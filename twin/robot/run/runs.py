@@ -17,8 +17,8 @@ from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.monitor.checks import Trip
 from twin.robot.monitor.component import own_monitor, trip_reason
+from twin.robot.monitor.reasons import Trip
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import RunOutcome
 from twin.robot.run.monitor_work import MonitorWork

@@ -9,8 +9,8 @@ from twin.kernel.cosim.observers import Observer, TickEvent, messages
 from twin.robot.assembly.assemble import Assembly
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.monitor.checks import trip_sentence
 from twin.robot.monitor.component import other_trip, own_monitor
+from twin.robot.monitor.reasons import trip_sentence
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.tuning import Tuning

@@ -14,7 +14,7 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.errors import disk_refusals
 from twin.kernel.writing import made_folder, write_bytes
 from twin.robot.assembly.load import load_experiment
-from twin.robot.monitor.checks import Reason
+from twin.robot.monitor.reasons import Reason
 from twin.studies.build import linking
 from twin.studies.build.fmu import HOME
 from twin.studies.build.layout import STATUS, ExportedVariable, Layout, laid_out, sizes, tables

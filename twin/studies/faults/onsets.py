@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.monitor.checks import trip_sentence
+from twin.robot.monitor.reasons import trip_sentence
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 
 FORCE_SIGNAL, PLACE_SIGNAL = "plant.F_ee_B", "plant.p_B"

@@ -35,7 +35,7 @@ class Reaction:
         power_off: time to the loss of power, of one drive at least; None if the power stays.
         below: last time at which the force falls below `BEARABLE_FORCE`; 0 if it never exceeds it; None if it is
             above at the end.
-        reason: a name of `twin.robot.monitor.checks.Reason`, or FAILURE; "" if `seen` is None.
+        reason: a name of `twin.robot.monitor.reasons.Reason`, or FAILURE; "" if `seen` is None.
         peak: largest true force (N).
         peak_delay: time to the peak.
         above: time for which the true force is above the monitor's force limit.

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle
 from twin.kernel.errors import UnknownSeries
 from twin.robot.controller.program import PhaseKind, Push, Roll, Tap
 from twin.robot.experiment.source import names_stand_in
-from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.limits import Monitor
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, Axes, picture
 from twin.studies.metrics.response import along_and_off
 from twin.studies.paper.claim import Claim

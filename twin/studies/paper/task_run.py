@@ -15,7 +15,7 @@ from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import TASKS, PhaseKind, Task
 from twin.robot.experiment.recorded import recorded_values
 from twin.robot.experiment.schema import checked_tasks
-from twin.robot.monitor.checks import MEANINGS, Reason
+from twin.robot.monitor.reasons import MEANINGS, Reason
 from twin.robot.run.view import RunView, held_samples
 from twin.studies.metrics import response
 from twin.studies.metrics.required_series import FIG5, lacking

@@ -82,7 +82,7 @@ def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
     """
     from twin.kernel.errors import InputRefused, nearest
     from twin.robot.experiment.mistakes import keys
-    from twin.robot.monitor.checks import Monitor
+    from twin.robot.monitor.limits import Monitor
 
     fields = {str(field.alias): field.default for field in Monitor.model_fields.values()}
     if not isinstance(fields.get(key), float):

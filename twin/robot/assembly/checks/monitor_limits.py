@@ -3,9 +3,9 @@
 import math
 
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share
+from twin.robot.monitor.limits import Monitor
 from twin.robot.monitor.safe_action import retreat
 
 DISTINCT = 3.0

@@ -13,7 +13,7 @@ from twin.robot.controller.program import Approach, Push, Roll, Tap, Task
 from twin.robot.controller.task_controller import Computer
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian
-from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.limits import Monitor
 from twin.robot.plant.contact import Shape, surface_depth, surface_frame
 from twin.robot.plant.contact_law import elastic_force
 from twin.robot.plant.dynamics import PlantParameters, TrueRobot
