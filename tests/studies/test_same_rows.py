@@ -22,7 +22,7 @@ from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.reader import read
 from twin.studies.compare.comparison import compared
 from twin.studies.identify.identification import identified
-from twin.studies.replay.replay import robot_log
+from twin.studies.replay.samples import robot_samples
 from twin.studies.shadow.following import twin_of
 from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.session import Session
@@ -74,7 +74,7 @@ def ros_bag(path: Path, holes: Holes, topics: Sequence[slice]) -> Path:
 
 
 def in_replay(log: Log) -> list[float]:
-    return robot_log(log, MODEL.belief).t.tolist()
+    return robot_samples(log, MODEL.belief).t.tolist()
 
 
 def in_shadow(path: Path, maps: Sequence[str], folder: Path) -> list[float]:

@@ -54,7 +54,8 @@ from twin.studies.identify.windows import (
     windows,
 )
 from twin.studies.replay.model import RobotModel
-from twin.studies.replay.replay import estimates, robot_log
+from twin.studies.replay.replay import estimates
+from twin.studies.replay.samples import robot_samples
 
 BLIND = 0.3
 """Sizes: a direction that is known to no better than this is not seen."""
@@ -416,9 +417,9 @@ def identified(
     """
     belief, steps = model.belief, Steps(say, 4)
     steps.next("looking for slow motion")
-    taken = robot_log(log, belief)
+    taken = robot_samples(log, belief)
     # the columns are those of the map
-    estimates(taken, belief, model.gravity_compensation)
+    estimates(taken, model)
     seen = windows(taken, belief)
     path = log.path
     if len(seen.t) and np.min(seen.lowest) < -CONTACT:

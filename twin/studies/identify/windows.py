@@ -48,7 +48,7 @@ from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian_rows, position
 from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
-from twin.studies.replay.replay import RobotLog
+from twin.studies.replay.samples import RobotSamples
 
 SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
 LENGTH = 0.1
@@ -147,7 +147,7 @@ class Windows(NamedTuple):
         return np.split(chosen, np.flatnonzero(pause | ~joined) + 1)
 
 
-def windows(log: RobotLog, belief: Belief) -> Windows:
+def windows(log: RobotSamples, belief: Belief) -> Windows:
     """The windows of `log` that are fit for statics; none is an answer, too.
 
     Args:
@@ -163,16 +163,16 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
             "column with --map scale.F_z=COLUMN[N], pressing positive"
         )
     force = log.force
-    length = max(LENGTH, 10.0 * log.period, 2.0 * float(np.median(np.diff(force.t))))
+    length = max(LENGTH, 10.0 * log.sampling.period, 2.0 * float(np.median(np.diff(force.t))))
     bins = np.floor((log.t - log.t[0]) / length).astype(np.int64)
     known = (log.t >= force.t[0]) & (log.t <= force.t[-1]) & ~in_gap(log.t, force.sampling.gaps)
     F = np.interp(log.t, force.t, force.values)
-    known &= np.isfinite(F) & np.all(np.isfinite(log.count_m + log.count_l), axis=1)
+    known &= np.isfinite(F) & np.all(np.isfinite(log.counts), axis=1)
     if not np.any(known):
         raise LogRefused(f"{log.path}: encoders and scale were never recorded at the same time")
-    motor = log.count_m * (2.0 * np.pi / belief.motor_counts)
-    joint = log.count_l * (2.0 * np.pi / belief.joint_counts)
-    full, late = 0.8 * length / log.period, round(GUARD / log.period)
+    motor = log.only("count_m") * (2.0 * np.pi / belief.motor_counts)
+    joint = log.only("count_l") * (2.0 * np.pi / belief.joint_counts)
+    full, late = 0.8 * length / log.sampling.period, round(GUARD / log.sampling.period)
     rows = [
         _window(log.t[a:b], motor[a:b], joint[a:b], F[a:b], F[a : b + late], belief.N)
         for a, b in zip(*_edges(bins), strict=True)

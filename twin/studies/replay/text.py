@@ -22,17 +22,12 @@ from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
 from twin.robot.run.measures import Values, with_units
 from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
 from twin.studies.replay.held import text_of
-from twin.studies.replay.replay import Indicator, Outputs, Replay, pressing
+from twin.studies.replay.parts import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL, pressing
+from twin.studies.replay.replay import Indicator, Outputs, Replay
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
 TICK = 1e-9
 """s: a robot's clock keeps to no tick of ours, so that every time is its own number of nanoseconds."""
-ENCODER = (
-    Port("count_m", 3, "1", "motor encoder counts as the estimator took them"),
-    Port("count_l", 3, "1", "joint encoder counts as the estimator took them"),
-)
-FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
-JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
 SPAN = 10**8
 """Ticks of log that are written together (0.1 s), so that topics lie side by side in the file."""
 
@@ -72,7 +67,7 @@ def record(replay: Replay, path: Path) -> Path:
 def _tracks(replay: Replay) -> list[Track]:
     t = replay.log.t
     tracks = [
-        _track("encoder", ENCODER, t, {"count_m": replay.log.count_m, "count_l": replay.log.count_l}),
+        _track("encoder", ENCODER, t, {name: replay.log.only(name) for name in ("count_m", "count_l")}),
         _track("estimator", ESTIMATES, t, replay.estimator),
     ]
     if replay.twin is not replay.estimator:
@@ -120,7 +115,7 @@ def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
 
 def _events(replay: Replay) -> list[tuple[int, str]]:
     """Gaps, starts of the plant model after the first, alarms, in order of time."""
-    found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.gaps]
+    found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.sampling.gaps]
     found += [(start, "the plant model starts anew, at rest") for start in replay.starts[1:]]
     found += [
         (one.drift.alarm, f"{one.name} no longer matches, since {one.drift.since:.3f} s")
@@ -235,10 +230,12 @@ def _table(replay: Replay) -> Table:
 
 def _samples(replay: Replay) -> list[Block]:
     log = replay.log
-    lost = f"{log.missing} missing in {len(log.gaps)} gaps" if len(log.gaps) else "none missing"
+    lost = (
+        f"{log.sampling.missing} missing in {len(log.sampling.gaps)} gaps" if len(log.sampling.gaps) else "none missing"
+    )
     again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
     return [
-        note("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}"),
+        note("samples", f"{len(log.t)}, one every {1e3 * log.sampling.period:.4g} ms, {lost}"),
         *([note("restarts", f"the plant model starts anew after gaps, at {again} s")] if again else []),
         *(note("note", text, whole=True) for text in log.notes),
     ]
@@ -261,8 +258,8 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
         "start_s": float(log.t[0]),
         "end_s": float(log.t[-1]),
         "samples": len(log.t),
-        "missing": log.missing,
-        "gaps_s": log.gaps.tolist(),
+        "missing": log.sampling.missing,
+        "gaps_s": log.sampling.gaps.tolist(),
         "force_N": {name: to_dict(one) for name, one in replay.statistics.items()},
         "indicators": [_indicator_facts(one) for one in replay.indicators],
         "measures": with_units(held),
@@ -302,7 +299,7 @@ def draw_replay(replay: Replay, name: str, path: Path) -> None:
         first = replay.first_alarm
         for panel in axes:
             panel.margins(x=0)
-            for start, end in replay.log.gaps:
+            for start, end in replay.log.sampling.gaps:
                 panel.axvspan(start, end, color="0.9")
             if first is not None:
                 panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM, alpha=0.06)

@@ -30,11 +30,12 @@ from twin.robot.controller.program import Tap
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.branch import refuse_fixed
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.sample_columns import OMEGA_REF as COMMANDS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
-from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
+from twin.studies.shadow.following import OnPlant, OwnLaw, RobotState
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
-from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.surroundings import Surroundings
 
 EVERY = 0.5

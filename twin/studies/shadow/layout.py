@@ -85,13 +85,6 @@ NO_POSE = 2
 RUNNING, LOST = 1, 2
 """What the filter is doing: following, or waiting for counts that fit a pose again; 0: not begun."""
 
-INPUTS = (
-    Port("count_m", 3, "1", "motor encoder counts; NaN: none came"),
-    Port("count_l", 3, "1", "joint encoder counts; NaN: none came"),
-    Port("omega_ref", 3, "rad/s", "motor speeds commanded from this sample on; NaN: not known"),
-    Port("F_z", 1, "N", "measured pressing force; NaN: none"),
-    Port("tau_motor", 3, "N m", "torque of the motors, by their currents; NaN: none"),
-)
 OUTPUTS = (
     Port("p_B", 3, "m", "estimated platform position, base frame B"),
     Port("v_B", 3, "m/s", "estimated platform velocity, base frame B"),

@@ -22,14 +22,16 @@ from twin.kernel.recording.sources.stamps import Aligner, Counts, rows_of
 from twin.kernel.recording.writer import OthersTopic
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.model import RobotModel
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
-from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
-from twin.studies.shadow.layout import INPUTS, OUTPUTS
+from twin.studies.shadow.following import AlarmWatch, Twin
+from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
 from twin.studies.shadow.receiving import SLICE, Receiver
 from twin.studies.shadow.recording import ShadowRecording
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.seen import ShadowViewer
 from twin.studies.shadow.sources import waiting_hint
 from twin.studies.shadow.text import COLUMNS, shadow_facts, status_line

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.recording.sources.stamps import Counts, Histogram
+from twin.studies.replay.sample_columns import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import WatchEvent
-from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 
 SIGNALS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
 """Columns of a sample by their names in a summary."""
