@@ -14,9 +14,9 @@ from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log, recorded
 from twin.kernel.recording.reader import read
 from twin.studies.replay.model import recorded_model
+from twin.studies.replay.recording import record
 from twin.studies.replay.replay import _indicator, normal_time, replayed
 from twin.studies.replay.samples import robot_samples
-from twin.studies.replay.text import record
 
 
 def test_a_time_is_the_beginning_and_two_times_leave_out_what_is_before():

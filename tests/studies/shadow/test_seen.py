@@ -21,7 +21,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.live.server import WATCHES, LiveServer
 from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.studies.identify.windows import Estimate
+from twin.studies.identify.estimate import Estimate
 from twin.studies.replay.model import model_of
 from twin.studies.replay.parts import Happening, Rows
 from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL

@@ -33,17 +33,10 @@ from twin.robot.controller.controller import Belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
+from twin.studies.identify.balance import pose
 from twin.studies.identify.clustered import Line, line, t_factor
-from twin.studies.identify.windows import (
-    Estimate,
-    Windows,
-    decimals,
-    on_scale,
-    pose,
-    shown,
-    shown_unit,
-    windows,
-)
+from twin.studies.identify.estimate import Estimate, decimals, shown, shown_unit
+from twin.studies.identify.windows import Windows, on_scale, windows
 from twin.studies.replay.sample_columns import INPUTS
 from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import UNKNOWN
