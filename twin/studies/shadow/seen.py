@@ -32,7 +32,7 @@ from twin.robot.scene import (
     transforms_example,
 )
 from twin.studies.replay.parts import Happening, Rows
-from twin.studies.replay.text import TICK
+from twin.studies.replay.recording import TICK
 from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
 from twin.studies.shadow.reidentification import Adaptation
 
