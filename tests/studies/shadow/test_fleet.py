@@ -236,6 +236,26 @@ def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_f
     assert (runs, *found.values()) == (80, 32, 27, 16)
 
 
+ROBOTS = 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("encoder", "found", "earliest", "latest"),
+    [("motor_encoder_1", 2, 7.5, 9.5), ("motor_encoder_2", ROBOTS, 1.5, 2.5), ("joint_encoder_1", ROBOTS, 1.5, 1.5)],
+)
+def test_a_bias_of_a_tenth_of_a_degree_is_found_as_the_page_states(
+    encoder: str, found: int, earliest: float, latest: float
+):
+    fleet = read_fleet(identified_fleet(), FIG4)
+    bias = f"fault=[{{kind = 'encoder_bias', target = '{encoder}', onset_s = {ONSET}, magnitude_deg = 0.1}}]"
+    alarms = [[one.t for one in alarms_of(fleet.samples(k, 1, [bias])) if one.t > ONSET] for k in range(ROBOTS)]
+    after = sorted(times[0] - ONSET for times in alarms if times)
+    # docs/shadow_method.md has these numbers
+    assert len(after) == found
+    assert after[0] == pytest.approx(earliest, abs=0.1) and after[-1] == pytest.approx(latest, abs=0.1)
+
+
 def spread(twin: Experiment, samples: RobotSamples) -> np.ndarray:
     """How far each channel goes from what it was, by its tolerance."""
     _, means = block_means(twin, samples)
