@@ -1,11 +1,11 @@
-"""What statics asks of every window: three equations per pose in free air, two on the scale.
+"""Equations of statics of each window: three per pose in free air, two on the scale.
 
 With the deflection w = motor - N joint - w_0 as the encoders read it, w_0 its zero, k = k_s eta, b the half width of
 the dead zone and s = sign(w) tanh(theta_l'/rate), the spring's torque is (18)-(20) with the losses of (P1)
 
     tau_l = k N e^(loss s) dead_zone(w, b)
 
-and the slow robot obeys (P5), docs/physics.md, without the terms in the square of speed,
+and the slow robot obeys (P5), docs/physics.md, without the terms in the square of speed:
 
     J^T (tau_l + g_a - b_j theta_l' - I_a theta_l'') - W e_z - m p'' = F_ee,  p'' = J^-1 theta_l''.
 
@@ -13,11 +13,10 @@ In free air F_ee = 0: three equations. On the scale F_ee,z = -F is measured, but
 by up to mu F, unmeasured: only the z row holds, whatever they do. All are divided by k N (and by the length
 of the z column of J), so that residuals are deflections in rad: the rounding of the encoders is then the error of the
 response and not of the regressor, which would bias k low. The second equation on the scale is its own law, Hunt and
-Crossley's at a slow speed, on a plane of slopes m_x and m_y:
+Crossley's at a slow speed, on a plane of slopes m_x and m_y. F is the reading and delay times its slope, since a scale
+shows its force late:
 
     p_z = z_s + m_x p_x + m_y p_y - C F / (1 - c p_z')
-
-A scale shows its force late; F is its reading and delay times the reading's slope.
 """
 
 from typing import NamedTuple
