@@ -11,8 +11,9 @@ from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.plant.component import Plant, resting
 from twin.robot.run.trace import run_in_memory
+from twin.studies.replay.samples import samples_of
 from twin.studies.shadow.alarm import CHANNELS, Blocks, ShadowWatch, Tolerances
-from twin.studies.shadow.samples import followed, samples_of, shadow_of
+from twin.studies.shadow.filter_steps import followed, shadow_of
 
 ROUNDS = 15
 

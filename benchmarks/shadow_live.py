@@ -33,11 +33,12 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.sample_columns import F_Z
+from twin.studies.replay.samples import samples_of
 from twin.studies.shadow.ahead import Ahead
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 from twin.studies.shadow.following import AlarmWatch, twin_of
 from twin.studies.shadow.mapping import wanted_signals
-from twin.studies.shadow.samples import F_Z, samples_of
 from twin.studies.shadow.session import Followed, Session
 
 RATE = 1000.0

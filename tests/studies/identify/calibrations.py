@@ -13,7 +13,7 @@ from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import arm_gravity_torque, joint_torques, platform_weight
 from twin.studies.identify.identification import Identification, identified
-from twin.studies.identify.windows import (
+from twin.studies.identify.parameters import (
     BACKLASH,
     COMPLIANCE,
     DAMPING,
@@ -22,10 +22,10 @@ from twin.studies.identify.windows import (
     JOINT_ZERO,
     KAPPA,
     OFFSET,
-    Windows,
     parameters,
     starts,
 )
+from twin.studies.identify.windows import Windows
 from twin.studies.replay.model import loaded_model, recorded_model
 
 STEP = 0.005 * 9.81

@@ -22,9 +22,11 @@ from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.studies.identify.clustered import line, sandwich, t_factor
-from twin.studies.identify.identification import Fit, NotIdentifiable, fit, identified
+from twin.studies.identify.fit import Fit, fit
+from twin.studies.identify.identification import NotIdentifiable, identified
+from twin.studies.identify.parameters import BACKLASH, COMPLIANCE, KAPPA, OFFSET, parameters
 from twin.studies.identify.text import truth
-from twin.studies.identify.windows import BACKLASH, COMPLIANCE, KAPPA, OFFSET, Windows, in_air, on_scale, parameters
+from twin.studies.identify.windows import Windows, in_air, on_scale
 from twin.studies.replay.model import RobotModel, loaded_model
 
 NINE_PRESSES = "duration_s=55"
@@ -346,7 +348,7 @@ def test_a_wrong_length_moves_every_log_alike_and_their_mean_as_much():
 def test_a_search_that_is_cut_short_says_so(monkeypatch: pytest.MonkeyPatch):
     seen = windows_of_statics(true_parameters(), np.random.default_rng(8))
     assert fitted(seen).converged
-    monkeypatch.setattr("twin.studies.identify.identification.STEPS", 2)
+    monkeypatch.setattr("twin.studies.identify.fit.STEPS", 2)
     assert not fitted(seen).converged
 
 

@@ -14,8 +14,9 @@ from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log, recorded
 from twin.kernel.recording.reader import read
 from twin.studies.replay.model import recorded_model
-from twin.studies.replay.replay import _indicator, normal_time, replayed, robot_log
-from twin.studies.replay.text import record
+from twin.studies.replay.recording import record
+from twin.studies.replay.replay import _indicator, normal_time, replayed
+from twin.studies.replay.samples import robot_samples
 
 
 def test_a_time_is_the_beginning_and_two_times_leave_out_what_is_before():
@@ -231,7 +232,7 @@ def test_lost_samples_cost_no_others_and_are_told(tmp_path: Path):
     keep[1000:1010] = keep[4000:4500] = False
     replay = replayed(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy(), plant=True)
     np.testing.assert_array_equal(replay.estimator["F_ee_B"], run["estimator.F_ee_B"][keep])
-    assert replay.log.missing == 510
+    assert replay.log.sampling.missing == 510
     # 20 ms are bridged, after 1 s the plant model starts anew
     assert replay.starts == (0.0, 9.0)
     assert replay.first_alarm is None
@@ -287,14 +288,14 @@ def test_up_to_5_percent_of_invalid_counts_are_left_out_and_more_are_refused(
     few = range(100, 100 + count // 20)
     path = tmp_path / "a.csv"
     path.write_text(with_invalid(text, columns, few, cell))
-    log = robot_log(read_log(path), healthy().belief)
+    log = robot_samples(read_log(path), healthy().belief)
     assert len(log.t) == count - len(few)
     assert any(f"{len(few)} of {count} samples are not a number" in note for note in log.notes)
     said = refused(path, with_invalid(text, columns, range(100, 102 + count // 20), cell))
     assert f"{count // 20 + 2} of {count} samples of an encoder are NaN, null or infinite" in said
     # a sound part of it is read
     sound = read_log(path, part=(10.0, None))
-    assert len(robot_log(sound, healthy().belief).t) == count // 2 + 1
+    assert len(robot_samples(sound, healthy().belief).t) == count // 2 + 1
 
 
 @pytest.mark.parametrize("seconds", [40e-6, -40e-6, 0.9e-3])
@@ -307,8 +308,8 @@ def test_joints_that_are_stamped_a_little_apart_from_the_motors_belong_to_them(
         name: replace(one, t=one.t + seconds * ("count_l" in name) + 1.0 * (seconds < 0))
         for name, one in log.series.items()
     }
-    whole, found = (robot_log(one, healthy().belief) for one in (log, replace(log, series=apart)))
-    assert np.array_equal(found.count_m, whole.count_m) and np.array_equal(found.count_l, whole.count_l)
+    whole, found = (robot_samples(one, healthy().belief) for one in (log, replace(log, series=apart)))
+    assert np.array_equal(found.counts, whole.counts)
     half = {name: replace(one, t=one.t + 50.0 * ("count_l" in name)) for name, one in log.series.items()}
     with pytest.raises(LogRefused, match="motor and joint encoders have different times"):
-        robot_log(replace(log, series=half), healthy().belief)
+        robot_samples(replace(log, series=half), healthy().belief)

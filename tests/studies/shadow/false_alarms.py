@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.robot.places import HOME
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import FIRST_BLOCKS, RateTolerances, ShadowWatch, tolerances_at
 from twin.studies.shadow.fleet import Fleet, Rate, arrived, block_means, read_fleet, watched
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.tolerances import FLEET, SLOWER, shipped_fleet, tolerances_of
 
 FIRST_SEED, BATCH = 1000, 500

@@ -19,9 +19,10 @@ from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.plant.equations import PlantEquations
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
+from twin.studies.replay.samples import RobotSamples, samples_of
+from twin.studies.shadow.filter_steps import Columns, followed, shadow_of
 from twin.studies.shadow.fleet import SCALE
 from twin.studies.shadow.layout import Noises, ShadowDrive
-from twin.studies.shadow.samples import Columns, RobotSamples, followed, samples_of, shadow_of
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
 FLEET = EXPERIMENTS / "sweeps" / "healthy_fleet.toml"

@@ -22,6 +22,8 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.ahead import (
     AHEAD,
     PRESSING,
@@ -34,9 +36,8 @@ from twin.studies.shadow.ahead import (
 )
 from twin.studies.shadow.branching import LEADS, Branching, Present
 from twin.studies.shadow.fleet import SCALE, arrived, read_fleet
-from twin.studies.shadow.following import Happening, Rows, Twin, twin_of
+from twin.studies.shadow.following import Twin, twin_of
 from twin.studies.shadow.layout import VELOCITY
-from twin.studies.shadow.samples import RobotSamples, samples_of
 
 
 @pytest.mark.parametrize(
@@ -110,10 +111,7 @@ def as_said(samples: RobotSamples) -> RobotSamples:
 
 def fed(twin: Twin, samples: RobotSamples, length: int) -> tuple[Rows, list[Happening]]:
     """Rows of all samples, handed over in slices of so many."""
-    pieces = [
-        twin.feed(RobotSamples(*(column[a : a + length] for column in samples)))
-        for a in range(0, len(samples.t), length)
-    ]
+    pieces = [twin.feed(samples.rows(slice(a, a + length))) for a in range(0, len(samples.t), length)]
     return {topic: np.concatenate([piece[topic] for piece in pieces]) for topic in pieces[0]}, twin.happenings()
 
 
@@ -215,7 +213,7 @@ def test_a_prediction_from_the_pose_at_rest_is_none(monkeypatch: pytest.MonkeyPa
 def test_where_twins_clock_decides_when_a_surface_is_touched_there_is_no_band(name: str, settings: tuple, why: str):
     robot = load_experiment(EXPERIMENTS / f"{name}.toml", [*SCALE, *settings])
     samples = as_said(samples_of(run_in_memory(robot, robot.controller_ticks)))
-    samples = RobotSamples(*(field[:4000] for field in samples))
+    samples = samples.rows(slice(4000))
     with Ahead(robot) as ahead:
         rows, _ = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, 4000)
     y = predicted(rows)
@@ -232,7 +230,7 @@ def of_fig4() -> tuple[Experiment, RobotSamples]:
     """Its first 6.6 s; it presses from 5.6 s on."""
     robot = load_experiment(FIG4, SCALE)
     samples = as_said(samples_of(run_in_memory(robot, robot.controller_ticks)))
-    return robot, RobotSamples(*(column[:3300] for column in samples))
+    return robot, samples.rows(slice(3300))
 
 
 def looked_ahead(length: int, samples: RobotSamples, **more: Any) -> tuple[Rows, list[Happening], Ahead]:

@@ -12,11 +12,12 @@ from twin.kernel.cosim.delay import named
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.samples import samples_of
 from twin.studies.shadow.deviations import HealthyDeviation
+from twin.studies.shadow.filter_steps import followed, shadow_of
 from twin.studies.shadow.fleet import ZERO
 from twin.studies.shadow.following import twin_of
 from twin.studies.shadow.layout import FORCE, OUTPUTS, STATES
-from twin.studies.shadow.samples import followed, samples_of, shadow_of
 from twin.studies.shadow.tolerances import shipped_fleet
 
 TASKS = ("fig4_force_position", "pressing", "tapping")

@@ -18,18 +18,10 @@ from tests.studies.shadow.robots import (
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.plant.dynamics import LONGEST_GAP
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.filter import Shadow
+from twin.studies.shadow.filter_steps import UNKNOWN_DRIVE, Columns, FilterFeed, drive_model, followed, shadow_of
 from twin.studies.shadow.layout import STATES
-from twin.studies.shadow.samples import (
-    UNKNOWN_DRIVE,
-    Columns,
-    FilterFeed,
-    RobotSamples,
-    drive_model,
-    followed,
-    samples_of,
-    shadow_of,
-)
 
 CHUNK = 50
 """RobotSamples from one look at the whole covariance to the next."""

@@ -15,8 +15,13 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import run_in_memory
-from twin.studies.replay.model import loaded_model, motions
-from twin.studies.replay.replay import angle_rounding, drift
+from twin.studies.replay.drift import drift
+from twin.studies.replay.model import loaded_model
+from twin.studies.replay.parts import PlantModel
+from twin.studies.replay.replay import estimates
+from twin.studies.replay.residual import angle_rounding
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import (
     LATE,
@@ -31,8 +36,6 @@ from twin.studies.shadow.fleet import (
     read_fleet,
     watched,
 )
-from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import RobotSamples, samples_of
 from twin.studies.shadow.tolerances import SLOWER, shipped_fleet, tolerances_of
 
 EVERY = 2
@@ -137,11 +140,11 @@ def test_joint_residuals_of_a_replay_alarm_on_every_healthy_robot_and_these_on_n
     for seed in range(8):
         settings = (UNKNOWN[unknown], *NOISY, f"seed={seed}")
         run = run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY)
-        t, theta_l = run.time("encoder"), run["estimator.theta_l"]
-        plant, _ = motions(model, t, run["estimator.theta_m"], run["estimator.p_B"])
-        found = [drift(t, plant["theta_l"][:, i] - theta_l[:, i], 1.0, *rounding) for i in range(3)]
+        samples = samples_of(run)
+        off = PlantModel(model).feed(samples, estimates(samples, model))["residual/joints"]
+        found = [drift(samples.t, off[:, i], 1.0, *rounding) for i in range(3)]
         assert any(one is not None and not one.matches for one in found)
-        assert not alarms_of(samples_of(run), per_hour=100.0)
+        assert not alarms_of(samples, per_hour=100.0)
 
 
 @pytest.mark.slow
@@ -231,6 +234,26 @@ def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_f
             found[name] += any(one.t > ONSET for one in alarms_of(samples, per_hour=0.01, limits=limits))
     # docs/shadow_method.md has this table
     assert (runs, *found.values()) == (80, 32, 27, 16)
+
+
+ROBOTS = 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("encoder", "found", "earliest", "latest"),
+    [("motor_encoder_1", 2, 7.5, 9.5), ("motor_encoder_2", ROBOTS, 1.5, 2.5), ("joint_encoder_1", ROBOTS, 1.5, 1.5)],
+)
+def test_a_bias_of_a_tenth_of_a_degree_is_found_as_the_page_states(
+    encoder: str, found: int, earliest: float, latest: float
+):
+    fleet = read_fleet(identified_fleet(), FIG4)
+    bias = f"fault=[{{kind = 'encoder_bias', target = '{encoder}', onset_s = {ONSET}, magnitude_deg = 0.1}}]"
+    alarms = [[one.t for one in alarms_of(fleet.samples(k, 1, [bias])) if one.t > ONSET] for k in range(ROBOTS)]
+    after = sorted(times[0] - ONSET for times in alarms if times)
+    # docs/shadow_method.md has these numbers
+    assert len(after) == found
+    assert after[0] == pytest.approx(earliest, abs=0.1) and after[-1] == pytest.approx(latest, abs=0.1)
 
 
 def spread(twin: Experiment, samples: RobotSamples) -> np.ndarray:

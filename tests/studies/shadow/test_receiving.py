@@ -21,12 +21,12 @@ from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival, SteadyClock
 from twin.kernel.recording.sources.signals import Reading
 from twin.kernel.recording.sources.stamps import Aligner, Sample, rows_of
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.ahead import Ahead
 from twin.studies.shadow.following import Twin, twin_of
-from twin.studies.shadow.layout import INPUTS
 from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
 from twin.studies.shadow.receiving import Receiver
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.verdict import Followed
 
@@ -35,7 +35,7 @@ MS = 1_000_000
 
 def readings(n: int, period: int = 2 * MS) -> list[Reading]:
     """What the robot of Fig. 4 says, with a command in every other message."""
-    robot = RobotSamples(*(field[:n].copy() for field in said(ran(FIG4))))
+    robot = said(ran(FIG4)).rows(slice(n))
     robot.only("omega_ref")[1::2] = np.nan
     return [Reading(k * period, tuple(range(width(INPUTS))), tuple(row)) for k, row in enumerate(robot.u.tolist())]
 
@@ -108,7 +108,7 @@ def compare_at_once_with_slices(at_once: Twin, sliced: Twin, made: list[Sample])
     # more of them than the first slice takes
     stamps, rows_made = rows_of(made)
     found = RobotSamples(stamps / NANOSECONDS, rows_made)
-    halves = [type(found)(*(column[part] for column in found)) for part in (slice(200), slice(200, None))]
+    halves = [found.rows(part) for part in (slice(200), slice(200, None))]
     rows, expected = [at_once.feed(half) for half in halves], [sliced.feed(half) for half in halves]
     assert len(made) == 500
     for topic in ("shadow", "ahead"):

@@ -9,8 +9,7 @@ from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic
 from twin.robot.assembly.load import load_experiment
 from twin.studies.replay.model import model_of
-from twin.studies.replay.text import FORCE_RESIDUAL
-from twin.studies.shadow.following import Happening
+from twin.studies.replay.parts import FORCE_RESIDUAL, Happening
 from twin.studies.shadow.recording import ShadowRecording
 
 

@@ -16,8 +16,10 @@ from twin.robot.places import HOME
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow import reidentification
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
+from twin.studies.shadow.filter_steps import drive_model
 from twin.studies.shadow.fleet import SCALE, Fleet, arrived, read_fleet
 from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
@@ -31,7 +33,6 @@ from twin.studies.shadow.reidentification import (
     reidentified,
     torque_error,
 )
-from twin.studies.shadow.samples import RobotSamples, drive_model, samples_of
 
 TWIN = load_experiment(FIG4, SCALE)
 NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")

@@ -21,10 +21,11 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.live.server import WATCHES, LiveServer
 from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.studies.identify.windows import Estimate
+from twin.studies.identify.estimate import Estimate
 from twin.studies.replay.model import model_of
+from twin.studies.replay.parts import Happening, Rows
 from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
-from twin.studies.shadow.following import ALARM_LEVEL, Happening, Rows, twin_of
+from twin.studies.shadow.following import ALARM_LEVEL, twin_of
 from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.reidentification import Adaptation, Moved
 from twin.studies.shadow.seen import AcceptButton, ShadowViewer

@@ -71,7 +71,7 @@ def test_beside_the_log_of_a_healthy_robot_the_two_do_not_part(tmp_path: Path):
     assert facts["counts"] == dict.fromkeys(facts["counts"], 0) | {"samples": 10001}
     assert facts["residuals"]["force"]["rms"] < 0.05
     # deg; what rounding can do is 0.04
-    assert np.degrees(facts["residuals"]["joint 1"]["rms"]) < 0.04
+    assert np.degrees(facts["residuals"]["plant joint 1"]["rms"]) < 0.04
     # its commands are not known: the twin's own lead the predictions
     assert facts["ahead"]["predictions"] == 39 and facts["ahead"]["in_band"] > 0.95
     assert facts["ahead"]["error_rms_N"] < 0.1 * facts["ahead"]["last_value_rms_N"]

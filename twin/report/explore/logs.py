@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.kernel.cosim.delay import named
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.logs.bag import is_bag
@@ -16,11 +17,14 @@ from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import read_log
 from twin.report.page.panels import PanelRun
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.view import LogView
 from twin.studies.metrics.response import Curve
 from twin.studies.replay.model import model_of
-from twin.studies.replay.replay import estimates, pressing, robot_log
+from twin.studies.replay.parts import pressing
+from twin.studies.replay.replay import estimates
+from twin.studies.replay.samples import robot_samples
 
 ENDINGS = (".csv", ".mcap", ".db3", ".db3.zstd", ".mcap.zstd")
 DEEPEST = 4
@@ -103,8 +107,8 @@ def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
 def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
     """Return the outputs of the estimator, and the pressing force as the controller computes it."""
     model = model_of(experiment)
-    robot = robot_log(log, model.belief)
-    found = estimates(robot, model.belief, model.gravity_compensation)
+    robot = robot_samples(log, model.belief)
+    found = named(ESTIMATOR_OUTPUTS, estimates(robot, model)["estimator"])
     series = {f"estimator.{name}": values for name, values in found.items() if name != "valid"}
     series["controller.F_z"] = pressing(found)
     return {key: LogSeries(robot.t, values, "") for key, values in series.items()}

@@ -12,8 +12,9 @@ from twin.kernel.writing import inline_table
 from twin.robot.experiment.schema import Cosim
 from twin.robot.plant.dynamics import TrueRobot, series_share, spring_stiffness
 from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
+from twin.studies.identify.estimate import Estimate, decimals, shown, shown_unit
 from twin.studies.identify.identification import Identification, Quantity
-from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
+from twin.studies.identify.windows import JOINTS_PER_METRE
 from twin.studies.replay.model import RobotModel
 from twin.studies.result import Block, Column, Note, Result, Table, note
 

@@ -17,7 +17,8 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import HEADLINE, OF_A_FORCE, Values, labelled, unmeasured
 from twin.robot.run.view import LogView, outcome_of
-from twin.studies.replay.replay import Outputs, RobotLog
+from twin.studies.replay.replay import Outputs
+from twin.studies.replay.samples import RobotSamples
 
 MAX_PERIOD_ERROR = 0.02
 """Largest difference of the log's period from a divisor of the controller's, as a share."""
@@ -25,7 +26,7 @@ OF_A_LOG = (*OF_A_FORCE, "hold_begin", "hold_end")
 """Measures of a log: it has no true position."""
 
 
-def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
+def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
     """Compute the measures of a log's held force; each None, with the reason, if there is no force or no controller.
 
     Args:
@@ -49,9 +50,9 @@ def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings
     if "controller" in experiment.stand_ins:
         return unmeasured("a third-party controller does not run on a log")
     period = experiment.controller_ticks * experiment.cosim.tick
-    stride = max(1, round(period / log.period))
-    if abs(stride * log.period / period - 1.0) > MAX_PERIOD_ERROR:
-        text = f"a sample every {1e3 * log.period:.4g} ms, the controller needs one every {1e3 * period:g} ms"
+    stride = max(1, round(period / log.sampling.period))
+    if abs(stride * log.sampling.period / period - 1.0) > MAX_PERIOD_ERROR:
+        text = f"a sample every {1e3 * log.sampling.period:.4g} ms, the controller needs one every {1e3 * period:g} ms"
         return unmeasured(text)
     outputs, called = _commanded(experiment, log, estimate, stride, period)
     F_z = log.force.values
@@ -63,7 +64,7 @@ def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings
 
 
 def _commanded(
-    experiment: Experiment, log: RobotLog, estimate: Outputs, stride: int, period: float
+    experiment: Experiment, log: RobotSamples, estimate: Outputs, stride: int, period: float
 ) -> tuple[Outputs, NDArray[np.float64]]:
     """Outputs of the twin's controller on the log's counts, and the times of its calls."""
     law = controller(experiment)

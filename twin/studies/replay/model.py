@@ -2,17 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from twin.kernel.cosim.delay import named, play
-from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import is_recording
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.build import plant_parameters, surface_motions
@@ -28,11 +23,10 @@ from twin.robot.experiment.schema import Cosim
 from twin.robot.experiment.source import Source, override
 from twin.robot.experiment.stand_in import rest_of, role_named
 from twin.robot.mechanism.statics import G_ACCELERATION
-from twin.robot.plant.component import OUTPUTS, Plant
 from twin.robot.plant.contact_law import Contact
-from twin.robot.plant.dynamics import LONGEST_GAP, STATES, PlantParameters, TrueRobot
+from twin.robot.plant.dynamics import PlantParameters, TrueRobot
 from twin.robot.plant.encoder import Display
-from twin.robot.plant.surface_motion import Body, Motion
+from twin.robot.plant.surface_motion import Motion
 
 TABLES = {name: DECLARED.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
 """What is read of a recorded experiment; it may lack a scale."""
@@ -155,105 +149,3 @@ def _model(
         tick=cosim.tick,
         resolution=scale.resolution * G_ACCELERATION if scale and scale.resolution else 0.0,
     )
-
-
-SETTLING = 1.0
-"""s, before each start, with the motors where the first sample has them: 20 time constants of the springs' swing with
-the robot's joint friction, and 5 of a robot with a quarter of it."""
-
-
-def motions(
-    model: RobotModel, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
-) -> tuple[dict[str, NDArray[np.float64]], list[float]]:
-    """What the plant model does under the motor angles of a log.
-
-    It starts at rest, settled, where the log's first sample has the robot; and again after every gap longer than
-    `LONGEST_GAP`. What friction held before is forgotten then.
-
-    Args:
-        model: the twin.
-        t: times of the samples (n,), s, ascending.
-        theta_m: motor angles (n, 3), rad.
-        p_B: the robot's position by its encoders (n, 3), m, for the starts.
-
-    Returns:
-        The plant's outputs by port at every sample, (n,) or (n, size), SI; and the times (s) of all starts.
-
-    Raises:
-        LogRefused: samples too far apart to know the motors' way.
-        ComponentFailed: the model left the workspace.
-    """
-    if np.median(np.diff(t)) > LONGEST_GAP:
-        raise LogRefused(
-            f"a sample every {np.median(np.diff(t)):.3g} s; the plant model needs one every {LONGEST_GAP:g} s or sooner"
-        )
-    bounds = [0, *(np.flatnonzero(np.diff(t) > LONGEST_GAP) + 1), len(t)]
-    parts = [_stretch(model, t[a:b], theta_m[a:b], p_B[a]) for a, b in pairwise(bounds)]
-    joined = {port.name: np.concatenate([part[port.name] for part in parts]) for port in OUTPUTS}
-    return joined, [float(t[a]) for a in bounds[:-1]]
-
-
-class PlantRun:
-    """The plant model driven by motor angles, from rest on, in pieces of any length.
-
-    It settles first, so that the first sample is what the model starts from.
-
-    Args:
-        model: the twin.
-        p_B: where the robot is at the first sample (3,), m.
-    """
-
-    def __init__(self, model: RobotModel, p_B: NDArray[np.float64]):
-        self._model, self._p_B = model, p_B
-        self._plant: Plant | None = None
-        self._t, self._theta_m = 0.0, np.zeros(3)
-        self._body = Body(model.motions) if model.motions else None
-
-    def advance(self, t: NDArray[np.float64], theta_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-        """Go on to the samples at `t` (n,), s, with motor angles `theta_m` (n, 3), rad.
-
-        Returns:
-            The plant's outputs at them, fewer if it failed, and then why.
-        """
-        model, begins = self._model, self._plant is None
-        if begins:
-            x = np.zeros(STATES)
-            x[:3] = self._p_B
-            self._plant = Plant(model.plant, x, theta_m[0], model.substeps, bool(model.motions))
-            self._start, self._elapsed = t[0] - SETTLING, 0.0
-            self._outputs = self._plant.initial_outputs
-            settling = [int(np.ceil(SETTLING / model.tick))]
-            known, angles = t, theta_m
-        else:
-            settling = []
-            known, angles = np.concatenate([[self._t], t]), np.vstack([self._theta_m, theta_m])
-        assert self._plant is not None
-        steps = np.array([*settling, *np.maximum(1, np.ceil(np.diff(known) / model.tick - 1e-6))], dtype=np.int64)
-        lengths = np.array([*([SETTLING] if begins else []), *np.diff(known)])
-        h = np.repeat(lengths / steps, steps)
-        elapsed = np.cumsum([self._elapsed, *h])[1:]
-        ends = self._start + elapsed
-        u = np.stack([np.interp(ends, known, angles[:, i]) for i in range(3)], axis=1)
-        if self._body is not None:
-            ground, _ = play(self._body, ends - h, h, np.empty((len(h), 0)))
-            if begins:
-                ground[: steps[0]] = [*ground[steps[0] - 1][:3], 0.0, 0.0, 0.0]
-            u = np.hstack([u, ground])
-        rows, status = play(self._plant, ends - h, h, u, steps, self._outputs)
-        if status:
-            return rows, self._plant.explain(status)
-        self._t, self._theta_m, self._elapsed, self._outputs = float(t[-1]), theta_m[-1], elapsed[-1], rows[-1]
-        return rows, ""
-
-
-def _stretch(
-    model: RobotModel, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """The plant's outputs at the samples of a stretch without long gaps."""
-    rows, failure = PlantRun(model, p_B).advance(t, theta_m)
-    if failure:
-        raise ComponentFailed(
-            f"the plant model, driven by the log's motor angles, {failure} before "
-            f"t = {t[len(rows)]:.3f} s; does the experiment describe this robot?"
-        )
-    return named(OUTPUTS, rows)

@@ -60,8 +60,13 @@ class MapCheck:
         self._low, self._high = np.full((2, 2, 3, 3), np.inf), np.full((2, 2, 3, 3), -np.inf)
         self._sums, self._least, self._most = np.zeros((3, 3)), np.inf, -np.inf
 
-    def first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64]) -> str:
-        """Return why counts (3,) of motors and joints cannot be of the robot; "" if they can."""
+    def first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64], failed: bool) -> str:
+        """Return why the first counts (3,) of motors and joints cannot be of the robot; "" if they can.
+
+        A recording of twin is checked only if the estimator `failed` on them.
+        """
+        if not (failed or self._columns):
+            return ""
         belief = self._belief
         theta_m = np.array([angle(count_m[i], belief.motor_counts, belief.motor_zero[i]) for i in range(3)])
         theta_l = np.array([angle(count_l[i], belief.joint_counts, belief.joint_zero[i]) for i in range(3)])

@@ -59,8 +59,9 @@ def replay(
     from twin.kernel.writing import write_json
     from twin.studies.replay.held import log_measures
     from twin.studies.replay.model import model_for
+    from twin.studies.replay.recording import record
     from twin.studies.replay.replay import normal_time, replayed
-    from twin.studies.replay.text import draw_replay, next_command, record, replay_facts, replay_result
+    from twin.studies.replay.text import draw_replay, next_command, replay_facts, replay_result
 
     steps = Steps(say, 3)
     steps.next("reading")

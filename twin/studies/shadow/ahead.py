@@ -30,11 +30,12 @@ from twin.robot.controller.program import Tap
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.branch import refuse_fixed
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.sample_columns import OMEGA_REF as COMMANDS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
-from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
+from twin.studies.shadow.following import OnPlant, OwnLaw, RobotState
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
-from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.surroundings import Surroundings
 
 EVERY = 0.5
@@ -60,13 +61,23 @@ most by their dry friction."""
 STRANGE, STRANGE_SHARE = 0.1, 0.5
 """rad/s, and by the commands' rms: of the mean difference over half a second. Beyond both the robot is led by another
 controller, or by one that is elsewhere in its program."""
+MADE = Port("made", 1, "s", "time of the estimate that is gone out from")
+_TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
+_F_Z = places(OUTPUTS)["F_ee_B"].start + 2
+_DEVIATION, _STARTED = places(OUTPUTS)["deviation"].start + FORCE + 2, places(OUTPUTS)["started"].start
+LEFT_OUT = {
+    "contact": "where the surface is, and how stiff, comes from the estimate",
+    "monitor": "branches have no monitor",
+    "scale": "it moves nothing",
+    "fault": "branches have none",
+}
+"""Tables that say nothing of a branch, and why."""
 
 
 def _meaning(what: str) -> str:
     return f"{what} {LEADS[0]:g}, {LEADS[1]:g} .. {HORIZON:g} s after the estimate"
 
 
-MADE = Port("made", 1, "s", "time of the estimate that is gone out from")
 FORESEEN = (
     Port("F_z", len(LEADS), "N", _meaning("predicted pressing force")),
     Port("p_z", len(LEADS), "m", _meaning("predicted height of the platform, base frame B,")),
@@ -257,11 +268,6 @@ class Ahead:
     def branchings(self) -> list[Branching]:
         """All systems that there are."""
         return [self.own, *self.changed]
-
-
-_TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
-_F_Z = places(OUTPUTS)["F_ee_B"].start + 2
-_DEVIATION, _STARTED = places(OUTPUTS)["deviation"].start + FORCE + 2, places(OUTPUTS)["started"].start
 
 
 def _after(t: float, start: float, period: float) -> float:
@@ -474,15 +480,6 @@ class _LookAhead:
             foreseen.banded += int(np.count_nonzero(np.isfinite(lower)))
             foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
         self._open = [one for one in self._open if one[0][-1] > end]
-
-
-LEFT_OUT = {
-    "contact": "where the surface is, and how stiff, comes from the estimate",
-    "monitor": "branches have no monitor",
-    "scale": "it moves nothing",
-    "fault": "branches have none",
-}
-"""Tables that say nothing of a branch, and why."""
 
 
 def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:

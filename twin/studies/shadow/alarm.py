@@ -55,6 +55,9 @@ ONE_SIDED = ("spread", COMMAND)
 """Less of these is no news."""
 SIDES = 2 * len(CHANNELS) - len(ONE_SIDED)
 """Sums that may alarm."""
+RATE_ERROR = 0.1
+"""Relative difference of a measured rate to one that has tolerances."""
+UNKNOWN = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
@@ -94,8 +97,6 @@ class Tolerances:
 
 RateTolerances = Mapping[float, Tolerances]
 """Tolerances by sampling rate (Hz)."""
-RATE_ERROR = 0.1
-"""Relative difference of a measured rate to one that has tolerances."""
 
 
 def rate_of(t: NDArray[np.float64]) -> float:
@@ -243,9 +244,6 @@ def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64
     """The filter's outputs of these names, divided; 1 on average if it is right, NaN where no count was new."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(NIS / used, dtype=float)
-
-
-UNKNOWN = "which parameter is not known"
 
 
 class Answering(Protocol):

@@ -20,6 +20,7 @@ from twin.kernel.cosim.port import memory_of
 from twin.robot.controller.controller import Belief, angle
 from twin.robot.mechanism.kinematics import platform_position
 from twin.robot.plant.dynamics import LONGEST_GAP, UNTOUCHED, PlantParameters, has_effects
+from twin.studies.replay.sample_columns import INPUTS
 from twin.studies.shadow.layout import (
     COUNTS,
     DITHERED,
@@ -27,7 +28,6 @@ from twin.studies.shadow.layout import (
     FIRST,
     FORCE,
     GARBLED,
-    INPUTS,
     JUST_CHANGED,
     LONGEST_STEP,
     LOST,

@@ -21,6 +21,8 @@ from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.command import Say, silent
+from twin.studies.replay.parts import SampledSteps
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.alarm import (
     BLOCK,
     CHANNELS,
@@ -32,8 +34,8 @@ from twin.studies.shadow.alarm import (
     WatchEvent,
 )
 from twin.studies.shadow.deviations import is_identified
-from twin.studies.shadow.following import SampledSteps, farthest_command, own_law
-from twin.studies.shadow.samples import Columns, RobotSamples, followed, samples_of, shadow_of
+from twin.studies.shadow.filter_steps import Columns, followed, shadow_of
+from twin.studies.shadow.following import farthest_command, own_law
 from twin.studies.sweep.plan import Vary, plan_of, read_definition
 
 ZERO = 0.05

@@ -7,29 +7,28 @@ depend on how they are cut. A state estimator is one more part.
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from threading import Lock
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.component import Component, Pieces
-from twin.kernel.cosim.delay import NOTHING, named, play
+from twin.kernel.cosim.component import Pieces
+from twin.kernel.cosim.delay import named
 from twin.kernel.cosim.port import Port, places, width
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed
 from twin.kernel.recording.logs.log import MappedColumn
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
-from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.robot.plant.dynamics import LONGEST_GAP, PlantParameters
-from twin.robot.plant.encoder import SCALE_OUTPUTS
-from twin.studies.replay.model import PlantRun, RobotModel
+from twin.robot.plant.dynamics import PlantParameters
+from twin.studies.replay.model import RobotModel
+from twin.studies.replay.parts import Estimates, Happening, Part, PlantModel, Rows, SampledSteps
 from twin.studies.replay.plausible import MapCheck
-from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
+from twin.studies.replay.sample_columns import OMEGA_REF as COMMANDS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import (
     FIRST_BLOCKS,
     Blocks,
@@ -42,11 +41,10 @@ from twin.studies.shadow.alarm import (
     tolerances_at,
 )
 from twin.studies.shadow.deviations import HealthyDeviation
+from twin.studies.shadow.filter_steps import FilterFeed, shadow_of
 from twin.studies.shadow.layout import OUTPUTS, STATES
 from twin.studies.shadow.mapping import NANOSECONDS
 from twin.studies.shadow.reidentification import Adaptation, Reidentifier
-from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, FilterFeed, RobotSamples, shadow_of
-from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
@@ -54,39 +52,6 @@ COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's 
 DEVIATION = places(OUTPUTS)["deviation"]
 RARE = ("ahead", "what_if", "scale")
 """Topics with fewer rows than samples."""
-
-Rows = dict[str, NDArray[np.float64]]
-"""By topic, (n, width); a row of NaN alone is none."""
-
-
-class Happening(NamedTuple):
-    """Something that happened. t: s since the first sample; text: one sentence."""
-
-    t: float
-    text: str
-
-
-class Part(Protocol):
-    """A part of the twin.
-
-    Attributes:
-        topics: what it gives: ports by topic.
-        happenings: what has happened in it since they were last taken.
-    """
-
-    topics: dict[str, tuple[Port, ...]]
-    happenings: list[Happening]
-
-    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        """Go on over `samples`.
-
-        Args:
-            samples: n of them, at least one, all later than those before.
-            rows: of the parts before this one, for the same samples.
-
-        Returns:
-            Its own rows.
-        """
 
 
 class OnPlant(Part, Protocol):
@@ -102,85 +67,6 @@ class StateEstimate(NamedTuple):
     x: NDArray[np.float64]
     P: NDArray[np.float64]
     J: NDArray[np.float64]
-
-
-class SampledSteps:
-    """A sampled component that is stepped from where it stands.
-
-    Args:
-        component: stepped once per row.
-        first: length (s) of the first step.
-        pieces: of its memory, of which `copies` are made.
-
-    Attributes:
-        copies: of the pieces, before the last rows and after each of them (n + 1, pieces.size).
-    """
-
-    def __init__(self, component: Component, first: float = 0.0, pieces: Pieces = NOTHING):
-        self.component, self._first, self._pieces = component, first, pieces
-        self._outputs, self.copies = component.initial_outputs, pieces.take()[None]
-        self._last: float | None = None
-
-    def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (n, width) at the times `t` (n,), s, fewer if a step failed."""
-        h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
-        copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
-        copies[0] = self.copies[-1]
-        rows, _ = play(self.component, t, h, inputs, before=self._outputs, pieces=self._pieces, copies=copies[1:])
-        # a step that failed has left what is there now
-        copies[len(rows) + 1 :] = self._pieces.take()
-        self.copies = copies
-        if len(rows):
-            self._outputs, self._last = rows[-1], float(t[len(rows) - 1])
-        return rows
-
-
-class Estimates:
-    """Position and force from the counts, as the robot's computer believes; and with the dead zone that is known.
-
-    Args:
-        model: the twin.
-        check: of the angles and the force by the column map.
-
-    Raises:
-        InputRefused: (by `feed`) the first counts are not of this robot.
-    """
-
-    def __init__(self, model: RobotModel, check: MapCheck):
-        self._check = check
-        beliefs: dict[str, Belief] = {"estimator": model.belief}
-        if model.aware != model.belief:
-            beliefs["twin"] = model.aware
-        self._steps = {
-            name: SampledSteps(Estimator(belief, model.gravity_compensation)) for name, belief in beliefs.items()
-        }
-        self.topics: dict[str, tuple[Port, ...]] = {
-            "encoder": ENCODER, **dict.fromkeys(beliefs, ESTIMATOR_OUTPUTS), "scale": SCALE_OUTPUTS,
-            "residual/force": FORCE_RESIDUAL,
-        }  # fmt: skip
-        self.happenings: list[Happening] = []
-        self._begun = False
-
-    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        counts, measured = samples.u[:, :6], samples.u[:, F_Z]
-        if not self._begun:
-            if mistake := self._check.first(counts[0, COUNT_M], counts[0, COUNT_L]):
-                raise InputRefused(mistake)
-            self._begun = True
-        found = {"encoder": counts, "scale": measured}
-        for name, stepped in self._steps.items():
-            found[name] = stepped.rows(samples.t, counts)
-        best = best_estimate(found)
-        pressing = -best["F_ee_B"][:, 2]
-        found["residual/force"] = pressing[:, None] - measured
-        self._check.add(best["theta_m"], best["theta_l"])
-        self._check.add_force(pressing, measured[:, 0])
-        return found
-
-
-def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
-    """The estimate that knows the dead zone, by port."""
-    return named(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
 
 
 class OwnLaw:
@@ -240,56 +126,6 @@ class OwnLaw:
                 called.append(k)
                 self._next = max(self._next + T, at + 0.5 * T)
         return np.array(called, dtype=np.intp)
-
-
-class PlantModel:
-    """The plant model in parallel, driven by the robot's motor angles, and its joints beside the robot's.
-
-    It starts at rest where the robot is, and again after a gap of more than `LONGEST_GAP`, or if it has left the
-    workspace.
-
-    Args:
-        model: the twin.
-    """
-
-    def __init__(self, model: RobotModel):
-        self.topics: dict[str, tuple[Port, ...]] = {"plant": MOTION, "residual/joints": JOINT_RESIDUAL}
-        self._model = model
-        self._run: PlantRun | None = None
-        self._last = -math.inf
-        self.happenings: list[Happening] = []
-
-    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        best = best_estimate(rows)
-        found = np.full((len(samples.t), width(MOTION)), np.nan)
-        breaks = np.flatnonzero(np.diff(samples.t, prepend=self._last) > LONGEST_GAP)
-        bounds = [0, *breaks, len(samples.t)]
-        for a, b in pairwise(bounds):
-            if a == b:
-                continue
-            if a in breaks and self._run is not None:
-                self.happenings.append(Happening(float(samples.t[a]), "the plant model starts anew, at rest"))
-                self._run = None
-            begin = a
-            while begin < b:
-                if self._run is None:
-                    self._run = PlantRun(self._model, best["p_B"][begin])
-                made, failure = self._run.advance(samples.t[begin:b], best["theta_m"][begin:b])
-                found[begin : begin + len(made)] = made
-                begin += len(made)
-                if failure:
-                    when = float(samples.t[min(begin, b - 1)])
-                    self.happenings.append(Happening(when, f"the plant model {failure}; it starts anew, at rest"))
-                    self._run = None
-                    # what it cannot start from is passed over
-                    begin += not len(made)
-        self._last = float(samples.t[-1])
-        theta_l = named(MOTION, found)["theta_l"]
-        return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
-
-    def accept(self, plant: PlantParameters) -> None:
-        """Go on with another plant, from rest."""
-        self._model, self._run = replace(self._model, plant=plant), None
 
 
 class RobotState:

@@ -8,6 +8,54 @@ from twin.robot.controller.controller import BELIEF
 from twin.robot.plant.dynamics import PARAMETERS
 from twin.robot.plant.joints import ANCHORS
 
+STATES = 15
+WIDE = 16
+"""Columns of a matrix: whole registers of four."""
+POSITION, VELOCITY, MOTOR, SPEED, FORCE = 0, 3, 6, 9, 12
+"""Where each triple begins in the state."""
+COUNTS = 6
+LONGEST_STEP = 2.5e-3
+"""s. The springs' fastest swing, 120 rad/s, turns by 0.3 rad in it; see docs/physics.md."""
+DITHERED = 0.5
+"""Deviation of an encoder's noise, in counts, from which on rounding is white: each sample is a new measurement."""
+TOUCHED = 0.3
+"""N. Pressing less than that the robot is in free air, where a force does not wander."""
+HEADING, SLOW = 0.1, 5e-3
+"""s, m/s. The way across a surface is known by a mean over so long, where it is faster than that."""
+EDGE = 0.1
+"""Counts. Where a count changes is not known better than that."""
+JUST_CHANGED = math.sqrt(3.0)
+"""Counts. Evenly spread over so much, an error has a deviation of half a count."""
+REPEATED = 0.004
+"""s. A count that stays is taken in again after so long; until then it says nothing new."""
+GARBLED = 1e4
+"""Squared deviations. A count so far off shows in the residual; it is not taken in before it stays for
+`LONGEST_GAP`."""
+MOVED = 0.1
+"""s. If no count has changed for so long the robot stands still."""
+FIRST = (1e-3, 0.05, 1e-3, 0.5, 1.0)
+"""Deviations of position, velocity, motor angle, its speed and force in the beginning, SI."""
+NO_POSE = 2
+RUNNING, LOST = 1, 2
+"""What the filter is doing: following, or waiting for counts that fit a pose again; 0: not begun."""
+OUTPUTS = (
+    Port("p_B", 3, "m", "estimated platform position, base frame B"),
+    Port("v_B", 3, "m/s", "estimated platform velocity, base frame B"),
+    Port("theta_m", 3, "rad", "estimated motor angles"),
+    Port("omega_m", 3, "rad/s", "estimated motor speeds"),
+    Port("F_ee_B", 3, "N", "estimated force by the robot on the environment, base frame B"),
+    Port("deviation", STATES, "SI", "standard deviations of these"),
+    Port("residual_m", 3, "rad", "motor angles by counts less what was expected; NaN: none"),
+    Port("residual_l", 3, "rad", "joint angles by counts less what was expected; NaN: none"),
+    Port("residual_F", 1, "N", "measured pressing force less what was expected; NaN: none"),
+    Port("residual_tau", 3, "N m", "motor torques less what was expected; NaN: none"),
+    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN: none said anything new"),
+    Port("used", 1, "1", "how many counts said anything new", "int"),
+    Port("moves", 1, "1", "whether a count has changed within the last 0.1 s", "bool"),
+    Port("started", 1, "1", "whether the filter has started anew with this sample", "bool"),
+)
+MATRIX = ("f8", (STATES, WIDE))
+
 
 class ShadowDrive(NamedTuple):
     """What is known of the drives, SI.
@@ -54,61 +102,6 @@ class Sensors(NamedTuple):
     joint_noise: float
 
 
-STATES = 15
-WIDE = 16
-"""Columns of a matrix: whole registers of four."""
-POSITION, VELOCITY, MOTOR, SPEED, FORCE = 0, 3, 6, 9, 12
-"""Where each triple begins in the state."""
-COUNTS = 6
-LONGEST_STEP = 2.5e-3
-"""s. The springs' fastest swing, 120 rad/s, turns by 0.3 rad in it; see docs/physics.md."""
-DITHERED = 0.5
-"""Deviation of an encoder's noise, in counts, from which on rounding is white: each sample is a new measurement."""
-TOUCHED = 0.3
-"""N. Pressing less than that the robot is in free air, where a force does not wander."""
-HEADING, SLOW = 0.1, 5e-3
-"""s, m/s. The way across a surface is known by a mean over so long, where it is faster than that."""
-EDGE = 0.1
-"""Counts. Where a count changes is not known better than that."""
-JUST_CHANGED = math.sqrt(3.0)
-"""Counts. Evenly spread over so much, an error has a deviation of half a count."""
-REPEATED = 0.004
-"""s. A count that stays is taken in again after so long; until then it says nothing new."""
-GARBLED = 1e4
-"""Squared deviations. A count so far off shows in the residual; it is not taken in before it stays for
-`LONGEST_GAP`."""
-MOVED = 0.1
-"""s. If no count has changed for so long the robot stands still."""
-FIRST = (1e-3, 0.05, 1e-3, 0.5, 1.0)
-"""Deviations of position, velocity, motor angle, its speed and force in the beginning, SI."""
-NO_POSE = 2
-RUNNING, LOST = 1, 2
-"""What the filter is doing: following, or waiting for counts that fit a pose again; 0: not begun."""
-
-INPUTS = (
-    Port("count_m", 3, "1", "motor encoder counts; NaN: none came"),
-    Port("count_l", 3, "1", "joint encoder counts; NaN: none came"),
-    Port("omega_ref", 3, "rad/s", "motor speeds commanded from this sample on; NaN: not known"),
-    Port("F_z", 1, "N", "measured pressing force; NaN: none"),
-    Port("tau_motor", 3, "N m", "torque of the motors, by their currents; NaN: none"),
-)
-OUTPUTS = (
-    Port("p_B", 3, "m", "estimated platform position, base frame B"),
-    Port("v_B", 3, "m/s", "estimated platform velocity, base frame B"),
-    Port("theta_m", 3, "rad", "estimated motor angles"),
-    Port("omega_m", 3, "rad/s", "estimated motor speeds"),
-    Port("F_ee_B", 3, "N", "estimated force by the robot on the environment, base frame B"),
-    Port("deviation", STATES, "SI", "standard deviations of these"),
-    Port("residual_m", 3, "rad", "motor angles by counts less what was expected; NaN: none"),
-    Port("residual_l", 3, "rad", "joint angles by counts less what was expected; NaN: none"),
-    Port("residual_F", 1, "N", "measured pressing force less what was expected; NaN: none"),
-    Port("residual_tau", 3, "N m", "motor torques less what was expected; NaN: none"),
-    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN: none said anything new"),
-    Port("used", 1, "1", "how many counts said anything new", "int"),
-    Port("moves", 1, "1", "whether a count has changed within the last 0.1 s", "bool"),
-    Port("started", 1, "1", "whether the filter has started anew with this sample", "bool"),
-)
-MATRIX = ("f8", (STATES, WIDE))
 MEMORY = record(
     parameters=PARAMETERS,
     belief=BELIEF,

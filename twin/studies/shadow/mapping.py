@@ -13,11 +13,10 @@ from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.sources.signals import Reading, WantedSignal
 from twin.robot.controller.controller import Belief
 from twin.studies.replay.plausible import COUNTS, SCALE, as_counts
-from twin.studies.replay.replay import robot_log
-from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
+from twin.studies.replay.sample_columns import COUNT_L, COUNT_M, ENCODERS, F_Z, INPUTS, OMEGA_REF, TAU
+from twin.studies.replay.samples import hold_until_sampled, robot_samples
 
-NEEDED = range(6)
+NEEDED = range(ENCODERS.start, ENCODERS.stop)
 NANOSECONDS = 1e9
 
 
@@ -63,20 +62,14 @@ def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
     """The samples of a table or of a recording of twin, each arriving at its own time.
 
     Raises:
-        LogRefused: it has no encoders, see `robot_log`.
+        LogRefused: it has no encoders, see `robot_samples`.
     """
-    robot = robot_log(log, belief)
-    rows = np.full((len(robot.t), width(INPUTS)), np.nan)
-    rows[:, COUNT_M], rows[:, COUNT_L] = robot.count_m, robot.count_l
+    robot = robot_samples(log, belief)
     for name, one in wanted_signals(belief).items():
-        if one.column in NEEDED or name not in log.series:
-            continue
-        series = log.series[name]
-        refuse_unit(f"{log.path}:", name, series.unit, one.unit)
-        # the first sample at or after it; of several the newest
-        at = np.searchsorted(robot.t, series.t)
-        there = at < len(rows)
-        rows[at[there], one.column] = series.values[there]
+        if one.column not in (*NEEDED, F_Z.start) and name in log.series:
+            series = log.series[name]
+            refuse_unit(f"{log.path}:", name, series.unit, one.unit)
+            hold_until_sampled(robot, one.column, series.t, series.values)
     columns = tuple(range(width(INPUTS)))
-    for t, row in zip(np.rint(robot.t * NANOSECONDS).astype(np.int64).tolist(), rows.tolist(), strict=True):
+    for t, row in zip(np.rint(robot.t * NANOSECONDS).astype(np.int64).tolist(), robot.u.tolist(), strict=True):
         yield Arrival("encoders", t, Reading(t, columns, tuple(row)))

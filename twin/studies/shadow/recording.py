@@ -14,8 +14,8 @@ from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic, Writer
 from twin.kernel.writing import json_text
 from twin.studies.replay.model import RobotModel
-from twin.studies.replay.text import TICK
-from twin.studies.shadow.following import Happening, Rows
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.recording import TICK
 
 
 class ShadowRecording:

@@ -19,8 +19,7 @@ What the samples do not say is not known, with why.
 import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,27 +27,20 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import TwinError
-from twin.kernel.recording.logs.log import LogRefused, LogSeries, sampling
+from twin.kernel.recording.logs.log import LogRefused, LogSeries
 from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.controller.controller import Belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
+from twin.studies.identify.balance import pose
 from twin.studies.identify.clustered import Line, line, t_factor
-from twin.studies.identify.windows import (
-    Estimate,
-    Windows,
-    decimals,
-    on_scale,
-    pose,
-    shown,
-    shown_unit,
-    windows,
-)
-from twin.studies.replay.replay import RobotLog
+from twin.studies.identify.estimate import Estimate, decimals, shown, shown_unit
+from twin.studies.identify.windows import Windows, on_scale, windows
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import UNKNOWN
-from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import RobotSamples, drive_model
+from twin.studies.shadow.filter_steps import drive_model
 from twin.studies.shadow.surroundings import ZERO
 
 LATEST = 60.0
@@ -221,14 +213,12 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
     t = samples.t
     if len(t) < FEWEST:
         return None
-    clock, F = sampling(t), samples.only("F_z")[:, 0]
+    F = samples.only("F_z")[:, 0]
     known = np.isfinite(F)
     measured = int(known.sum()) >= FEWEST
     force = LogSeries(t[known], F[known], "N") if measured else LogSeries(t, np.zeros(len(t)), "N")
-    counts = samples.only("count_m"), samples.only("count_l")
-    log = RobotLog(Path(), t, *counts, clock.gaps, clock.missing, force, ())
     try:
-        seen = windows(log, believed)
+        seen = windows(replace(samples, force=force), believed)
     except LogRefused:
         return None
     if not len(seen.t):

@@ -31,9 +31,9 @@ from twin.robot.scene import (
     surface_pose,
     transforms_example,
 )
-from twin.studies.replay.text import TICK
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.recording import TICK
 from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
-from twin.studies.shadow.following import Happening, Rows
 from twin.studies.shadow.reidentification import Adaptation
 
 if TYPE_CHECKING:

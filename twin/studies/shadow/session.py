@@ -22,18 +22,20 @@ from twin.kernel.recording.sources.stamps import Aligner, Counts, rows_of
 from twin.kernel.recording.writer import OthersTopic
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.model import RobotModel
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
-from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
-from twin.studies.shadow.layout import INPUTS, OUTPUTS
+from twin.studies.shadow.following import AlarmWatch, Twin
+from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
 from twin.studies.shadow.receiving import SLICE, Receiver
 from twin.studies.shadow.recording import ShadowRecording
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.seen import ShadowViewer
 from twin.studies.shadow.sources import waiting_hint
 from twin.studies.shadow.text import COLUMNS, shadow_facts, status_line
-from twin.studies.shadow.verdict import SIGNALS, Followed, Running, gross_disagreement
+from twin.studies.shadow.verdict import PLANT_JOINT, SIGNALS, Followed, Running, gross_disagreement
 
 LINE_PERIOD = 0.25
 """s between two lines."""
@@ -266,7 +268,11 @@ class Session:
         return bool(samples)
 
     def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
-        for topic, name in (("residual/force", "force"), ("residual/joints", "joint"), ("residual/command", "command")):
+        for topic, name in (
+            ("residual/force", "force"),
+            ("residual/joints", PLANT_JOINT),
+            ("residual/command", "command"),
+        ):
             if topic not in rows:
                 continue
             for i, column in enumerate(rows[topic].T):
@@ -396,6 +402,11 @@ class Session:
             for topic, reader in self._readers.items()
             if not reader.stamped
         ]
+        if aligner.counts.unmatched:
+            one.notes.append(
+                f"{counted(aligner.counts.unmatched, 'incomplete sample')} before the first complete one left out: "
+                "topics are matched once their periods are known"
+            )
         if aligner.counts.samples > FEWEST and math.isinf(aligner.period):
             one.notes.append("stamps come at no regular intervals; what is missing cannot be counted")
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
@@ -413,6 +424,6 @@ class Session:
         return status_line(self._t, 1e-9 * period, late, counts, recent, self._level, self._joints())
 
     def _joints(self) -> float:
-        """The largest recent residual of a joint, rad; NaN: none yet."""
-        found = [abs(r.recent) for name, r in self.followed.residuals.items() if name.startswith("joint")]
+        """Largest recent residual of a joint of the plant model, rad; NaN if there is none yet."""
+        found = [abs(r.recent) for name, r in self.followed.residuals.items() if name.startswith(PLANT_JOINT)]
         return max(found, default=math.nan)

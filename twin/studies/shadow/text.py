@@ -24,8 +24,14 @@ RESIDUALS = (
     Column("at", 10, ".3f", "s"),
     Column("", left=True, gap=2),
 )
-WHAT = {"force": ("pressing force, estimated", "N", 1.0), "joint": ("", "deg", math.degrees(1.0)),
-        "command": ("", "rad/s", 1.0)}  # fmt: skip
+WHAT = {
+    "force": ("pressing force, estimated", "N", 1.0),
+    "plant joint": ("joint {}, plant model", "deg", math.degrees(1.0)),
+    "command": ("command of motor {}", "rad/s", 1.0),
+}
+"""Text, unit and scale by kind of residual."""
+UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
+"""SI unit by kind of residual."""
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
@@ -89,19 +95,25 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
 
 
 def _row(key: str, one: Running) -> list[str | float]:
-    kind, _, number = key.partition(" ")
+    kind, number = _kind(key)
     what, unit, scale = WHAT[kind]
-    text = what or (f"joint {number}, plant model" if kind == "joint" else f"command of motor {number}")
-    return [text, scale * one.mean, scale * one.rms, scale * one.largest, one.at, unit]
+    return [what.format(number), scale * one.mean, scale * one.rms, scale * one.largest, one.at, unit]
+
+
+def _kind(key: str) -> tuple[str, str]:
+    """Kind and number of a residual: `plant joint` and `1`."""
+    name = key.rstrip("0123456789")
+    return name.rstrip(), key.removeprefix(name)
 
 
 def _missing(followed: Followed) -> str:
     counts = followed.counts
-    if not counts.missing and not counts.incomplete and not counts.invalid:
+    if not (counts.missing or counts.incomplete or counts.invalid or counts.unmatched):
         return "none missing"
     parts = [f"{counts.missing} missing in {counted(counts.gaps, 'gap')}"] if counts.missing else []
     parts += [f"{counts.incomplete} incomplete"] if counts.incomplete else []
     parts += [f"{counts.invalid} came with NaN"] if counts.invalid else []
+    parts += [f"{counts.unmatched} before the first left out"] if counts.unmatched else []
     return ", ".join(parts)
 
 
@@ -158,7 +170,7 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
     NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
-            "unit": {"force": "N", "joint": "rad", "command": "rad/s"}[key.partition(" ")[0]],
+            "unit": UNITS[_kind(key)[0]],
             "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.at,
         }
         for key, one in followed.residuals.items()

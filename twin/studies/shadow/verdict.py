@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.recording.sources.stamps import Counts, Histogram
+from twin.studies.replay.sample_columns import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import WatchEvent
-from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 
 SIGNALS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
 """Columns of a sample by their names in a summary."""
+PLANT_JOINT = "plant joint"
+"""Begins the names of the plant model's joint residuals; `joint 1` is an encoder of the alarm's channels."""
 GROSS_JOINT = math.radians(2.0)
 """Mean joint residual over each of 2 s (rad) that no healthy robot has: their tolerance is a hundredth of it."""
 GROSS_NIS = 50.0
@@ -94,7 +96,8 @@ class Followed:
         lateness: of messages; offset, drift: of the robot's clock, see `Clocks`.
         in_hand: from a sample in our hands to its estimate.
         missed: estimates that came later than a period after their samples.
-        residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s); `NIS` per count while it moves.
+        residuals: `force` (N), `plant joint 1` .. `plant joint 3` (rad), `command 1` .. (rad/s); `NIS` per count in
+            motion.
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
         changes: of the alarm's state; None: there was no alarm.
@@ -158,8 +161,9 @@ def gross_disagreement(residuals: Mapping[str, Running], mistake: str = "") -> V
     if mistake:
         return Verdict("part", 0.0, f"robot and twin part: {mistake}")
     for name, one in residuals.items():
-        if name.startswith("joint") and abs(one.worst) > GROSS_JOINT:
-            off = f"{name} is off by {math.degrees(one.worst):+.1f} deg"
+        if name.startswith(PLANT_JOINT) and abs(one.worst) > GROSS_JOINT:
+            joint = name.removeprefix(f"{PLANT_JOINT} ")
+            off = f"joint {joint} of the plant model is off by {math.degrees(one.worst):+.1f} deg"
             text = f"robot and twin part: {off}; are joints, signs and zeros of the map those of the experiment?"
             return Verdict("part", one.worst_at, text)
     NIS = residuals.get("NIS")

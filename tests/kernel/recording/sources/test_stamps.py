@@ -266,3 +266,21 @@ def test_a_burst_that_comes_too_late_is_counted_and_is_no_clock_that_was_set():
     assert aligner.counts.restarts == 0
     assert (len(samples), aligner.counts.missing) == (1000 - aligner.counts.late, aligner.counts.late)
     assert aligner.counts.late > 0
+
+
+def test_rows_of_two_topics_before_their_periods_are_known_are_counted():
+    later = 40_000
+    streams = {"/motors": (0,), "/joints": (1,)}
+    aligner, found = Aligner(3, NEEDED, BUDGET), list[Sample]()
+    for k in range(100):
+        for place, (topic, columns) in enumerate(streams.items()):
+            stamp = 10**18 + k * PERIOD + place * later
+            found += aligner.add(topic, stamp, Reading(stamp, columns, (float(k),)))
+    found += aligner.ready(10**19, end=True)
+    assert 0 < aligner.counts.unmatched < 25
+    assert len(found) + aligner.counts.unmatched == 100
+    assert aligner.counts.incomplete == aligner.counts.missing == 0
+
+
+def test_what_is_before_the_first_sample_of_one_topic_is_not_counted():
+    assert aligned(on_time(100))[0].counts.unmatched == 0

@@ -22,6 +22,8 @@ from twin.kernel.recording.reader import Recording, read
 
 WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""
+MOST_BAGS = 5
+"""Maximum number of bags that are named in a sentence."""
 
 
 def read_log(
@@ -54,10 +56,6 @@ def read_log(
         case LogKind.CSV:
             log = read_csv(path, columns or {}, known)
     return _finished(log, part)
-
-
-MOST_BAGS = 5
-"""Maximum number of bags that are named in a sentence."""
 
 
 class LogKind(Enum):

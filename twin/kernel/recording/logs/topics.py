@@ -41,6 +41,11 @@ LATE, DRIFT = 0.1, 0.02
 camera is as late, a robot's drive is not."""
 SHARE = 8
 """Of the messages, this part at either end tells what a delay is there."""
+MAGIC = MCAP0_MAGIC
+_PREFIX, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
+LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
+"""Bytes; a damaged length must not ask for any amount of memory."""
 
 
 @dataclass
@@ -383,13 +388,6 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
         f"two clocks: the stamps of {name} are {abs(first):.3f} s {where} its log times"
         f"{change if abs(last - first) > DRIFT else ''}; {used} are used"
     )
-
-
-MAGIC = MCAP0_MAGIC
-_PREFIX, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
-LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
-"""Bytes; a damaged length must not ask for any amount of memory."""
 
 
 def written_by_twin(path: Path) -> bool:

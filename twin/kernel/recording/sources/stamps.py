@@ -12,7 +12,7 @@ of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The
 
 import math
 from bisect import bisect_left, bisect_right, insort
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -75,6 +75,8 @@ class Counts:
         samples: that were handed on.
         gaps, missing: intervals without samples, and how many are missing in them.
         incomplete: samples of which a part did not come within the budget; they are missing, too.
+        unmatched: samples before the first complete one of which a part did not come within the budget: messages of two
+            topics are matched by their stamps once their periods are known. The largest number over the topics.
         duplicates: readings that were there already.
         out_of_order: readings that came after later ones.
         late: readings that came after their time was over.
@@ -86,6 +88,7 @@ class Counts:
     gaps: int = 0
     missing: int = 0
     incomplete: int = 0
+    unmatched: int = 0
     duplicates: int = 0
     out_of_order: int = 0
     late: int = 0
@@ -237,6 +240,7 @@ class Aligner:
         """
         self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * SECOND)
         self._pending: list[_Partial] = []
+        self._unmatched: Counter[frozenset[int]] = Counter()
         self._streams: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
         self._sides: dict[tuple[str, tuple[int, ...]], deque[Reading]] = {}
         self._last = self._last_arrived = self._due = -1
@@ -307,8 +311,12 @@ class Aligner:
             invalid = not all(map(math.isfinite, map(head.row.__getitem__, head.there)))
             self.counts.invalid += invalid
             if not complete:
-                # at the beginning one has to learn first what belongs together
-                self.counts.incomplete += self._base is not None and not invalid
+                if self._base is not None:
+                    self.counts.incomplete += not invalid
+                elif not invalid:
+                    # at the beginning one has to learn first what belongs together
+                    self._unmatched[head.there] += 1
+                    self.counts.unmatched = max(self._unmatched.values())
                 self.lacking = self._needed - head.there
             elif not invalid:
                 found.append(self._sample(head))
