@@ -103,8 +103,9 @@ def test_the_design_has_every_pair_that_is_not_refused():
     assert not any(one.refused for one in COVERING)
 
 
+# a search: `test_state.py` states it for each experiment, drive, kind and scheme
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.endurance) for part in range(1, 8))])
 def test_every_pair_goes_on_from_a_state(part: int):
     for one in COVERING[part::8]:
         goes_on(one)

@@ -95,7 +95,7 @@ holes = st.dictionaries(
 )
 
 
-@examples(40)
+@examples(20)
 @given(holes=holes, form=st.sampled_from(["csv", "cut csv", "bag", "bag of two topics"]))
 def test_four_commands_keep_the_same_rows_and_refuse_the_same_logs(
     tmp_path_factory: pytest.TempPathFactory, holes: Holes, form: str

@@ -57,7 +57,7 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
     """
     for origin in origins:
         if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^\s/?#@*]*", origin.lower()):
-            raise InputRefused(f"--origin {origin}: expected scheme://host or scheme://host:port, without a path")
+            raise InputRefused(f"origin {origin}: expected scheme://host or scheme://host:port, without a path")
     known = "|".join(re.escape(origin.lower()) for origin in (*VIEWERS, *origins))
     return GatePolicy(
         hosts=HERE,

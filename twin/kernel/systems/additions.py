@@ -1,4 +1,4 @@
-"""Values that a user adds to a system on the command line: `--set`, `--ssv`; and what names in a system mean."""
+"""Values that a user adds to a system, singly or by SSV files; and what names in a system mean."""
 
 import math
 import re
@@ -49,7 +49,7 @@ class Additions:
 
 
 def given_text(value: Value) -> str:
-    """A value as `--set` says it."""
+    """Return a value as text that reads back as the same value."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -171,7 +171,7 @@ def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str])
 
 
 def overruled(flat: FlatSystem, names: SystemNames, additions: Additions) -> Iterator[str]:
-    """What `--set` and `--ssv` give to inputs that connections feed."""
+    """Yield settings and SSV parameters that target inputs fed by connections."""
     fed = {lead.end for lead in flat.leads}
     yield from (one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed)
     by_name = {".".join(end) for end in fed}

@@ -1,4 +1,4 @@
-"""Inputs of a system over time: `--input`, and tables in an SSP archive (CSV components), which are wired."""
+"""Inputs of a system over time: expressions, files, and tables in an SSP archive (CSV components), which are wired."""
 
 import io
 import os

@@ -80,7 +80,7 @@ class SystemPlan:
         ignored: names that get values, and nothing is called so.
         forgiven: offences of files that were let through.
         beside: what takes part beside the FMUs.
-        overruled: what `--set` and `--ssv` give to inputs that connections feed.
+        overruled: settings and SSV parameters of inputs that connections feed.
         unreadable: locals whose FMU does not return them; they are not recorded.
     """
 

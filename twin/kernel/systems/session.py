@@ -181,7 +181,7 @@ class Cosimulation:
         self._wires.append((output, input, Transformation(factor, offset)))
 
     def feed(self, input: str, signal: str) -> None:
-        """Give an input a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`, as `--input` does.
+        """Give an input a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`.
 
         Raises:
             InputRefused: the system runs already. A wrong signal is refused at the first step.

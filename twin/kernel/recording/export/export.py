@@ -109,7 +109,7 @@ def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tupl
     fields = recording.fields()
     for pattern in patterns:
         if not any(_matches(name, pattern) for name in fields):
-            raise InputRefused(f"{recording.path}: --signals {pattern}: no such signal; {_nearest(pattern, fields)}")
+            raise InputRefused(f"{recording.path}: no signal is called {pattern}; {_nearest(pattern, fields)}")
     chosen = tuple(name for name in fields if not patterns or any(_matches(name, pattern) for pattern in patterns))
     empty = {topic for topic, stream in recording.streams.items() if not len(stream.records)}
     without = [name for name in chosen if name.rpartition(".")[0] in empty]

@@ -118,22 +118,22 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
         densest = max(times, key=len)
         return densest[densest >= first]
     if not (math.isfinite(rate) and 0.0 < rate <= LARGEST_RATE):
-        raise InputRefused(f"--rate {rate:g}: expected rows per second, more than 0 and at most {LARGEST_RATE:g} Hz")
+        raise InputRefused(f"rate {rate:g} Hz: expected more than 0 and at most {LARGEST_RATE:g} Hz")
     last = max(t[-1] for t in times)
     # each from its own number, so that nothing accumulates
     count = int((last - first) * rate / NANOSECONDS + 1e-9) + 1
     if count > MOST_ROWS:
-        raise InputRefused(f"--rate {rate:g}: makes {count} rows, more than {MOST_ROWS}; choose a lower one")
+        raise InputRefused(f"rate {rate:g} Hz: makes {count} rows, more than {MOST_ROWS}; choose a lower one")
     samples = max(map(len, times))
     if count > max(FEW_ROWS, MOST_REPEATED * samples):
         raise InputRefused(
-            f"--rate {rate:g}: makes {count} rows out of {samples} samples, over {(last - first) / NANOSECONDS:g} s; "
+            f"rate {rate:g} Hz: makes {count} rows out of {samples} samples, over {(last - first) / NANOSECONDS:g} s; "
             "choose a lower one"
         )
     if count * numbers > max(MOST_NUMBERS, samples * numbers):
         raise InputRefused(
-            f"--rate {rate:g}: makes {count} rows of {numbers} numbers, {8e-9 * count * numbers:.3g} GB; choose a "
-            "lower one, or fewer signals with --signals"
+            f"rate {rate:g} Hz: makes {count} rows of {numbers} numbers, {8e-9 * count * numbers:.3g} GB; choose a "
+            "lower one, or fewer signals"
         )
     return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)
 
@@ -150,7 +150,7 @@ def write_csv(path: Path, table: SignalTable) -> None:
     """
     heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
     if twice := [head for head, count in Counter(heads).items() if count > 1]:
-        raise InputRefused(f"{path}: two columns would be named {visible(twice[0])}; leave one out with --signals")
+        raise InputRefused(f"{path}: two columns would be named {visible(twice[0])}; leave one of them out")
     columns = [table.t, *(column.values for column in table.columns)]
     with written(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         csv.writer(file, lineterminator="\n").writerow(heads)
@@ -174,7 +174,7 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
+        raise InputRefused("Parquet needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
     fields = [pa.field("t", pa.float64(), False, {"unit": "s", "meaning": "simulation time"})]
     arrays = [pa.array(table.t)]
     for column in table.columns:
@@ -229,5 +229,5 @@ def _texts(values: np.ndarray) -> list[str]:
 def _variable(name: str) -> str:
     variable = name.replace("/", "_")
     if len(variable) > LONGEST_NAME:
-        raise InputRefused(f"--mat: {name} is longer than the {LONGEST_NAME} letters MATLAB reads; leave it out")
+        raise InputRefused(f"{name} is longer than the {LONGEST_NAME} letters MATLAB reads; leave it out")
     return variable
