@@ -25,8 +25,8 @@ from twin.report.explore import session as module
 from twin.report.explore.session import SAMPLES, STEP, ForceStrip, LiveSession
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live.server import Broadcast, LiveServer
-from twin.studies.shadow import LINE, PROPOSAL
 from twin.studies.replay.parts import Happening
+from twin.studies.shadow import LINE, PROPOSAL
 from twin.studies.shadow.seen import ShadowViewer
 
 LATEST = 30.0
