@@ -11,9 +11,9 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.statics import motor_load_torque
-from twin.robot.plant.component import OUTPUTS, STILL, inputs, resting, settle
+from twin.robot.plant.component import NO_MOTION, PLANT_OUTPUTS, rest_state, settle
 from twin.robot.plant.contact import apex_frame, touch
-from twin.robot.plant.dynamics import PARAMETERS, PlantParameters, spring_deflection, spring_stiffness
+from twin.robot.plant.dynamics import PARAMETERS_RECORD, PlantParameters, spring_deflection, spring_stiffness
 from twin.robot.run.trace import Trace
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.mechanism import Mechanism
@@ -33,14 +33,14 @@ class EnginesPlant:
     """
 
     inputs: tuple[Port, ...] = inputs(moving=False, ramp=False)
-    outputs: tuple[Port, ...] = OUTPUTS
+    outputs: tuple[Port, ...] = PLANT_OUTPUTS
     sampled = False
 
     def __init__(self, mechanism: Mechanism, parameters: PlantParameters, x: Numbers, theta_m: Numbers):
         self._mechanism, self._x = mechanism, x.copy()
         self._parameters = parameters
         # a record is handed to compiled code faster than a tuple, but has no attributes in Python
-        self._record: Any = memory_of(PARAMETERS, **parameters._asdict())[0]
+        self._record: Any = memory_of(PARAMETERS_RECORD, **parameters._asdict())[0]
         self._apex = apex_frame(parameters)
         self.first = np.concatenate(self._answer(theta_m))
 
@@ -53,7 +53,7 @@ class EnginesPlant:
         k_3 = self._moved(x + 0.5 * h * k_2, theta_m)
         k_4 = self._moved(x + h * k_3, theta_m)
         x += h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        settle.compiled(self._record, self._apex, x, STILL, STILL)
+        settle.compiled(self._record, self._apex, x, NO_MOTION, NO_MOTION)
         y[:] = np.concatenate(self._answer(theta_m))
 
     def _moved(self, x: Numbers, theta_m: Numbers) -> Numbers:
@@ -72,7 +72,7 @@ class EnginesPlant:
         return np.concatenate([x[3:6], bodies.acceleration(forces)[mechanism.platform], contact[4:]])
 
     def _answer(self, theta_m: Numbers) -> tuple[Any, ...]:
-        """Values of `OUTPUTS`."""
+        """Values of `PLANT_OUTPUTS`."""
         mechanism, c, x = self._mechanism, self._parameters, self._x
         self._bodies = self._at(x)
         theta_l, omega_l = mechanism.theta_l, mechanism.omega_l
@@ -88,11 +88,11 @@ class EnginesPlant:
 def run(experiment: Experiment) -> Trace:
     """The run of an experiment on the scale, with the engine's robot for a plant."""
     parameters = plant_parameters(experiment.plant, experiment.contact)
-    x, theta_m = resting(parameters, experiment.start)
+    x, theta_m = rest_state(parameters, experiment.start)
     plant = EnginesPlant(Mechanism(parameters), parameters, x, theta_m)
     trace = Trace()
     with assemble(
         experiment, {"plant": PythonComponent("plant", plant, initial_outputs=plant.first.tolist())}
     ) as assembly:
-        simulate(assembly, experiment.duration_ticks, [trace]).completed()
+        simulate(assembly, experiment.duration_ticks, [trace]).require_success()
     return trace

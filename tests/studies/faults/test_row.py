@@ -53,13 +53,13 @@ def test_of_a_fault_that_ends_only_the_bound_is_asked():
 
 
 def test_seeing_in_time_what_was_said_to_be_invisible_is_told():
-    assert not row("breathing", 5.0, felt(8.0, 1.0, "FORCE", 0.5)).as_stated
-    assert row("breathing").as_stated
-    assert row("drive_runaway", 2.0, SEEN).as_stated
+    assert not row("breathing", 5.0, felt(8.0, 1.0, "FORCE", 0.5)).matches_statement
+    assert row("breathing").matches_statement
+    assert row("drive_runaway", 2.0, SEEN).matches_statement
 
 
 def test_facts_carry_their_units_and_the_magnitude_its_catalogues_key():
-    facts = row("surface_jump", 5.0).facts()
+    facts = row("surface_jump", 5.0).to_dict()
     assert facts["magnitude_mm"] == 5.0 and facts["limit_N"] == 15.0
     assert facts["with_monitor"]["peak_N"] == 8.0
-    assert row("drive_dead", None).facts()["magnitude"] is None
+    assert row("drive_dead", None).to_dict()["magnitude"] is None

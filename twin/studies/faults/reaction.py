@@ -11,13 +11,13 @@ from twin.robot.run.runs import Outcome
 from twin.studies.faults.onsets import CONTACT_FORCE, FORCE_SIGNAL, PLACE_SIGNAL
 
 SPEED_SIGNAL = "plant.v_B"
-SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
+TRIAL_SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
 """Signals that a reaction is computed from."""
 BEARABLE_FORCE = 10.0
 """Force (N) below which the time counts as bearable: that of a firm thumb, and two thirds of the force limit."""
 LAST_TIME = 0.1
 """Time (s) at the end of a run over which the remaining force is averaged."""
-FAILURE = "FAILURE"
+FAILURE_REASON = "FAILURE"
 """Reason of a run that the fault itself ended."""
 
 End = Literal["finished", "retracted", "held", "power off", "run ended"]
@@ -98,7 +98,7 @@ def reaction(run: Outcome, experiment: Experiment, onset: int, digest: bool = Tr
         acted=None if seen is None or trip is None else seen + tick * experiment.controller.bus_delay_ticks,
         power_off=None if off is None else tick * (off - onset),
         below=0.0 if not len(high) else None if high[-1] == len(force) - 1 else tick * (int(high[-1]) + 1),
-        reason=trip.reason.name if trip else FAILURE if at_fault else "",
+        reason=trip.reason.name if trip else FAILURE_REASON if at_fault else "",
         peak=float(force.max()),
         peak_delay=float(tick * force.argmax()),
         above=float(tick * np.count_nonzero(force > limit)),

@@ -14,9 +14,9 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.faults.cases import faults_of
-from twin.studies.faults.offsets import HERE, moved_settings
+from twin.studies.faults.offsets import NO_OFFSET, moved_settings
 from twin.studies.faults.onsets import checked_healthy_run, onsets_of, touching
-from twin.studies.faults.reaction import SIGNALS, Reaction, reaction
+from twin.studies.faults.reaction import TRIAL_SIGNALS, Reaction, reaction
 
 MAX_PASTS = 4
 """Pasts of one experiment: with and without the monitor, with and without a surface that moves."""
@@ -41,14 +41,14 @@ class Stage:
         self,
         experiment: Experiment,
         body: str = "",
-        offset: tuple[float, float] = HERE,
+        offset: tuple[float, float] = NO_OFFSET,
         settings: Sequence[str] = (),
         onsets: Sequence[float] = (),
         share: bool = True,
     ):
         self.experiment, self.body, self.offset, self.settings = experiment, body, offset, tuple(settings)
         self._onsets, self._share = tuple(onsets), share
-        self._runs = Runs(RunRequest(SIGNALS, idle=True), most=MAX_PASTS if share else 0)
+        self._runs = Runs(RunRequest(TRIAL_SIGNALS, idle=True), most=MAX_PASTS if share else 0)
         self._trips: dict[tuple[Fault, ...], float] = {}
 
     def __enter__(self) -> Self:
@@ -139,7 +139,7 @@ def load_stage(
     path: Path,
     settings: Sequence[str] = (),
     body: str | None = None,
-    offset: tuple[float, float] = HERE,
+    offset: tuple[float, float] = NO_OFFSET,
     drive: str | None = None,
     onsets: Sequence[float] = (),
     share: bool = True,

@@ -81,7 +81,7 @@ class FilterFeed:
         self._last = t
 
 
-def followed(shadow: Shadow, samples: RobotSamples) -> Columns:
+def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
     """What the filter says at each of `samples`, by `layout.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
 
     Raises:
