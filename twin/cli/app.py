@@ -61,7 +61,7 @@ def parameters(function: Callable[..., Any]) -> list[click.Parameter]:
     """Arguments and options of a study, and those that it shares."""
     own = inspect.signature(function).parameters
     options = {key: (found.annotation, found.default) for key, found in own.items() if key not in ("say", "reporter")}
-    options |= {key: SHARED_OPTIONS[key] for key in vars(function)["study"].shared() if key not in own}
+    options |= {key: SHARED_OPTIONS[key] for key in vars(function)["study"].shared_options() if key not in own}
     return [_parameter(key, *option) for key, option in options.items()]
 
 

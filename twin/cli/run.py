@@ -154,7 +154,7 @@ class RunPageWriter:
 
         return hear
 
-    def __enter__(self) -> "Reported":
+    def __enter__(self) -> "RunPageWriter":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:

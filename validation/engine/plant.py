@@ -11,7 +11,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.statics import motor_load_torque
-from twin.robot.plant.component import NO_MOTION, PLANT_OUTPUTS, rest_state, settle
+from twin.robot.plant.component import NO_MOTION, PLANT_OUTPUTS, plant_inputs, rest_state, settle
 from twin.robot.plant.contact import apex_frame, touch
 from twin.robot.plant.dynamics import PARAMETERS_RECORD, PlantParameters, spring_deflection, spring_stiffness
 from twin.robot.run.trace import Trace
@@ -32,7 +32,7 @@ class EnginesPlant:
         x, theta_m: state (8,) and motor angles (3,) to begin with.
     """
 
-    inputs: tuple[Port, ...] = inputs(moving=False, ramp=False)
+    inputs: tuple[Port, ...] = plant_inputs(moving=False, ramp=False)
     outputs: tuple[Port, ...] = PLANT_OUTPUTS
     sampled = False
 
@@ -53,7 +53,7 @@ class EnginesPlant:
         k_3 = self._moved(x + 0.5 * h * k_2, theta_m)
         k_4 = self._moved(x + h * k_3, theta_m)
         x += h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        settle.compiled(self._record, self._apex, x, NO_MOTION, NO_MOTION)
+        settle.dispatcher(self._record, self._apex, x, NO_MOTION, NO_MOTION)
         y[:] = np.concatenate(self._answer(theta_m))
 
     def _moved(self, x: Numbers, theta_m: Numbers) -> Numbers:
@@ -66,7 +66,7 @@ class EnginesPlant:
     def _rate(self, x: Numbers, theta_m: Numbers, bodies: Constrained) -> Numbers:
         """dx/dt of the state `x` (8,), in which the mechanism is."""
         mechanism = self._mechanism
-        contact = touch.compiled(self._record, self._apex, *x)
+        contact = touch.dispatcher(self._record, self._apex, *x)
         forces = mechanism.on_arms(spring_torques(self._parameters, theta_m, mechanism.theta_l, mechanism.omega_l))
         forces[mechanism.platform] = [-force for force in contact[:3]]
         return np.concatenate([x[3:6], bodies.acceleration(forces)[mechanism.platform], contact[4:]])
@@ -80,7 +80,7 @@ class EnginesPlant:
             motor_load_torque(spring_stiffness(c, leg), spring_deflection(c, leg, theta_m[leg], theta_l[leg]))
             for leg in range(3)
         ]
-        contact = touch.compiled(self._record, self._apex, *x)
+        contact = touch.dispatcher(self._record, self._apex, *x)
         tau_l = spring_torques(c, theta_m, theta_l, omega_l)
         return x[:3], x[3:6], theta_l, omega_l, tau_l, load, contact[:3], contact[3:4], x[6:]
 

@@ -86,7 +86,7 @@ class TwinsRobot:
     @staticmethod
     def _accelerated(c: PlantParameters, p_B: Numbers, v_B: Numbers, theta_m: Numbers) -> Numbers:
         state = tuple(p_B), tuple(v_B), (0.0, 0.0), tuple(theta_m)
-        return np.array(acceleration.compiled(c, *state, NO_MOTION, NO_MOTION, apex_frame(c), NO_ANCHOR)[0])
+        return np.array(acceleration.dispatcher(c, *state, NO_MOTION, NO_MOTION, apex_frame(c), NO_ANCHOR)[0])
 
 
 class EnginesRobot:

@@ -197,7 +197,7 @@ class Deadlines:
     def paced_advance(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
         """`advance`, which calls `ticks`, a function of C like it, with the memory at `loop`."""
         self.memory["advance"], self.memory["loop"] = ctypes.cast(ticks, ctypes.c_void_p).value, loop
-        found: Callable[[int, int, int, int], int] = advance.native.called
+        found: Callable[[int, int, int, int], int] = advance.native.c_function
         return found
 
     @property

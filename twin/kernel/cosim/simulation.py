@@ -104,7 +104,7 @@ class Simulation:
         self._unchanged = [change.memory.copy() for change in system.changes]
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
-        self._advance = advance.native.called
+        self._advance = advance.native.c_function
         self._advance(self._address, 0, 0, 0)
         self._deadlines: Deadlines | None = None
 
@@ -340,5 +340,5 @@ class Simulation:
         tick = self.next_tick - (culprit >= self.system.sampled)
         component = self.system.components[culprit]
         self.culprit = component.name
-        kind = EndRequest if component.asks_to_end(status) else ComponentFailed
+        kind = EndRequest if component.requests_end(status) else ComponentFailed
         return kind(failure_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

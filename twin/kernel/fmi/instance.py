@@ -291,7 +291,7 @@ class Instance:
         description, here = self.description, working_directory()
         try:
             with groups.announce_call(description.path.name, self.name, "the loading of its binary"):
-                return self.standard.loaded(self)
+                return self.standard.load_binary(self)
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
@@ -308,7 +308,7 @@ class Instance:
         if not self.fmu.component:
             raise InputRefused(
                 f"{self.description.path}: {self.description.prefix}Instantiate refused{self._quoted_messages()}; "
-                f"{self.standard.why_refused(self)}"
+                f"{self.standard.refusal_reason(self)}"
             )
 
     def _initialise(self) -> None:

@@ -63,7 +63,7 @@ _OTHER_KIND_FUNCTIONS = {
 class _LazyFunctions(dict[str, Any]):
     """Functions of `slave` by their names, found when they are asked for: a run calls a third of them."""
 
-    def __init__(self, slave: "_Remembering"):
+    def __init__(self, slave: "_SignatureCache"):
         super().__init__()
         # the slave holds this
         self._slave = proxy(slave)
@@ -420,7 +420,7 @@ def _leave_event_mode(instance: Instance) -> None:
     e["clocks"], e["clock_table"] = len(instance.clocks), instance.clocks.ctypes.data
     e["next"], e["returned"] = instance.planned.ctypes.data, instance.returned.ctypes.data
     # compiled before the call is announced: the FMU is not to be charged with it
-    settled = update_discrete_states.native.called
+    settled = update_discrete_states.native.c_function
     with instance.calling("UpdateDiscreteStates"):
         status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
     if status != 0:

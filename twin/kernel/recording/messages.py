@@ -292,7 +292,7 @@ class Filling:
             rows = np.ascontiguousarray(rows, dtype=FLOAT_TYPE)
         stride, step = len(self.template), rows.strides[0] // FLOAT_BYTES
         # addresses all of them: an entry would look for arrays among its arguments
-        whole: int = _fill.native.called(
+        whole: int = _fill.native.c_function(
             to, count, stride, self._template_at, times, first_sequence, address_of(rows[:1]), step,
             self._places_at, len(self._places),
         )  # fmt: skip

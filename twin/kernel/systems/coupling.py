@@ -111,7 +111,7 @@ def initialise_fmus(
     folders: Mapping[str, Path],
     made: ExitStack,
     given: Mapping[str, np.ndarray],
-    solved: Sequence["_Solved"] = (),
+    solved: Sequence["_SolvableLoop"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
 ) -> InitialFmus:

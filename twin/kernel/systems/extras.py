@@ -54,7 +54,7 @@ class SystemExtras:
     ignored: tuple[str, ...] = ()
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def __add__(self, other: "Beside") -> "Beside":
+    def __add__(self, other: "SystemExtras") -> "SystemExtras":
         """Both together."""
         return SystemExtras(
             self.components + other.components,

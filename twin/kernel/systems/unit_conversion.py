@@ -29,7 +29,7 @@ class AffineMap(NamedTuple):
         """What a value at the start becomes."""
         return (value - self.shift) / self.gain
 
-    def chain(self, way: "Way") -> "Way":
+    def chain(self, way: "AffineMap") -> "AffineMap":
         """This way, and then another one."""
         return AffineMap(self.gain * way.gain, self.gain * way.shift + self.shift)
 

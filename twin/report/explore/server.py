@@ -392,7 +392,7 @@ class PageLink:
     async def _reply(self, ask: Mapping[str, Any], found: Mapping[str, Any]) -> None:
         await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
 
-    async def _answer(self, lane: "Lane") -> None:
+    async def _answer(self, lane: "RequestQueue") -> None:
         while True:
             ask = await lane.next()
             if ask["op"] in PAGE_OPERATIONS:

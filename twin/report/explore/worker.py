@@ -138,7 +138,7 @@ def _check_duration(experiment: Experiment) -> Experiment:
     return experiment
 
 
-def _run_state(state: PageState, experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
+def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", only: frozenset[str]) -> dict[str, Any]:
     """What a run of `experiment`, which is `state`, comes to; only those signals of it are kept; none: all of them."""
     trace, events = Trace(only=only), EventLog()
     with assemble(experiment) as assembly:
@@ -204,7 +204,7 @@ class ViewRequest(NamedTuple):
         return (tuple(self.titles), self.robot, self.listed, self.layout)
 
     @classmethod
-    def from_request(cls, ask: Mapping[str, Any]) -> "Look":
+    def from_request(cls, ask: Mapping[str, Any]) -> "ViewRequest":
         """Return the view that a checked request asks for."""
         titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
         if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):

@@ -77,7 +77,7 @@ class SharedPrefix:
         if share:
             self._make(observers)
 
-    def __enter__(self) -> "SharedPast":
+    def __enter__(self) -> "SharedPrefix":
         return self
 
     def __exit__(self, *failure: object) -> None:

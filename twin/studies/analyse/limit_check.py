@@ -65,7 +65,7 @@ class LimitCheck:
         """`low` and `high`."""
         return self.low, self.high
 
-    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated simulated_between=between reason"
+    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated=simulated_limit simulated_between=limit_bounds reason"
 
 
 def check_limit(

@@ -68,7 +68,7 @@ class PointStability:
 
     JSON_KEYS = (
         "name=linear.point.name p_B=linear.point.p_B F_z=linear.point.F_z force_loop=linear.point.force_on "
-        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest least_damped"
+        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest_poles least_damped=least_damped_pole"
     )
 
 

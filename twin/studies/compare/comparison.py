@@ -114,7 +114,7 @@ class Comparison:
         """Whether no signal leaves its tube."""
         return not self.outside
 
-    JSON_KEYS = "a b identical inside covered=least_covered.1 shift=shift.seconds rows only_a only_b notes"
+    JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"
 
 
 def compare_logs(

@@ -36,8 +36,8 @@ def _excess_claim(figure: str, quote: str, share: float, why: str) -> Claim:
 def _trip_claim(figure: str) -> Claim:
     return Claim(
         "tripped", "safety monitor trips", figure, "ours: a massage that is broken off is none",
-        lambda run: float(run.tripped), high=0.0, digits=0, source="ours: none",
-        trivial=lambda run: "" if run.watched else "the run had no safety monitor",
+        lambda run: float(run.has_trip), high=0.0, digits=0, source="ours: none",
+        trivial=lambda run: "" if run.has_monitor else "the run had no safety monitor",
     )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ ROLL_CLAIMS = (
     ),
 )  # fmt: skip
 
-_pushing = lambda run: run.during(PhaseKind.PUSH)  # noqa: E731
+_pushing = lambda run: run.phase_mask(PhaseKind.PUSH)  # noqa: E731
 _farthest_off = measure.masked_measure(_pushing, lambda run, on: float(np.max(np.abs(measure.off_line(run, on)))))
 PUSH_CLAIMS = (
     *_common_claims("5 D", "goes down slowly with an adjustable force", "goes down slowly with an adjustable force"),

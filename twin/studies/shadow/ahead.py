@@ -257,7 +257,7 @@ class SessionBranches:
                 self.changed[-1].refuse_other_law(self.own.law, f"--what-if {name}: ")
             self._closing = made.pop_all()
 
-    def __enter__(self) -> "Ahead":
+    def __enter__(self) -> "SessionBranches":
         return self
 
     def __exit__(self, *failure: object) -> None:

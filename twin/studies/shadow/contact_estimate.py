@@ -119,7 +119,7 @@ class ContactEstimate:
         ]
         self._solve_zeros()
 
-    def snapshot(self) -> "Surroundings":
+    def snapshot(self) -> "ContactEstimate":
         """As they are now, for good."""
         found = copy(self)
         found._touch = self._touch.copy()

@@ -32,7 +32,7 @@ class CategoricalColumn:
     categories: Sequence[Any]
 
     @classmethod
-    def from_values(cls, values: Sequence[Any]) -> "Words":
+    def from_values(cls, values: Sequence[Any]) -> "CategoricalColumn":
         """The column of `values`."""
         typed = list(zip(map(type, values), values, strict=True))
         codes = {word: code for code, word in enumerate(dict.fromkeys(typed))}
@@ -44,7 +44,7 @@ class CategoricalColumn:
     def __iter__(self) -> Iterator[Any]:
         return (self.categories[code] for code in self.codes.tolist())
 
-    def select(self, rows: Positions | NDArray[np.bool_]) -> "Words":
+    def select(self, rows: Positions | NDArray[np.bool_]) -> "CategoricalColumn":
         """The column of those rows."""
         return CategoricalColumn(self.codes[rows], self.categories)
 

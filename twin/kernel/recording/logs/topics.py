@@ -264,7 +264,7 @@ class TopicReading:
         invalid = self.t[numbers.invalid]
         return LogSeries(t, values, factor.si, np.sort(invalid[np.isfinite(invalid)]))
 
-    def _stamp_times(self, time: MappedColumn, stamps: "Numbers | LogRefused", count: int) -> NDArray[np.float64]:
+    def _stamp_times(self, time: MappedColumn, stamps: "Numbers | LogError", count: int) -> NDArray[np.float64]:
         """Times of the `count` messages by their stamps (s); NaN for one without a stamp."""
         if isinstance(stamps, LogError):
             raise stamps
