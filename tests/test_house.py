@@ -60,13 +60,14 @@ def test_a_type_of_a_folder_is_that_of_no_other_one(tmp_path: Path) -> None:
 def test_every_measure_of_a_package_is_counted(tmp_path: Path) -> None:
     files = {
         "__init__": "",
-        "one": '"""A.\n\nB.\n\nC.\n"""\nclass FaultTrial: ...\nX = 1\n',
-        "room/a": "from p.room import b\nclass Trials: ...\nclass Runs: ...\n",
+        "one": '"""A.\n\nB.\n\nC.\n"""\nclass FaultTrial: ...\nX = 1\nY_MAX = 1\n',
+        "room/a": "from p.room import b\nclass Trials: ...\nclass Runs:\n    def held(): ...\n"
+        "class Apart:\n    MOST = 1\n",
         "room/b": "def f():\n    import p.room.a\n",
     }
     rows = {row.name: row.now for row in measures(sources(_package(tmp_path, files)), 5)}
     assert list(rows) == [*(one.name for one in IDEAS), *(name for name, *_ in MEASURES)]
-    assert list(rows.values()) == [1, 0, 2, 0, 0, 0, 0, 1, 1, 5, 1, 13]
+    assert list(rows.values()) == [1, 0, 2, 0, 0, 0, 0, 1, 1, 2, 1, 2, 5, 1, 17]
 
 
 def _package(folder: Path, files: dict[str, str]) -> Path:
