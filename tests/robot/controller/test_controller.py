@@ -37,14 +37,14 @@ def estimates(F_z, p_B=POINT, J=J_HOME):
 
 def pressed(law, forces):
     """Outputs by port over ticks with the estimated pressing force `forces` (N), the platform at home."""
-    ticks = [law.named(estimates(F_z), k * T_s, T_s) for k, F_z in enumerate(forces)]
+    ticks = [law.outputs_by_port(estimates(F_z), k * T_s, T_s) for k, F_z in enumerate(forces)]
     return {name: np.array([tick[name] for tick in ticks]).squeeze() for name in ticks[0]}
 
 
 @given(positions())
 def test_position_loop_turns_the_cartesian_error_into_motor_speeds(p_B):
     J = jacobian(GEOMETRY, p_B)
-    found = law_of().named(estimates(0.0, p_B, J.ravel()))["omega_ref"]
+    found = law_of().outputs_by_port(estimates(0.0, p_B, J.ravel()))["omega_ref"]
     # rounding of speeds below 8 rad/s
     np.testing.assert_allclose(found, 2.0 * J @ (KP * (POINT - p_B)), rtol=0, atol=1e-13)
 
@@ -53,7 +53,7 @@ def test_position_loop_turns_the_cartesian_error_into_motor_speeds(p_B):
 def test_commanded_speeds_and_correction_stay_within_their_limits(p_B, F_z):
     law = law_of(position=1000.0, force=Gains(1.0, 1.0, 0.1))
     for k in range(5):
-        found = law.named(estimates(F_z, p_B, jacobian(GEOMETRY, p_B).ravel()), k * T_s, T_s)
+        found = law.outputs_by_port(estimates(F_z, p_B, jacobian(GEOMETRY, p_B).ravel()), k * T_s, T_s)
         assert np.abs(found["omega_ref"]).max() <= LAW.omega_max
         assert abs(found["dp_z"][0]) <= LAW.dp_z_max
 

@@ -90,7 +90,7 @@ def test_the_map_meets_the_limit_at_the_experiment_s_own_stiffness(fig4):
 
 def test_facts_are_json_without_nan(fig4, too_much):
     for done in (fig4, too_much):
-        assert json.loads(json.dumps(done.facts(), allow_nan=False))["stable"] is done.stable
+        assert json.loads(json.dumps(done.to_dict(), allow_nan=False))["stable"] is done.stable
 
 
 def test_a_monitor_that_passes_commands_on_late_is_refused():
