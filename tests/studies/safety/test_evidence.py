@@ -89,13 +89,13 @@ def test_shares_are_counted_by_origin():
     grid = [run(felt(1.0)), run(unseen(1.0)), run(None)]
     search = [run(felt(1.0), found="search")] * 4
     draws = [
-        run(felt(20.0), unwatched=unseen(30.0), found="draw"),
+        run(unseen(20.0), unwatched=unseen(30.0), found="draw"),
         run(felt(23.0), unwatched=unseen(30.0), found="draw"),
         run(unseen(9.0), unwatched=unseen(0.0, failure="left the workspace"), found="draw"),
         run(unseen(9.0), unwatched=unseen(9.0), found="draw"),
     ]
     one = line(*grid, *search, *draws)
-    assert (one.detected, one.searched, one.drawn, one.dangerous) == ((1, 2), 4, (2, 4), (2, 3))
+    assert (one.detected, one.searched, one.drawn, one.dangerous) == ((1, 2), 4, (1, 4), (2, 3))
 
 
 def test_the_facts_of_a_line_have_its_worst_run_shares_and_evidence():
@@ -107,6 +107,8 @@ def test_the_facts_of_a_line_have_its_worst_run_shares_and_evidence():
     assert facts["drawn"]["count"] == facts["drawn"]["of"] == 1 and facts["drawn"]["interval"][1] == 1.0
     assert len(facts["evidence"]) == 2 and facts["variants"] == {"clutch": (3.0, 1.0)}
     assert facts["limit_key"] == "limit_N" and facts["causes"] == ["drive_runaway of all drives"]
+    unnoticed = line(run(unseen(1.0), unwatched=unseen(30.0), found="draw")).facts()
+    assert (unnoticed["drawn"]["count"], unnoticed["drawn"]["of"]) == (0, 1)
     endless = line(run(felt(20.0, below=None)), of=hazard("limit_s")).facts()
     assert endless["value"] is None and endless["drawn"] is None and endless["dangerous"] is None
 

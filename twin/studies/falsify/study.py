@@ -92,8 +92,10 @@ def falsify(
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import Source, override
-    from twin.studies.falsify.search import TRIAL, Judge, Search, requirements_of
-    from twin.studies.falsify.space import Found, Holes, Space, falsify_result, header, known_sets
+    from twin.studies.falsify.judge import TRIAL, Judge, requirements_of
+    from twin.studies.falsify.search import Search
+    from twin.studies.falsify.space import Space, known_sets
+    from twin.studies.falsify.text import Found, Holes, falsify_result, header
     from twin.studies.faults.cases import cases
     from twin.studies.left_behind import held_folder
     from twin.studies.sweep.engine import Job, run_pool

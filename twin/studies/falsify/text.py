@@ -1,0 +1,256 @@
+"""Result of the search, as text of at most 80 columns and for JSON."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from twin.robot.experiment.together import AND, OF, THEN, named_set
+from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, alone, offset_text
+from twin.studies.faults.text import magnitude_text
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
+
+COLUMNS = (
+    Column("", 23, left=True),
+    Column("distance", 10),
+    Column("magnitude", 11),
+    Column("onset", 8),
+    Column("target", 15, left=True),
+    Column("run", 4),
+    Column(left=True),
+)
+MAX_SHOWN = 5
+"""Maximum number of kinds shown that do not violate, nearest first."""
+
+
+@dataclass(frozen=True)
+class Holes:
+    """Of the kinds of which no run violates what is required.
+
+    Attributes:
+        untried: places where no run of the kind was made, by kind.
+        places: of each kind, how many it has.
+        ended: runs that did not come to their end, by kind, each with the reason.
+        runs: of each kind, how many were made.
+    """
+
+    untried: Mapping[str, Sequence[Place]]
+    places: Mapping[str, int]
+    ended: Mapping[str, Sequence[tuple[TriedFault, Ended]]]
+    runs: Mapping[str, int]
+
+    @classmethod
+    def of(
+        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, Ended], violating: Collection[str]
+    ) -> Self:
+        """Those of a search.
+
+        Args:
+            space: where it looked.
+            tried: its runs.
+            ended: those that did not come to their end.
+            violating: kinds that were found to violate.
+        """
+        kinds = [kind for kind in space.kinds if kind not in violating]
+        places = {kind: space.places(kind) for kind in kinds}
+        # a run that was refused tried nothing
+        been = {(wrong.kind, space.place(wrong)) for wrong in tried if wrong not in ended or not ended[wrong].refused}
+        untried = {kind: [place for place in places[kind] if (kind, place) not in been] for kind in kinds}
+        broken = {kind: [(wrong, end) for wrong, end in ended.items() if wrong.kind == kind] for kind in kinds}
+        return cls(
+            {kind: some for kind, some in untried.items() if some},
+            {kind: len(some) for kind, some in places.items()},
+            {kind: some for kind, some in broken.items() if some},
+            {kind: sum(wrong.kind == kind for wrong in tried) for kind in kinds},
+        )
+
+    @property
+    def not_violated(self) -> list[str]:
+        """Kinds of which every run came to its end, and none violated what is required."""
+        return [kind for kind in self.places if kind not in self.ended]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "not_violated": self.not_violated,
+            # the name of 1.0
+            "kept": self.not_violated,
+            "not_tried": [
+                {
+                    "kind": kind,
+                    "target": place.target,
+                    "way": place.ways[0] if len(place.ways) == 1 else list(place.ways),
+                    "body": place.body,
+                }
+                for kind, some in self.untried.items()
+                for place in some
+            ],
+            "ended_early": [
+                {**vars(wrong), "offset_m": list(wrong.offset), "refused": end.refused, "reason": end.reason}
+                for some in self.ended.values()
+                for wrong, end in some
+            ],
+        }
+
+    def lines(self) -> list[str]:
+        """Sentences of at most 80 columns, if there is anything to say."""
+        lines = []
+        for refused, what in ((False, "Ended by a component that failed, judged until then"), (True, "Refused")):
+            cut_short = []
+            reasons = []
+            for kind, some in self.ended.items():
+                of_these = [end.reason for _, end in some if end.refused == refused]
+                if of_these:
+                    cut_short.append(f"{kind} ({len(of_these)} of {counted(self.runs[kind], 'run')})")
+                    reasons += of_these
+            if cut_short:
+                first = (reasons[0].splitlines() or ["no reason was given"])[0]
+                lines += wrapped(f"{what}: {', '.join(cut_short)}. The first: {first}")
+        if self.untried:
+            left = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
+            number = sum(map(len, self.untried.values()))
+            text = (
+                f"Not tried, {counted(number, 'place')} (target, sign, body; --runs N tries more): {', '.join(left)}."
+            )
+            lines += wrapped(text)
+        return lines
+
+
+@dataclass(frozen=True)
+class Found:
+    """The nearest run of one kind.
+
+    Attributes:
+        wrong: what was wrong in it.
+        distances: by the name of the requirement.
+        share: the smallest of them as a share of the healthy one.
+        run: its number, from 1.
+        first: number of the first run of this kind that violated; None: none did.
+        ended: why the run did not come to its end; None: it did.
+    """
+
+    wrong: TriedFault
+    distances: dict[str, float]
+    share: float
+    run: int
+    first: int | None
+    ended: Ended | None = None
+
+    def facts(self, space: Space) -> dict[str, Any]:
+        """For JSON."""
+        wrong, known = self.wrong, alone(self.wrong.kind)
+        return {
+            "kind": wrong.kind,
+            "target": wrong.target,
+            (known and known.magnitude_key) or "magnitude": wrong.magnitude,
+            "shares": list(wrong.shares),
+            "offset_mm": [1e3 * each for each in wrong.offset],
+            "onset_s": space.onset(wrong),
+            "after_trip_s": wrong.delay * space.tick if THEN in wrong.kind else None,
+            "body": wrong.body,
+            "seed": wrong.seed,
+            "distances": self.distances,
+            "share": self.share,
+            "run": self.run,
+            "first_violating_run": self.first,
+            "ended": self.ended and self.ended.reason,
+        }
+
+
+def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -> list[str]:
+    """Comments of the experiment that keeps `found`."""
+    lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
+    return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
+
+
+def falsify_result(
+    experiment: str,
+    requirements: Sequence[Requirement],
+    found: Sequence[Found],
+    holes: Holes,
+    space: Space,
+    runs: int,
+    seconds: float,
+    folder: Path,
+) -> Result:
+    """The verdict, what is required, the kinds that violate it and the nearest that do not, what is not known, then
+    where files are.
+
+    Args:
+        found: the nearest run of each kind, the worst first.
+        holes: what was not tried, and what was not judged.
+        seconds: what all runs took together.
+    """
+    violating = [one for one in found if one.share < 0.0]
+    verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
+    if not violating:
+        count = "any" if len(holes.not_violated) == len(space.kinds) else str(len(holes.not_violated))
+        verdict = f"{experiment}  not violated by {count} of {len(space.kinds)} kinds of fault, as far as was searched"
+    last = max((one.first or 0 for one in violating), default=0)
+    when = f", the last of these kinds was found in run {last}" if violating else ""
+    nearest = [*violating, *[one for one in found if one.share >= 0.0][:MAX_SHOWN]]
+    unknown, files = holes.lines(), [f"  {folder / one.wrong.kind}.toml" for one in violating]
+    parts: list[Block] = [
+        *(f"  {r.name}  {r.formula}" for r in requirements),
+        "",
+        _table(nearest, requirements, holes, space),
+        *(["", *unknown] if unknown else []),
+        *(["", *files] if files else []),
+    ]
+    facts = {
+        "experiment": experiment,
+        "requirements": [vars(requirement) for requirement in requirements],
+        "runs": runs,
+        "seconds": seconds,
+        "found": [one.facts(space) for one in found],
+        **holes.facts,
+    }
+    headline = Note(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
+    return Result(headline, parts, facts, exit_code=1 if violating else 0)
+
+
+def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: Holes, space: Space) -> Table:
+    """One row each; names of sets are longer than those of kinds, and say where they are."""
+    rows = [_row(one, requirements, holes, space) for one in found]
+    sets = any(mark in one.wrong.kind for one in found for mark in (OF, AND, THEN))
+    name, distance, magnitude, onset, target, *rest = COLUMNS
+    if sets:
+        return Table(
+            (replace(name, width=0), distance, magnitude, onset, *rest), [r[:4] + r[5:] for r in rows], indent=0
+        )
+    return Table((name, distance, magnitude, onset, target, *rest), rows, indent=0)
+
+
+def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: Space) -> list[Cell]:
+    wrong = one.wrong
+    return [
+        ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
+        _distance(one, min(requirements, key=lambda r: one.distances[r.name])),
+        size_text(wrong),
+        f"{space.onset(wrong):.3f} s",
+        wrong.target,
+        one.run,
+        " ".join(
+            filter(
+                None,
+                (
+                    f"2nd {wrong.delay * space.tick:.3g} s later" if THEN in wrong.kind else "",
+                    f"on {wrong.body}" if wrong.body else "",
+                    offset_text(wrong.offset),
+                ),
+            )
+        ),
+    ]
+
+
+def _distance(found: Found, requirement: Requirement) -> str:
+    return f"{found.distances[requirement.name]:.4g} {requirement.unit}"
+
+
+def size_text(wrong: TriedFault) -> str:
+    """A magnitude, or of a set of several faults the share of each, as people write it."""
+    parts = named_set(wrong.kind)
+    if len(parts) > 1:
+        return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"
+    return magnitude_text(parts[0].kind, wrong.magnitude)
