@@ -255,6 +255,26 @@ def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_ba
     assert old.F_z[500:].max() > 5.0
 
 
+def test_a_motor_that_races_up_after_the_retraction_loses_its_power_before_it_has_gone_three_degrees():
+    run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(-8.0), ticks=600)
+    off = run.monitor.power_off_tick
+    # its low-passed speed is known after 5 ms; 3 degrees and the travel of the slowest drive take 34 ms
+    assert off is not None and off - 500 <= 10
+
+
+@pytest.mark.parametrize("speed", [8.0, 12.0])
+def test_a_drive_without_its_motor_encoder_that_races_after_the_retraction_is_known_by_its_joint(speed):
+    def race(omega, k):
+        if k >= 500 and (k == 500 or omega[1] != 0.0):
+            omega[1] = speed
+
+    run = Pressing(PRESSES[4], counts=dead_motor_encoder, motors=race, ticks=620)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert trip.joint == 2 and off is not None
+    # the limit of its angle takes the retraction and 3 degrees
+    assert TICK * (off - 500) < 0.8 * (LIMITS.retract + math.radians(3.0)) / speed
+
+
 def test_motors_that_creep_up_lose_their_power_three_degrees_above_the_end_of_the_retraction():
     run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(-0.3), ticks=1000)
     off = run.monitor.power_off_tick
