@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.component import SafetyMonitor
+from twin.robot.monitor.component import SEEN, SafetyMonitor
 from twin.robot.monitor.limits import Limits
 from twin.robot.monitor.reasons import Reason
-from twin.robot.monitor.safe_action import RETRACTION, Retreat, retraction_speed, retreat
+from twin.robot.monitor.safe_action import RETRACTION, Retreat, races, retraction_speed, retreat
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.encoder import Encoder, Shaft
 
@@ -240,6 +240,13 @@ def test_an_encoder_that_jumps_once_or_there_and_back_takes_no_power(size: float
     assert run.monitor.power_off_tick is None and run.F_z[-1] == 0.0
 
 
+@pytest.mark.parametrize(("retracting", "races_down"), [(True, False), (False, True)])
+def test_a_joint_whose_motor_encoder_is_doubted_may_swing_down_only_while_it_retracts(retracting, races_down):
+    seen, retraction = (np.rec.array(np.zeros(1, kind))[0] for kind in (SEEN, RETRACTION))
+    retraction.doubt_m[0], seen.omega_l[0] = 1, LIMITS.retract_speed + 1.1 * LIMITS.follow_limit
+    assert races(LIMITS, seen, retraction, 0, retracting) == races_down
+
+
 @pytest.mark.parametrize("counts", [lost_for_a_while, dead_joint_encoder, dead_motor_encoder])
 @pytest.mark.parametrize("speed", [8.0, 12.0])
 def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_back(counts, speed):
@@ -255,11 +262,11 @@ def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_ba
     assert old.F_z[500:].max() > 5.0
 
 
-def test_a_motor_that_races_up_after_the_retraction_loses_its_power_before_it_has_gone_three_degrees():
-    run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(-8.0), ticks=600)
+def test_a_motor_that_races_up_during_the_retraction_loses_its_power_at_once():
+    run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(-6.0, since=100), ticks=300)
     off = run.monitor.power_off_tick
-    # its low-passed speed is known after 5 ms; 3 degrees and the travel of the slowest drive take 34 ms
-    assert off is not None and off - 500 <= 10
+    # its low-passed speed is known after 10 ms; the limit of its angle takes 80 ms
+    assert off is not None and 0 <= off - 100 <= 20
 
 
 @pytest.mark.parametrize("speed", [8.0, 12.0])

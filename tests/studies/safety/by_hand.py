@@ -47,7 +47,7 @@ def line(*runs: EvidenceRun, of: Hazard | None = None, **values: Any) -> HazardL
 
 
 class FakeStage:
-    """A stage whose runs press the harder, the faster a drive runs away; 10 s at 1 ms.
+    """A stage whose runs press the harder, the faster a drive runs away, on a belly more; 10 s at 1 ms.
 
     Attributes:
         asked: faults of every run, and whether the monitor watched.
@@ -70,7 +70,7 @@ class FakeStage:
         if self.fails == "raises":
             raise ComponentFailed("the drive crashed")
         speeds = [fault.magnitude for fault in faults if fault.kind == "drive_runaway"]
-        peak = 2.0 * max(map(abs, speeds), default=0.0)
+        peak = (3.0 if self.body == "belly" else 2.0) * max(map(abs, speeds), default=0.0)
         one = felt(peak, failure=self.fails) if watched else unseen(3.0 * peak)
         return replace(one, digest=f"{peak:g}")
 

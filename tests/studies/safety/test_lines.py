@@ -154,8 +154,8 @@ def test_a_line_has_grid_search_and_draws_and_its_worst_run_is_compared():
     assert said == ["H1: x"] * 2
     assert [sum(run.found == origin for run in line.runs) for origin in ("grid", "search", "draw")] == [24, 8, 6]
     worst = line.worst
-    assert worst is not None and worst.watched is not None and where is not None and where.body == worst.body
-    assert worst.watched.peak == max(run.watched.peak for run in line.runs if run.watched) == 16.0
+    assert worst is not None and worst.watched is not None and where is not None and where.body == worst.body == "belly"
+    assert worst.watched.peak == max(run.watched.peak for run in line.runs if run.watched) == 24.0
     assert worst.unwatched is not None and worst.ideal is not None
     others = [run for run in line.runs if run is not worst and run.found != "draw"]
     assert all(run.unwatched is None and run.ideal is None for run in others)
