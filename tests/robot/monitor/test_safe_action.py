@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.laws.runs import PARAMETERS, Sampled
+from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.component import SEEN, SafetyMonitor
+from twin.robot.monitor.component import OBSERVATION_RECORD, SafetyMonitor
 from twin.robot.monitor.limits import Limits
 from twin.robot.monitor.reasons import Reason
-from twin.robot.monitor.safe_action import RETRACTION, Retreat, races, retraction_speed, retreat
-from twin.robot.plant.component import Plant, resting
+from twin.robot.monitor.safe_action import RETRACTION_RECORD, Retreat, is_too_fast, retraction_speed, retreat
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.encoder import Encoder, Shaft
 
 TICK = 1e-3
@@ -51,10 +51,13 @@ class Pressing:
         limits: Limits = LIMITS,
         lag: float = T_M,
     ):
-        x, theta_m = resting(PARAMETERS, p_B)
-        plant, encoder = Sampled(Plant(PARAMETERS, x, theta_m)), Sampled(Encoder(Shaft(4096), Shaft(16384)))
+        x, theta_m = rest_state(PARAMETERS, p_B)
+        plant, encoder = (
+            ComponentStepper(Plant(PARAMETERS, x, theta_m)),
+            ComponentStepper(Encoder(Shaft(4096), Shaft(16384))),
+        )
         self.monitor = SafetyMonitor(BELIEF, limits, sample_interval=2)
-        watching = Sampled(self.monitor)
+        watching = ComponentStepper(self.monitor)
         state = plant.component.initial_outputs
         omega, message, rows, truth = np.zeros(3), np.zeros(7), [], []
         for k in range(ticks):
@@ -139,7 +142,7 @@ def test_encoders_that_fail_do_not_stop_the_retraction(fault):
 @pytest.mark.parametrize("ticks", [1, 7, 300, 999])
 def test_a_retraction_of_whole_ticks_takes_just_as_many(ticks):
     limits = LIMITS._replace(retract=ticks * 1e-3 * LIMITS.retract_speed)
-    retraction = np.rec.array(np.zeros(1, RETRACTION))[0]
+    retraction = np.rec.array(np.zeros(1, RETRACTION_RECORD))[0]
     retraction.power = 1
     # the time since the trip is a multiple of the tick, give or take its last bits
     turning = [retraction_speed(limits, retraction, k * 1e-3) != 0.0 for k in range(ticks + 2)]
@@ -242,9 +245,9 @@ def test_an_encoder_that_jumps_once_or_there_and_back_takes_no_power(size: float
 
 @pytest.mark.parametrize(("retracting", "races_down"), [(True, False), (False, True)])
 def test_a_joint_whose_motor_encoder_is_doubted_may_swing_down_only_while_it_retracts(retracting, races_down):
-    seen, retraction = (np.rec.array(np.zeros(1, kind))[0] for kind in (SEEN, RETRACTION))
+    seen, retraction = (np.rec.array(np.zeros(1, kind))[0] for kind in (OBSERVATION_RECORD, RETRACTION_RECORD))
     retraction.doubt_m[0], seen.omega_l[0] = 1, LIMITS.retract_speed + 1.1 * LIMITS.follow_limit
-    assert races(LIMITS, seen, retraction, 0, retracting) == races_down
+    assert is_too_fast(LIMITS, seen, retraction, 0, retracting) == races_down
 
 
 @pytest.mark.parametrize("counts", [lost_for_a_while, dead_joint_encoder, dead_motor_encoder])

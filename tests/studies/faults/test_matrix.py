@@ -9,7 +9,7 @@ from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
 from twin.kernel.errors import InputRefused, SafetyTrip
 from twin.robot.experiment import fault
-from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, UNSEEN
+from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, NEVER_DETECTED
 from twin.robot.run.runs import Outcome
 from twin.studies.faults.cases import cases, known_kinds
 from twin.studies.faults.matrix import matrix_rows
@@ -20,16 +20,16 @@ from twin.studies.faults.text import _cells, _worst, fault_matrix_result
 
 def test_there_is_a_case_for_every_kind_magnitude_and_onset():
     made = cases(shipped("pressing"), known_kinds(()), (0.5, 5.5), None)
-    assert {case.fault.kind for case in made} == set(CATALOGUE)
-    assert len(made) == 2 * sum(len(known.magnitudes or (None,)) for known in CATALOGUE.values())
-    assert all(case.fault.end == fault.NEVER for case in made)
+    assert {case.fault.kind for case in made} == set(FAULT_KINDS)
+    assert len(made) == 2 * sum(len(known.magnitudes or (None,)) for known in FAULT_KINDS.values())
+    assert all(case.fault.end == fault.NO_END_TICK for case in made)
 
 
 def test_a_case_is_in_si_and_ticks_and_lasts_as_long_as_asked():
     (*_, case) = cases(shipped("pressing"), ("surface_jump",), (2.0,), 0.5)
     assert case.magnitude == 10.0
     assert (case.fault.magnitude, case.fault.onset, case.fault.end) == (10e-3, 2000, 2500)
-    assert case.fault.target == CATALOGUE["surface_jump"].targets[0]
+    assert case.fault.target == FAULT_KINDS["surface_jump"].targets[0]
 
 
 def test_glitches_hit_the_share_that_the_documentation_states():
@@ -98,7 +98,7 @@ def test_the_matrix_of_pressing_is_as_it_was_said_before():
 
 
 def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
-    broken = {(row.kind, row.magnitude) for row in pressing() if not row.safe}
+    broken = {(row.kind, row.magnitude) for row in pressing() if not row.is_safe}
     assert broken == {
         ("stiffness_change", 3.0),
         ("stiffness_change", 10.0),
@@ -107,13 +107,13 @@ def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
     }
 
 
-SAID = [kind for kind, known in CATALOGUE.items() if known.seen != UNSEEN and kind != "drive_failure"]
+SAID = [kind for kind, known in FAULT_KINDS.items() if known.threshold != NEVER_DETECTED and kind != "drive_failure"]
 """Of `drive_failure` no monitor is needed: the run ends."""
 
 
 @pytest.mark.parametrize("kind", SAID)
 def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(kind):
-    said = [row for row in pressing() if row.kind == kind and row.detection_expected]
+    said = [row for row in pressing() if row.kind == kind and row.expects_detection]
     assert said and all(replace(row, watched=row.unwatched).fails for row in said)
 
 
@@ -128,34 +128,34 @@ def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(
     ],
 )
 def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(kind, check):
-    assert any(row.missed for row in matrix("pressing", kind, overrides=check.split()))
+    assert any(row.misses_detection for row in matrix("pressing", kind, overrides=check.split()))
 
 
 @pytest.mark.parametrize("kind", ["stiffness_change", "surface_jump", "belt_slip"])
 def test_a_broken_bound_that_was_not_said_fails_unless_an_ideal_monitor_breaks_it_too(kind, monkeypatch):
-    monkeypatch.setitem(CATALOGUE, kind, replace(CATALOGUE[kind], beyond=None))
-    broken = [row for row in pressing() if row.kind == kind and not row.safe]
+    monkeypatch.setitem(FAULT_KINDS, kind, replace(FAULT_KINDS[kind], beyond=None))
+    broken = [row for row in pressing() if row.kind == kind and not row.is_safe]
     # the peak is over before the motors could have done anything
-    assert broken and all(row.unavoidable and not row.fails for row in broken)
+    assert broken and all(row.is_unavoidable and not row.fails for row in broken)
     assert all(replace(row, ideal=0.8 * row.watched.peak).fails for row in broken)
 
 
 def test_an_ideal_monitor_betters_encoders_that_drift_unseen(monkeypatch):
     """Cut at 15 N that force stays; without the look for a hidden one it grows to half as much again."""
-    monkeypatch.setitem(CATALOGUE, "encoder_drift", replace(CATALOGUE["encoder_drift"], beyond=None))
+    monkeypatch.setitem(FAULT_KINDS, "encoder_drift", replace(FAULT_KINDS["encoder_drift"], excess_from=None))
     unseen = matrix("pressing", "encoder_drift", overrides=["monitor.hidden_force_limit_N=1000"])
-    (late,) = (row for row in unseen if not row.safe)
+    (late,) = (row for row in unseen if not row.is_safe)
     assert late.fails and late.ideal is not None and late.ideal < 15.5 < late.watched.peak
 
 
 def test_without_the_monitor_the_matrix_is_visibly_worse():
-    detectable = [row for row in pressing() if row.detection_expected and not row.expected_beyond]
+    detectable = [row for row in pressing() if row.expects_detection and not row.expects_excess]
     worst = max(row.watched.peak for row in detectable)
     worst_unwatched = max(row.unwatched.peak for row in detectable)
     # 64 N against 17.5 N were measured
     assert worst_unwatched > 2.0 * worst
     # 6 rows beyond the bound and 14 robots that break, against none
-    assert sum(not row.safe_unwatched for row in detectable) >= 4
+    assert sum(not row.is_safe_without_monitor for row in detectable) >= 4
     ended = [row for row in detectable if row.unwatched.end == "run ended" and row.watched.end != "run ended"]
     assert len(ended) >= 10
 
@@ -166,14 +166,14 @@ def test_the_monitor_makes_no_fault_worse():
 
 
 def test_the_catalogue_says_what_the_matrix_shows():
-    assert [row for row in pressing() if not row.as_stated] == []
+    assert [row for row in pressing() if not row.matches_statement] == []
 
 
 def test_a_trip_ends_retracted_held_or_without_power_and_nothing_else_does():
     for row in pressing():
         ends = (
             {"retracted", "held", "power off"}
-            if row.detected and not row.watched.failure
+            if row.is_detected and not row.watched.failure
             else {"finished", "run ended"}
         )
         assert row.watched.end in ends
@@ -204,7 +204,7 @@ def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
     lines = fault_matrix_result("pressing", pressing(), Path("x.png")).text.splitlines()
     assert lines[0].startswith("pressing  as stated: 170 of 174 below 18 N")
     assert max(map(len, lines)) <= 80
-    assert set(CATALOGUE) <= {line.split()[0] for line in lines if line}
+    assert set(FAULT_KINDS) <= {line.split()[0] for line in lines if line}
 
 
 def documented(root: Path, title: str) -> dict[str, list[str]]:

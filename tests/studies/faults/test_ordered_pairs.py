@@ -9,10 +9,10 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.together import table
+from twin.robot.experiment.together import fault_values
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.stage import Stage
-from twin.studies.faults.together import TogetherRow, ordered_pairs, together_row
+from twin.studies.faults.together import CombinationRow, combination_row, ordered_pairs
 
 BODIES = ("scale", "back", "shoulder", "belly", "upper_arm", "forearm", "thigh", "calf")
 SEED = 50
@@ -34,7 +34,7 @@ def onsets(body: str, drive: str | None) -> tuple[float, ...]:
 
 def drawn_rows(
     bodies: Sequence[str], count: int | None, seed: int, drive: str | None = None, lasting: str = LONG
-) -> list[TogetherRow]:
+) -> list[CombinationRow]:
     """Of each body `count` ordered pairs; None: all."""
     rows = []
     for body in bodies:
@@ -43,7 +43,7 @@ def drawn_rows(
         picked = cases if count is None else random.Random(f"{seed} {body}").sample(cases, count)
         picked.sort(key=lambda case: (case[0], str(case[1].tables[0])))
         with stage:
-            rows += [together_row(stage, one, onset) for onset, one in picked]
+            rows += [combination_row(stage, one, onset) for onset, one in picked]
     return rows
 
 
@@ -51,7 +51,7 @@ RETRACTION, RETRACT_SPEED = 0.262, 2.0
 """Duration (s) and speed (rad/s) of a retraction."""
 
 
-def unseen(row: TogetherRow) -> bool:
+def unseen(row: CombinationRow) -> bool:
     """Whether all drives run away during a retraction that no message shows, and come down past their angle at the trip
     before it is over: the exception that docs/safety.md states."""
     first, second = row.faults.tables
@@ -63,11 +63,11 @@ def unseen(row: TogetherRow) -> bool:
     return down > RETRACT_SPEED * row.faults.delay
 
 
-def beyond(rows: Sequence[TogetherRow]) -> list[tuple]:
+def beyond(rows: Sequence[CombinationRow]) -> list[tuple]:
     return [
-        (row.stage.body, row.faults.tables, row.watched.peak, row.bound)
+        (row.stage.body, row.faults.tables, row.watched.peak, row.force_bound)
         for row in rows
-        if row.beyond and not unseen(row)
+        if row.exceeds_bound and not unseen(row)
     ]
 
 
@@ -85,13 +85,14 @@ def test_a_second_fault_begins_after_the_trip_of_the_first():
     (one,) = (
         pair
         for pair in ordered_pairs(6.0, ("sample_loss", "drive_runaway"), [0.5])
-        if pair.tables[0]["kind"] == "sample_loss" and pair.tables[1] == table("drive_runaway", "all drives", 0.4, 6.0)
+        if pair.tables[0]["kind"] == "sample_loss"
+        and pair.tables[1] == fault_values("drive_runaway", "all drives", 0.4, 6.0)
     )
     with Stage(pressing("back")) as stage:
-        row = together_row(stage, one, 6.0)
+        row = combination_row(stage, one, 6.0)
     assert row.watched.seen is not None
     assert row.faults.tables[1]["onset_s"] == pytest.approx(6.0 + row.watched.seen + 0.5)
-    assert row.facts()["after_trip_s"] == 0.5
+    assert row.to_dict()["after_trip_s"] == 0.5
 
 
 @pytest.mark.parametrize(("delay", "keeps"), [(0.0, False), (0.1, False), (0.2, True), (0.3, True)])
@@ -99,11 +100,12 @@ def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_
     (one,) = (
         pair
         for pair in ordered_pairs(5.5, ("sample_loss", "drive_runaway"), [delay])
-        if pair.tables[0]["kind"] == "sample_loss" and pair.tables[1] == table("drive_runaway", "all drives", 4.0, 5.5)
+        if pair.tables[0]["kind"] == "sample_loss"
+        and pair.tables[1] == fault_values("drive_runaway", "all drives", 4.0, 5.5)
     )
     with Stage(pressing("back")) as stage:
-        row = together_row(stage, one, 5.5)
-    assert row.beyond is not keeps and unseen(row) is not keeps
+        row = combination_row(stage, one, 5.5)
+    assert row.exceeds_bound is not keeps and unseen(row) is not keeps
 
 
 @pytest.mark.parametrize("body", ["back", "shoulder"])
@@ -111,22 +113,22 @@ def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_
     ("first", "speed", "onset"),
     [
         # messages of 20 ms are lost, then all drives creep
-        (table("sample_loss", "encoder", 1.0, 6.5) | {"duration_s": 0.02}, 0.4, 7.5),
+        (fault_values("sample_loss", "encoder", 1.0, 6.5) | {"duration_s": 0.02}, 0.4, 7.5),
         # one joint encoder is stuck at the instant at which all drives run away
-        (table("encoder_stuck", "joint_encoder_1", None, 5.53), 4.0, 5.53),
+        (fault_values("encoder_stuck", "joint_encoder_1", None, 5.53), 4.0, 5.53),
         # all joint encoders are stuck, which nothing shows until drives turn
-        (table("encoder_stuck", "all joint encoders", None, 1.0), 2.0, 7.0),
+        (fault_values("encoder_stuck", "all joint encoders", None, 1.0), 2.0, 7.0),
     ],
 )  # fmt: skip
 def test_the_force_after_a_trip_is_kept_as_an_ideal_monitor_keeps_it(
     body: str, first: dict, speed: float, onset: float
 ):
-    tables = [first, table("drive_runaway", "all drives", speed, onset)]
+    tables = [first, fault_values("drive_runaway", "all drives", speed, onset)]
     now, then = (Stage(pressing(body, *more), share=False) for more in ((), ("monitor.disobeyed=wait",)))
     faults = faults_of(now.experiment, tables)
     new, old = now.reaction(faults), then.reaction(faults)
     assert new.seen is not None
-    bound = max(22.5, 1.2 * now.ideal(faults, new.seen).peak)
+    bound = max(22.5, 1.2 * now.ideal_reaction(faults, new.seen).peak)
     assert new.peak < 17.0 < bound
     assert old.peak > (bound if onset < 7.0 else 3.0 * new.peak)
 

@@ -11,15 +11,15 @@ import pytest
 from tests.command_line import twin as command
 from tests.kernel.fmi.archives import redescribed
 from tests.laws.runs import EXPERIMENTS, shipped
+from twin.kernel.atomic_write import json_text
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.writing import json_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, Fault
+from twin.robot.experiment.fault import FAULT_KINDS, Fault
 from twin.robot.run.monitor_work import MonitorWork
-from twin.robot.run.past import SharedPast
+from twin.robot.run.shared_prefix import SharedPrefix
 from twin.robot.run.trace import Trace
 from twin.studies.faults.cases import cases, known_kinds
 from twin.studies.faults.matrix import FaultRow, matrix_rows
@@ -37,7 +37,7 @@ def rows(experiment: Experiment, kinds: Sequence[str], share: bool, onsets: Sequ
 
 def texts(of: list[FaultRow]) -> list[str]:
     """As they are written."""
-    return [json_text(row.facts()) for row in of]
+    return [json_text(row.to_dict()) for row in of]
 
 
 def assert_same(experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float]) -> None:
@@ -59,7 +59,7 @@ def test_rows_of_a_few_kinds_are_the_same_bytes_with_and_without_sharing():
 def test_rows_text_and_picture_of_all_kinds_are_the_same_bytes_with_and_without_sharing(tmp_path: Path, name: str):
     experiment = shipped(name)
     onsets = Stage(experiment).onsets
-    shared, alone = (rows(experiment, tuple(CATALOGUE), share, onsets) for share in (True, False))
+    shared, alone = (rows(experiment, tuple(FAULT_KINDS), share, onsets) for share in (True, False))
     assert texts(shared) == texts(alone)
     pictures = [tmp_path / "shared.png", tmp_path / "alone.png"]
     results = []
@@ -117,14 +117,14 @@ def test_the_study_in_a_process_of_its_own_writes_the_same_rows(tmp_path: Path):
 def test_a_state_that_is_handed_over_a_tick_late_makes_other_rows(monkeypatch: pytest.MonkeyPatch):
     experiment = shipped("pressing")
     alone = texts(rows(experiment, ("spring_softened",), False))
-    take_over = Simulation.take_over
+    take_over = Simulation.copy_from
 
     def late(self: Simulation, other: Simulation) -> list[str]:
         new = take_over(self, other)
         self.next_tick += 1
         return new
 
-    monkeypatch.setattr(Simulation, "take_over", late)
+    monkeypatch.setattr(Simulation, "copy_from", late)
     assert texts(rows(experiment, ("spring_softened",), True)) != alone
 
 
@@ -171,13 +171,13 @@ def test_of_a_drive_that_can_be_switched_nothing_is_said_before_the_monitor_is_g
 
 def test_a_run_that_the_monitor_never_touched_is_made_once(monkeypatch: pytest.MonkeyPatch):
     made: list[bool] = []
-    go_on = SharedPast.go_on
+    go_on = SharedPrefix.run_variant
 
-    def counted(self: SharedPast, experiment: Experiment, tick, observers):
+    def counted(self: SharedPrefix, experiment: Experiment, tick, observers):
         made.append(experiment.monitor is not None)
         return go_on(self, experiment, tick, observers)
 
-    monkeypatch.setattr(SharedPast, "go_on", counted)
+    monkeypatch.setattr(SharedPrefix, "run_variant", counted)
     experiment = shipped("pressing")
     rows(experiment, ("breathing",), True)
     assert made == [True] * 9

@@ -77,12 +77,12 @@ class FakeStage:
     def reactions(self, faults: Sequence[Fault]) -> tuple[Reaction, Reaction]:
         return self.reaction(faults), self.reaction(faults, watched=False)
 
-    def ideal(self, faults: Sequence[Fault], seen: float) -> Reaction:
+    def ideal_reaction(self, faults: Sequence[Fault], seen: float) -> Reaction:
         return felt(0.5 * self.reaction(faults).peak, power_off=seen)
 
     def trip_after(self, first: dict[str, Any]) -> float:
         return TRIPPED_AFTER
 
-    def delayed(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
+    def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
         first, second = tables
         return first, second | {"onset_s": round(first["onset_s"] + TRIPPED_AFTER + delay, 3)}

@@ -11,7 +11,7 @@ import pytest
 from tests.studies.safety import by_hand
 from tests.studies.safety.by_hand import LOST_THEN_RUNAWAY, RUNAWAY, FakeStage, felt, hazard, line, run, unseen
 from twin.studies.safety import evidence
-from twin.studies.safety.evidence import compared, hardware, run_of, tables_of
+from twin.studies.safety.evidence import add_reference_runs, run_of, tables_of, variant_peaks
 from twin.studies.safety.hazards import Cause, Variant
 
 
@@ -35,11 +35,11 @@ def test_the_command_repeats_faults_settings_and_body():
 
 
 def test_the_facts_of_a_run_have_its_origin_and_all_reactions():
-    facts = run(felt(10.0), unwatched=unseen(30.0), ideal=felt(9.0), found="draw").facts()
+    facts = run(felt(10.0), unwatched=unseen(30.0), ideal=felt(9.0), found="draw").to_dict()
     assert (facts["found"], facts["seed"], facts["fault"][0]["kind"]) == ("draw", 0, "drive_runaway")
     peaks = [facts[key]["peak_N"] for key in ("with_monitor", "without_monitor", "with_ideal_monitor")]
     assert peaks == [10.0, 30.0, 9.0]
-    failed = run(None, failure="crashed").facts()
+    failed = run(None, failure="crashed").to_dict()
     assert (failed["failure"], failed["with_monitor"]) == ("crashed", None)
     assert json.loads(json.dumps(facts)) == facts
 
@@ -55,7 +55,7 @@ def test_the_facts_of_a_run_have_its_origin_and_all_reactions():
 )
 def test_a_limit_is_one_of_force_pressure_or_time(key: str, reaction, value: float):
     one = line(run(reaction), of=hazard(key))
-    assert one.measured(reaction) == pytest.approx(value) and one.value == pytest.approx(value)
+    assert one.limited_value(reaction) == pytest.approx(value) and one.value == pytest.approx(value)
 
 
 def test_the_worst_run_is_that_of_the_largest_limited_quantity_and_of_equal_ones_of_the_largest_force():
@@ -74,7 +74,7 @@ def test_a_line_is_kept_up_to_its_limit_and_fails_with_any_failed_run():
     assert line(at).status == "kept" and line(at, above).status == "exceeded"
     assert line(above, of=stated).status == "exceeded as stated" and line(at, of=stated).status == "kept"
     broken = line(at, run(None), run(None), of=stated)
-    assert broken.status == "failed" and len(broken.failed) == 2 and line(at).failed == []
+    assert broken.status == "failed" and len(broken.failed_runs) == 2 and line(at).failed_runs == []
     assert line().status == "failed"
 
 
@@ -95,21 +95,26 @@ def test_shares_are_counted_by_origin():
         run(unseen(9.0), unwatched=unseen(9.0), found="draw"),
     ]
     one = line(*grid, *search, *draws)
-    assert (one.detected, one.searched, one.drawn, one.dangerous) == ((1, 2), 4, (1, 4), (2, 3))
+    assert (one.grid_detection, one.search_count, one.draw_detection, one.dangerous_count) == (
+        (1, 2),
+        4,
+        (1, 4),
+        (2, 3),
+    )
 
 
 def test_the_facts_of_a_line_have_its_worst_run_shares_and_evidence():
     worst = run(felt(20.0), unwatched=unseen(30.0), found="draw", seed=1)
     one = line(run(felt(1.0)), worst, variants={"clutch": (3.0, 1.0)}, distances={"a": 1.0})
-    facts = one.facts()
+    facts = one.to_dict()
     assert (facts["id"], facts["status"], facts["value"], facts["worst"]) == ("H1", "kept", 20.0, worst.id)
     assert (facts["detected"], facts["runs"], facts["searched"]) == (1, 1, 0)
     assert facts["drawn"]["count"] == facts["drawn"]["of"] == 1 and facts["drawn"]["interval"][1] == 1.0
     assert len(facts["evidence"]) == 2 and facts["variants"] == {"clutch": (3.0, 1.0)}
     assert facts["limit_key"] == "limit_N" and facts["causes"] == ["drive_runaway of all drives"]
-    unnoticed = line(run(unseen(1.0), unwatched=unseen(30.0), found="draw")).facts()
+    unnoticed = line(run(unseen(1.0), unwatched=unseen(30.0), found="draw")).to_dict()
     assert (unnoticed["drawn"]["count"], unnoticed["drawn"]["of"]) == (0, 1)
-    endless = line(run(felt(20.0, below=None)), of=hazard("limit_s")).facts()
+    endless = line(run(felt(20.0, below=None)), of=hazard("limit_s")).to_dict()
     assert endless["value"] is None and endless["drawn"] is None and endless["dangerous"] is None
 
 
@@ -152,14 +157,14 @@ def test_a_run_that_fails_is_kept_as_a_failed_one_unless_the_cause_is_a_failure(
 
 def test_the_worst_run_is_compared_with_no_monitor_and_with_an_ideal_one():
     there = stage()
-    found = compared(there, run_of(there, RUNAWAY, tables_of(RUNAWAY, (4.0,), 5.0)))
+    found = add_reference_runs(there, run_of(there, RUNAWAY, tables_of(RUNAWAY, (4.0,), 5.0)))
     assert found.unwatched is not None and found.unwatched.peak == 24.0
     assert found.ideal is not None and (found.ideal.peak, found.ideal.power_off) == (4.0, 0.1)
     # a run without a trip has no ideal one; one that was made without the monitor is not made again
     made = unseen(1.0)
-    blind = compared(there, run(unseen(8.0), unwatched=made))
+    blind = add_reference_runs(there, run(unseen(8.0), unwatched=made))
     assert blind.ideal is None and blind.unwatched is made
-    assert compared(there, run(None)).ideal is None
+    assert add_reference_runs(there, run(None)).ideal is None
 
 
 def test_other_hardware_repeats_the_worst_run_and_none_is_a_failure(monkeypatch: pytest.MonkeyPatch):
@@ -175,8 +180,8 @@ def test_other_hardware_repeats_the_worst_run_and_none_is_a_failure(monkeypatch:
     variants = [Variant(name=name, set=(f"{name}=1",), why="w") for name in ("good", "bad")]
     table: Any = type("Table", (), {"variants": variants})
     worst = run(felt(20.0))
-    found = hardware(line(run(felt(1.0), seed=9), worst), table, Path("p"), stage())
+    found = variant_peaks(line(run(felt(1.0), seed=9), worst), table, Path("p"), stage())
     assert found == {"good": (4.0, 0.5), "bad": None}
     assert loaded[0] == (("seed=3", "good=1"), "back")
-    assert hardware(line(run(None)), table, Path("p"), stage()) == {}
-    assert hardware(line(worst), table, Path("p"), None) == {}
+    assert variant_peaks(line(run(None)), table, Path("p"), stage()) == {}
+    assert variant_peaks(line(worst), table, Path("p"), None) == {}

@@ -9,12 +9,12 @@ import pytest
 
 from tests.studies.safety.by_hand import LOST_THEN_RUNAWAY, RUNAWAY, TRIPPED_AFTER, FakeStage, hazard
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.studies.command import silent
-from twin.studies.faults.together import DELAYS
+from twin.studies.command import ignore_progress
+from twin.studies.faults.together import SECOND_DELAYS
 from twin.studies.safety import lines
 from twin.studies.safety.evidence import EvidenceRun, run_of, tables_of
 from twin.studies.safety.hazards import Cause, Hazard
-from twin.studies.safety.lines import _cases, _distance, _made, _numbers, drawn, line_of, searched
+from twin.studies.safety.lines import _cases, _distance, _make_run, _numbers, draw_runs, line_of, search_runs
 
 AREA = 3e-4
 
@@ -28,7 +28,7 @@ def stage(**values: Any) -> Any:
 
 
 def made(of: Hazard, cause: Cause, numbers: tuple[float, ...], seed: int = 0) -> EvidenceRun:
-    found = _made(of, stages, stage(), cause, numbers, "draw", seed)
+    found = _make_run(of, stages, stage(), cause, numbers, "draw", seed)
     assert found is not None
     return found[0]
 
@@ -40,7 +40,7 @@ def test_the_grid_has_every_magnitude_direction_and_onset_of_each_cause():
     assert len(grid) == 12 and {delay for *_, delay in grid} == {0.0}
     ordered = list(_cases(hazard(causes=(LOST_THEN_RUNAWAY,)), stage()))
     # of two faults the largest magnitude alone
-    assert len(ordered) == 2 * 2 * len(DELAYS) and {delay for *_, delay in ordered} == set(DELAYS)
+    assert len(ordered) == 2 * 2 * len(SECOND_DELAYS) and {delay for *_, delay in ordered} == set(SECOND_DELAYS)
     assert {sizes for _, sizes, _, _ in ordered} == {(1.0, 8.0), (1.0, -8.0)}
 
 
@@ -54,16 +54,16 @@ def test_numbers_are_time_magnitude_by_ratio_direction_and_delay():
         assert table["magnitude_rad_per_s"] == speed and table["seed"] == 4
     first, second = made(hazard(), LOST_THEN_RUNAWAY, (0.2, 1.0, 0.5, 0.5)).tables
     assert (first["magnitude_share"], second["magnitude_rad_per_s"]) == (1.0, 0.05)
-    assert second["onset_s"] == pytest.approx(first["onset_s"] + TRIPPED_AFTER + 0.5 * DELAYS[-1], abs=1e-3)
+    assert second["onset_s"] == pytest.approx(first["onset_s"] + TRIPPED_AFTER + 0.5 * SECOND_DELAYS[-1], abs=1e-3)
 
 
 def test_the_last_two_numbers_move_the_tasks_within_reach_of_the_point():
     of = hazard(reach_mm=10.0)
-    found = _made(of, stages, stage(offset=(0.0, 0.02)), RUNAWAY, (0.5, 1.0, 1.0, 0.25), "search", 0)
+    found = _make_run(of, stages, stage(offset=(0.0, 0.02)), RUNAWAY, (0.5, 1.0, 1.0, 0.25), "search", 0)
     assert found is not None and found[1] is not None
     assert found[1].offset == pytest.approx((0.0, 0.03), abs=1e-4) and found[0].found == "search"
     there = stage()
-    kept = _made(of, stages, there, RUNAWAY, (0.5, 1.0, 0.0, 0.0), "search", 0)
+    kept = _make_run(of, stages, there, RUNAWAY, (0.5, 1.0, 0.0, 0.0), "search", 0)
     assert kept is not None and kept[1] is there
 
 
@@ -72,7 +72,7 @@ def test_a_place_that_cannot_be_reached_makes_no_run_and_one_that_fails_a_failed
     def refused(body: str, point: tuple[float, float]) -> Any:
         raise problem
 
-    found = _made(hazard(reach_mm=10.0), refused, stage(), RUNAWAY, (0.5, 1.0, 1.0, 0.25), "draw", 0)
+    found = _make_run(hazard(reach_mm=10.0), refused, stage(), RUNAWAY, (0.5, 1.0, 1.0, 0.25), "draw", 0)
     if isinstance(problem, InputRefused):
         assert found is None
     else:
@@ -86,7 +86,7 @@ def test_the_numbers_of_a_run_make_it_again(cause: Cause, sizes: tuple[float, ..
     run = run_of(there, cause, tables_of(cause, sizes, 4.0), delay=0.6)
     numbers = _numbers(run, there, cause, 0.01)
     assert len(numbers) == 3 + len(cause.faults) + cause.ordered and np.all((numbers >= 0.0) & (numbers <= 1.0))
-    again = _made(of, stages, there, cause, numbers, "search", 0)
+    again = _make_run(of, stages, there, cause, numbers, "search", 0)
     assert again is not None
     for table, other in zip(run.tables, again[0].tables, strict=True):
         assert {k: v for k, v in table.items() if not isinstance(v, float)} == {
@@ -100,7 +100,7 @@ def test_the_numbers_of_a_run_make_it_again(cause: Cause, sizes: tuple[float, ..
 def test_the_search_ends_near_the_worst_run_and_takes_no_more_than_its_budget():
     of, there = hazard(search=40, reach_mm=10.0), stage()
     worst = run_of(there, RUNAWAY, tables_of(RUNAWAY, (2.0,), 5.0))
-    found = [run for run, _ in searched(of, stages, there, RUNAWAY, worst, lambda one: one.peak)]
+    found = [run for run, _ in search_runs(of, stages, there, RUNAWAY, worst, lambda one: one.peak)]
     assert len(found) == 40 and {run.found for run in found} == {"search"}
     peaks = [run.watched.peak for run in found if run.watched]
     times = [run.tables[0]["onset_s"] for run in found]
@@ -108,10 +108,10 @@ def test_the_search_ends_near_the_worst_run_and_takes_no_more_than_its_budget():
     assert max(times[:20]) - min(times[:20]) > 8.0 and max(times[20:]) - min(times[20:]) < 6.5
     assert np.mean(peaks[20:]) > np.mean(peaks[:20]) and max(peaks) > 14.0
     assert any(run.settings == ("seed=3",) for run in found)
-    again = [run for run, _ in searched(of, stages, there, RUNAWAY, worst, lambda one: one.peak)]
+    again = [run for run, _ in search_runs(of, stages, there, RUNAWAY, worst, lambda one: one.peak)]
     assert [run.tables for run in again] == [run.tables for run in found]
     other = hazard(search=40, reach_mm=10.0, seed=1)
-    assert [r.tables for r, _ in searched(other, stages, there, RUNAWAY, worst, lambda one: one.peak)] != [
+    assert [r.tables for r, _ in search_runs(other, stages, there, RUNAWAY, worst, lambda one: one.peak)] != [
         run.tables for run in found
     ]
 
@@ -121,7 +121,7 @@ def test_draws_are_of_every_cause_body_point_time_size_and_direction():
         causes=(RUNAWAY, LOST_THEN_RUNAWAY, Cause(requirement="always a")), bodies=("back", "belly"),
         points_mm=((0.0, 0.0), (0.0, 10.0)), draws=200, reach_mm=5.0,
     )  # fmt: skip
-    found = list(drawn(of, stages))
+    found = list(draw_runs(of, stages))
     runs = [run for run, _ in found]
     assert len(runs) == 200 and {run.found for run in runs} == {"draw"}
     assert {run.cause for run in runs} == {str(RUNAWAY), str(LOST_THEN_RUNAWAY)}
@@ -133,8 +133,8 @@ def test_draws_are_of_every_cause_body_point_time_size_and_direction():
     far = [math.hypot(where.offset[0], where.offset[1]) for _, where in found if where and where.offset[1] < 5e-3]
     assert max(far) <= 5e-3 + 1e-4 and 2.5e-3 < float(np.mean(far)) < 4e-3
     assert any(where and where.offset[1] > 6e-3 for _, where in found)
-    assert [run.tables for run, _ in drawn(of, stages)] == [run.tables for run in runs]
-    assert list(drawn(hazard(causes=(Cause(requirement="always a"),), draws=5), stages)) == []
+    assert [run.tables for run, _ in draw_runs(of, stages)] == [run.tables for run in runs]
+    assert list(draw_runs(hazard(causes=(Cause(requirement="always a"),), draws=5), stages)) == []
 
 
 def test_a_body_without_a_healthy_robot_is_not_drawn():
@@ -143,7 +143,7 @@ def test_a_body_without_a_healthy_robot_is_not_drawn():
             raise ComponentFailed("trips")
         return FakeStage(body, point)
 
-    found = [run for run, _ in drawn(hazard(bodies=("back", "belly"), draws=10), one_body)]
+    found = [run for run, _ in draw_runs(hazard(bodies=("back", "belly"), draws=10), one_body)]
     assert len(found) == 10 and {run.body for run in found} == {"back"}
 
 
@@ -159,7 +159,7 @@ def test_a_line_has_grid_search_and_draws_and_its_worst_run_is_compared():
     assert worst.unwatched is not None and worst.ideal is not None
     others = [run for run in line.runs if run is not worst and run.found != "draw"]
     assert all(run.unwatched is None and run.ideal is None for run in others)
-    assert line.head_area == AREA and json.dumps(line.facts())
+    assert line.head_area == AREA and json.dumps(line.to_dict())
 
 
 def test_a_stage_that_trips_without_any_fault_is_a_failed_run_of_the_line():
@@ -168,12 +168,12 @@ def test_a_stage_that_trips_without_any_fault_is_a_failed_run_of_the_line():
             raise ComponentFailed("trips without any fault")
         return FakeStage(body, point)
 
-    line, where = line_of(hazard(bodies=("back", "belly"), search=0), one_body, AREA, silent)
+    line, where = line_of(hazard(bodies=("back", "belly"), search=0), one_body, AREA, ignore_progress)
     assert line.status == "failed" and where is not None
-    assert [(run.cause, run.body, run.failure) for run in line.failed] == [
+    assert [(run.cause, run.body, run.failure) for run in line.failed_runs] == [
         ("healthy", "belly", "trips without any fault")
     ]
-    nothing, where = line_of(hazard(bodies=("belly",), search=0, draws=3), one_body, AREA, silent)
+    nothing, where = line_of(hazard(bodies=("belly",), search=0, draws=3), one_body, AREA, ignore_progress)
     assert len(nothing.runs) == 1 and where is None
 
 
@@ -185,9 +185,9 @@ def test_a_requirement_is_measured_on_the_healthy_robot_of_each_stage(monkeypatc
 
     monkeypatch.setattr(lines, "_distance", measured)
     of = hazard(key="", causes=(Cause(requirement="always a"),), bodies=("back", "belly"))
-    line, where = line_of(of, stages, AREA, silent)
+    line, where = line_of(of, stages, AREA, ignore_progress)
     assert line.distances == {"always a on back": 1.5} and where is None
-    assert [run.failure for run in line.failed] == ["no such signal"] and line.status == "failed"
+    assert [run.failure for run in line.failed_runs] == ["no such signal"] and line.status == "failed"
 
 
 def test_a_distance_names_formula_body_and_offset_and_a_failure_is_a_failed_run(monkeypatch: pytest.MonkeyPatch):

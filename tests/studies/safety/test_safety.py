@@ -18,14 +18,14 @@ from twin.kernel.errors import InputRefused, SafetyTrip
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace
-from twin.studies.command import silent
+from twin.studies.command import ignore_progress
 from twin.studies.faults.stage import Stage, load_stage
-from twin.studies.faults.together import DELAYS
-from twin.studies.safety.changes import old_lines, worse
-from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, interval
+from twin.studies.faults.together import SECOND_DELAYS
+from twin.studies.safety.changes import old_lines, regressions
+from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import read_hazards
-from twin.studies.safety.lines import drawn
-from twin.studies.safety.study import safety, written_page
+from twin.studies.safety.lines import draw_runs
+from twin.studies.safety.study import safety, write_page
 from twin.studies.safety.text import failures, lines_table
 
 EXPERIMENT = "experiments/pressing.toml"
@@ -60,7 +60,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def lines(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[HazardLine], Path]:
     folder = tmp_path_factory.mktemp("page")
-    return written_page(read_hazards(table), (), folder, False, silent)[0], folder
+    return write_page(read_hazards(table), (), folder, False, ignore_progress)[0], folder
 
 
 def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
@@ -70,7 +70,7 @@ def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
     assert line.worst.unwatched is not None and line.worst.unwatched.peak > line.worst.watched.peak
     ideal = line.worst.ideal
     assert ideal is not None and ideal.power_off == line.worst.watched.seen and ideal.peak <= line.value
-    assert line.searched == 4 and sum(run.found == "search" for run in line.runs) == 4
+    assert line.search_count == 4 and sum(run.found == "search" for run in line.runs) == 4
     assert line.variants["clutch"] is not None and line.variants["clutch"][1] < line.worst.watched.left
 
 
@@ -103,10 +103,10 @@ def test_coverage_is_that_of_an_independent_count(lines):
     """Of the grid, of the drawn runs, and of the dangerous ones among these."""
     (line,), _ = lines
     grid, drawn = ([run for run in line.runs if run.found == found] for found in ("grid", "draw"))
-    assert line.detected == (sum(again(run)[0] for run in grid), len(grid))
-    assert line.drawn == (sum(again(run)[0] for run in drawn), 6) and len(drawn) == 6
+    assert line.grid_detection == (sum(again(run)[0] for run in grid), len(grid))
+    assert line.draw_detection == (sum(again(run)[0] for run in drawn), 6) and len(drawn) == 6
     dangerous = [run for run in drawn if again(run, "monitor.enabled=false")[1] > line.hazard.limit]
-    assert line.dangerous == (sum(again(run)[1] <= line.hazard.limit for run in dangerous), len(dangerous))
+    assert line.dangerous_count == (sum(again(run)[1] <= line.hazard.limit for run in dangerous), len(dangerous))
     assert 0 < len(dangerous) < 6
 
 
@@ -114,7 +114,7 @@ def test_coverage_is_that_of_an_independent_count(lines):
 def test_intervals_are_those_of_clopper_and_pearson(share: tuple[int, int]):
     """By the quantiles of the beta distribution."""
     seen, made = share
-    less = 0.5 * (1.0 - CONFIDENCE)
+    less = 0.5 * (1.0 - CONFIDENCE_LEVEL)
     low = 0.0 if seen == 0 else beta.ppf(less, seen, made - seen + 1)
     high = 1.0 if seen == made else beta.ppf(1.0 - less, seen + 1, made - seen)
     assert interval(share) == pytest.approx((low, high))
@@ -130,7 +130,7 @@ def test_draws_are_of_the_seed_and_within_what_the_table_says(table: Path, lines
 
     def made(seed: int) -> list[tuple]:
         evidence = hazard.evidence.model_copy(update={"seed": seed, "draws": 3})
-        return [(run.settings, run.tables) for run, _ in drawn(replace(hazard, evidence=evidence), robots)]
+        return [(run.settings, run.tables) for run, _ in draw_runs(replace(hazard, evidence=evidence), robots)]
 
     assert made(0) == [(run.settings, run.tables) for run in line.runs if run.found == "draw"][:3]
     assert made(1) != made(0)
@@ -149,14 +149,14 @@ def test_a_second_fault_is_tried_at_every_delay_and_speed_after_the_trip_of_the_
         " }]", " } }]"
     )
     file.write_text(HEAD + then + EVIDENCE.replace("search = 0", "search = 12\ndraws = 12"))
-    (line,), _ = written_page(read_hazards(file), (), tmp_path, True, silent)
-    assert not line.failed
+    (line,), _ = write_page(read_hazards(file), (), tmp_path, True, ignore_progress)
+    assert not line.failed_runs
     delays = []
     for run in line.runs:
         if run.found == "grid":
             assert run.watched is not None and run.watched.seen is not None
             delays.append(round(run.tables[1]["onset_s"] - run.tables[0]["onset_s"] - run.watched.seen, 3))
-    assert set(delays) == set(DELAYS)
+    assert set(delays) == set(SECOND_DELAYS)
     for found in ("search", "draw"):
         tables = [run.tables for run in line.runs if run.found == found]
         speeds = [abs(second["magnitude_rad_per_s"]) for _, second in tables]
@@ -179,10 +179,10 @@ def test_a_place_where_the_robot_cannot_be_is_drawn_again_and_one_where_it_trips
         # beyond 10 mm from the axis it is refused
         return load_stage(Path(EXPERIMENT), ("monitor.workspace_radius_mm=10",), body, point, share=False)
 
-    found = [run for run, _ in drawn(hazard, robots)]
+    found = [run for run, _ in draw_runs(hazard, robots)]
     assert len(found) == 2 and all(run.watched for run in found)
     assert any(math.hypot(*point) > 0.01 for point in asked_for)
-    failed = [run for run, _ in drawn(hazard, partial(robots, trips=True))]
+    failed = [run for run, _ in draw_runs(hazard, partial(robots, trips=True))]
     assert [run.failure for run in failed] == ["without any fault: FORCE"] * 2
 
 
@@ -216,7 +216,7 @@ def test_the_page_is_one_file_that_says_first_what_it_is_not(lines):
     for run in line.runs:
         assert run.id in page and run.watched is not None and run.watched.digest in page
     assert page.count("data:image/png;base64,") == 2
-    assert f"Drawn at random (seed 0): {line.drawn[0]} of 6 (95 % interval" in page
+    assert f"Drawn at random (seed 0): {line.draw_detection[0]} of 6 (95 % interval" in page
     assert "0 published thresholds, fewer than 2: taken as assumed" in page and "<td>15 N</td>" in page
 
 
@@ -233,31 +233,31 @@ def test_a_point_moves_the_first_task_in_millimetres():
 
 
 def facts(lines: Sequence[HazardLine]) -> dict:
-    return {line.hazard.table.id: line.facts() for line in lines}
+    return {line.hazard.table.id: line.to_dict() for line in lines}
 
 
 def test_only_what_got_worse_is_named(lines):
     (line,), _ = lines
     old = facts([line])
-    assert list(worse(old, [line.facts()])) == []
-    better = {**line.facts(), "peak_N": 0.5 * line.facts()["peak_N"]}
-    assert list(worse(old, [better])) == []
+    assert list(regressions(old, [line.to_dict()])) == []
+    better = {**line.to_dict(), "peak_N": 0.5 * line.to_dict()["peak_N"]}
+    assert list(regressions(old, [better])) == []
     changes = {
         "status": ("exceeded", "H1: exceeded, was kept"),
-        "detected": (line.facts()["detected"] - 1, "seen, were"),
+        "detected": (line.to_dict()["detected"] - 1, "seen, were"),
         "drawn": ({"count": 0, "of": 6}, "0 of 6 drawn runs seen, were"),
-        "peak_N": (1.06 * line.facts()["peak_N"], "peak .* N, was"),
+        "peak_N": (1.06 * line.to_dict()["peak_N"], "peak .* N, was"),
     }
     for key, (value, sentence) in changes.items():
-        (found,) = worse(old, [{**line.facts(), key: value}])
+        (found,) = regressions(old, [{**line.to_dict(), key: value}])
         assert re.search(sentence, found)
-    assert list(worse(old, [])) == ["H1: the line is gone"]
-    assert list(worse(old, [{**line.facts(), "peak_N": 1.04 * line.facts()["peak_N"]}])) == []
+    assert list(regressions(old, [])) == ["H1: the line is gone"]
+    assert list(regressions(old, [{**line.to_dict(), "peak_N": 1.04 * line.to_dict()["peak_N"]}])) == []
 
 
 @cache
 def answer(file: Path, out: Path, *settings: str, against: Path | None = None):
-    return safety([file], silent, against, True, None, settings, out)
+    return safety([file], ignore_progress, against, True, None, settings, out)
 
 
 def test_worse_settings_of_the_monitor_fail_against_the_old_page_and_by_the_limit(table: Path, tmp_path: Path):
@@ -290,7 +290,7 @@ def test_what_no_run_can_be_made_of_is_refused_before_the_first(
     file = tmp_path / "table.toml"
     file.write_text(table.read_text().replace(was, now, 1))
     with pytest.raises(InputRefused, match=sentence):
-        safety([file], silent, None, False, None, (), tmp_path / "page")
+        safety([file], ignore_progress, None, False, None, (), tmp_path / "page")
     assert not (tmp_path / "page").exists()
 
 

@@ -24,7 +24,7 @@ from twin.robot.monitor.reasons import (
     JUMP,
     PENETRATION,
     RADIUS,
-    REASONS,
+    REASON_COUNT,
     SATURATION,
     SPEED,
     TOO_HIGH,
@@ -33,20 +33,20 @@ from twin.robot.monitor.reasons import (
 )
 
 # times are whole ticks times the tick: a rounding below the limit is the limit
-REACHED = 1.0 - 1e-9
+REACHED_SHARE = 1.0 - 1e-9
 # beyond 2^53 a double does not count whole numbers, so no encoder message holds such a count
-LARGEST_COUNT = 2.0**53
-LARGEST_SAMPLE = 2.0**31
+MAX_COUNT = 2.0**53
+MAX_SAMPLE_NUMBER = 2.0**31
 # far beyond any motor; keeps sums and differences of commands finite
-LARGEST_COMMAND = 1e6
-TIMERS = record(**states(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8"))
+MAX_COMMAND = 1e6
+TIMERS_RECORD = record(**states(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8"))
 """Ticks for which a motor encoder has stood still against its command (signed as the command), a motor has not
 followed, a command has been at its limit; motor angle (rad) at which each joint encoder last moved."""
 
 
 def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
     """Limit and rest of every reason, (REASONS,) each, SI; that of NONE is never reached."""
-    limit, rest = np.full(REASONS, math.inf), np.zeros(REASONS)
+    limit, rest = np.full(REASON_COUNT, math.inf), np.zeros(REASON_COUNT)
     limit[1:] = [
         1.0, limits.stale_time, limits.jump_limit, 1.0, limits.deflection_limit, limits.frozen_time,
         limits.frozen_travel, limits.force_limit, limits.force_rate_limit, limits.penetration_limit, limits.speed_limit,
@@ -58,7 +58,7 @@ def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
 
 
 @njit(cache=True)
-def unusable(values, largest):
+def count_unusable(values, largest):
     """How many of `values` are not finite or not below `largest` in magnitude."""
     n = 0
     for i in range(values.shape[0]):
@@ -69,7 +69,7 @@ def unusable(values, largest):
 
 
 @njit(cache=True)
-def put_largest(values, joints, reason, x, scale):
+def store_largest(values, joints, reason, x, scale):
     """Keep the largest magnitude among `x` (3,), times `scale`, as the value of `reason`, and whose joint it is."""
     worst = 0
     for i in range(1, 3):
@@ -80,7 +80,7 @@ def put_largest(values, joints, reason, x, scale):
 
 
 @njit(cache=True)
-def time_joints(limits, seen, timers, sent, ticks):
+def update_timers(limits, seen, timers, sent, ticks):
     """Advance what is timed per joint by the `ticks` between two samples, in which `sent` (3,) was commanded."""
     for i in range(3):
         demand = sent[i]
@@ -97,12 +97,12 @@ def time_joints(limits, seen, timers, sent, ticks):
 
 
 @njit(cache=True)
-def value_sample(seen, timers, values, joints, tick):
+def evaluate_sample(seen, timers, values, joints, tick):
     """The values of all checks on encoder messages; `tick` in s."""
-    put_largest(values, joints, JUMP, seen.fastest, 1.0)
-    put_largest(values, joints, DEFLECTION, seen.deflection, 1.0)
-    put_largest(values, joints, FROZEN_MOTOR, timers.still, tick)
-    put_largest(values, joints, FOLLOW, timers.unfollowed, tick)
+    store_largest(values, joints, JUMP, seen.fastest, 1.0)
+    store_largest(values, joints, DEFLECTION, seen.deflection, 1.0)
+    store_largest(values, joints, FROZEN_MOTOR, timers.still, tick)
+    store_largest(values, joints, FOLLOW, timers.unfollowed, tick)
     worst = 0
     for i in range(1, 3):
         if abs(seen.theta_m[i] - timers.anchor[i]) > abs(seen.theta_m[worst] - timers.anchor[worst]):
@@ -121,22 +121,22 @@ def value_sample(seen, timers, values, joints, tick):
 
 
 @njit(cache=True)
-def value_command(limits, timers, omega_ref, values, joints, ticks, tick):
+def evaluate_command(limits, timers, omega_ref, values, joints, ticks, tick):
     """The values of the checks on the command `omega_ref` (3,), rad/s, `ticks` after the one before."""
-    values[INVALID_COMMAND] = unusable(omega_ref, LARGEST_COMMAND)
+    values[INVALID_COMMAND] = count_unusable(omega_ref, MAX_COMMAND)
     for i in range(3):
-        saturated = abs(omega_ref[i]) >= REACHED * limits.command_limit
+        saturated = abs(omega_ref[i]) >= REACHED_SHARE * limits.command_limit
         timers.saturated[i] = timers.saturated[i] + ticks if saturated else 0
-    put_largest(values, joints, SATURATION, timers.saturated, tick)
+    store_largest(values, joints, SATURATION, timers.saturated, tick)
 
 
 @njit(cache=True, error_model="numpy")
-def first_reached(values, limit, rest):
+def first_violation(values, limit, rest):
     """The first reason whose limit is reached (0: none), and the largest share of any limit in use."""
     reason, utilisation = 0, 0.0
-    for k in range(1, REASONS):
+    for k in range(1, REASON_COUNT):
         share = (values[k] - rest[k]) / (limit[k] - rest[k])
         utilisation = max(utilisation, share)
-        if reason == 0 and share >= REACHED:
+        if reason == 0 and share >= REACHED_SHARE:
             reason = k
     return reason, utilisation

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from twin.kernel.cosim.port import record_of
-from twin.kernel.settings import Settings, Values, optional, setting, taken
+from twin.kernel.settings import Settings, Values, optional, setting, setting_fields
 
 
 class Monitor(Settings):
@@ -65,7 +65,7 @@ class Monitor(Settings):
     )
 
 
-class Limits(Values, parts=(taken(Monitor),)):
+class Limits(Values, parts=(setting_fields(Monitor),)):
     """Limits of the monitor and parameters of its retraction, SI.
 
     A check trips when its limit is reached; a contact ends at half of the force at which it begins. docs/safety.md has
@@ -73,4 +73,4 @@ class Limits(Values, parts=(taken(Monitor),)):
     """
 
 
-LIMITS = record_of(Limits)
+LIMITS_RECORD = record_of(Limits)

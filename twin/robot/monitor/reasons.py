@@ -4,7 +4,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-_DEG = math.degrees(1.0)
+_DEG_PER_RAD = math.degrees(1.0)
 
 
 class Reason(IntEnum):
@@ -35,7 +35,7 @@ class Reason(IntEnum):
     HIDDEN_FORCE = 19
 
 
-class Meaning(NamedTuple):
+class ReasonText(NamedTuple):
     """The error message of a reason.
 
     Attributes:
@@ -51,34 +51,34 @@ class Meaning(NamedTuple):
     per_si: float
 
 
-MEANINGS = {
-    Reason.INVALID_SAMPLE: Meaning("the encoder message holds what is not a number", "invalid values", "", 1.0),
-    Reason.STALE: Meaning("the encoder messages are not those of their time", "off by", "ms", 1e3),
-    Reason.JUMP: Meaning(
+REASON_TEXTS = {
+    Reason.INVALID_SAMPLE: ReasonText("the encoder message holds what is not a number", "invalid values", "", 1.0),
+    Reason.STALE: ReasonText("the encoder messages are not those of their time", "off by", "ms", 1e3),
+    Reason.JUMP: ReasonText(
         "joint {joint}: an encoder jumped further than drive and joint can move", "motor-side speed", "rad/s", 1.0
     ),
-    Reason.NO_POSE: Meaning("the joint angles fit no pose of the robot", "unfit samples", "", 1.0),
-    Reason.DEFLECTION: Meaning(
-        "joint {joint}: the spring is deflected too far, or an encoder is wrong", "deflection", "deg", _DEG
+    Reason.NO_POSE: ReasonText("the joint angles fit no pose of the robot", "unfit samples", "", 1.0),
+    Reason.DEFLECTION: ReasonText(
+        "joint {joint}: the spring is deflected too far, or an encoder is wrong", "deflection", "deg", _DEG_PER_RAD
     ),
-    Reason.FROZEN_MOTOR: Meaning(
+    Reason.FROZEN_MOTOR: ReasonText(
         "joint {joint}: the motor encoder stands still although the motor is commanded to move", "for", "ms", 1e3
     ),
-    Reason.FROZEN_JOINT: Meaning(
-        "joint {joint}: the joint encoder stands still although the motor moves", "motor travel", "deg", _DEG
+    Reason.FROZEN_JOINT: ReasonText(
+        "joint {joint}: the joint encoder stands still although the motor moves", "motor travel", "deg", _DEG_PER_RAD
     ),
-    Reason.FORCE: Meaning("the robot presses too hard", "|F_ee_B|", "N", 1.0),
-    Reason.FORCE_RATE: Meaning("the force grows too fast", "rate", "N/s", 1.0),
-    Reason.PENETRATION: Meaning("the robot is too far below its first contact", "depth", "mm", 1e3),
-    Reason.SPEED: Meaning("the platform moves too fast", "speed", "mm/s", 1e3),
-    Reason.RADIUS: Meaning("the platform left the workspace sideways", "distance from the axis", "mm", 1e3),
-    Reason.TOO_LOW: Meaning("the platform left the workspace downwards", "z", "mm", 1e3),
-    Reason.TOO_HIGH: Meaning("the platform left the workspace upwards", "z", "mm", 1e3),
-    Reason.CONTACT_TIME: Meaning("the robot has pressed too long without a pause", "contact time", "s", 1.0),
-    Reason.INVALID_COMMAND: Meaning("the controller commands what is not a number", "invalid values", "", 1.0),
-    Reason.SATURATION: Meaning("joint {joint}: the command has stayed at its limit", "for", "ms", 1e3),
-    Reason.FOLLOW: Meaning("joint {joint}: the motor does not follow its command", "for", "ms", 1e3),
-    Reason.HIDDEN_FORCE: Meaning(
+    Reason.FORCE: ReasonText("the robot presses too hard", "|F_ee_B|", "N", 1.0),
+    Reason.FORCE_RATE: ReasonText("the force grows too fast", "rate", "N/s", 1.0),
+    Reason.PENETRATION: ReasonText("the robot is too far below its first contact", "depth", "mm", 1e3),
+    Reason.SPEED: ReasonText("the platform moves too fast", "speed", "mm/s", 1e3),
+    Reason.RADIUS: ReasonText("the platform left the workspace sideways", "distance from the axis", "mm", 1e3),
+    Reason.TOO_LOW: ReasonText("the platform left the workspace downwards", "z", "mm", 1e3),
+    Reason.TOO_HIGH: ReasonText("the platform left the workspace upwards", "z", "mm", 1e3),
+    Reason.CONTACT_TIME: ReasonText("the robot has pressed too long without a pause", "contact time", "s", 1.0),
+    Reason.INVALID_COMMAND: ReasonText("the controller commands what is not a number", "invalid values", "", 1.0),
+    Reason.SATURATION: ReasonText("joint {joint}: the command has stayed at its limit", "for", "ms", 1e3),
+    Reason.FOLLOW: ReasonText("joint {joint}: the motor does not follow its command", "for", "ms", 1e3),
+    Reason.HIDDEN_FORCE: ReasonText(
         "the motors give way to more force than the encoders show: an encoder is wrong", "for", "ms", 1e3
     ),
 }
@@ -101,16 +101,16 @@ class Trip(NamedTuple):
     joint: int
 
 
-def trip_sentence(trip: Trip) -> str:
+def trip_message(trip: Trip) -> str:
     """Return the error message of a trip: joint, cause, the measured value and its limit."""
-    meaning = MEANINGS[trip.reason]
+    meaning = REASON_TEXTS[trip.reason]
     unit = f" {meaning.unit}" if meaning.unit else ""
     value, limit = meaning.per_si * trip.value, meaning.per_si * trip.limit
     sentence = meaning.sentence.format(joint=trip.joint)
     return f"safety monitor: {sentence}: {meaning.quantity} {value:.4g}{unit}, limit {limit:.4g}{unit}"
 
 
-REASONS = len(Reason)
+REASON_COUNT = len(Reason)
 """Number of reasons, NONE among them."""
 (
     INVALID_SAMPLE, STALE, JUMP, NO_POSE, DEFLECTION, FROZEN_MOTOR, FROZEN_JOINT, FORCE, FORCE_RATE, PENETRATION, SPEED,

@@ -9,22 +9,22 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from twin.kernel.atomic_write import write_text
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.kernel.process.warm import Pool
-from twin.kernel.writing import write_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.measure import Required, requirement, signals_of
-from twin.robot.experiment.together import THEN
+from twin.robot.experiment.measure import RequirementMeasure, parse_requirement, signals_of
+from twin.robot.experiment.together import SEQUENCE_SEPARATOR
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.run.runs import RunRequest, Runs
 from twin.robot.run.trace import fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
-from twin.studies.falsify.space import Ended, Requirement, Space, TriedFault, offset_text
-from twin.studies.faults.offsets import HERE
+from twin.studies.falsify.space import EarlyEnd, Requirement, Space, TriedFault, offset_text
+from twin.studies.faults.offsets import NO_OFFSET
 from twin.studies.faults.onsets import FORCE_SIGNAL, PLACE_SIGNAL, default_onsets
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
@@ -32,7 +32,7 @@ from twin.studies.sweep.plan import Task
 
 MAX_PASTS = 8
 """Maximum number of pasts in one process: a body each, at rest and moved."""
-TRIAL = "twin.studies.falsify.judge:judged"
+TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
 """The job of a worker process."""
 
 
@@ -42,7 +42,7 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
-def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
+def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
     """Run the experiment file `settings[0]`: "NAME.distance" of each of its requirements.
 
     A component that fails ends the run, and what is required is judged until then.
@@ -58,8 +58,8 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
     began = time.perf_counter()
     try:
         experiment = load_experiment(settings[0], (), drive)
-        required = [measure for measure in experiment.measures if isinstance(measure, Required)]
-        names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
+        required = [measure for measure in experiment.measures if isinstance(measure, RequirementMeasure)]
+        names = {name for measure in required for name, _ in signals_of(parse_requirement(measure.formula))}
         # drives that need processes would need some for each past
         most = 0 if need_processes(planned_drives(experiment)) else MAX_PASTS
         ended = _runs(frozenset(names | {FORCE_SIGNAL, PLACE_SIGNAL}), most).run(experiment)
@@ -103,10 +103,10 @@ class Judge:
         self._trips: dict[TriedFault, int] = {}
         self.distances: dict[TriedFault, dict[str, float]] = {}
         self.first: dict[str, int] = {}
-        self.ended: dict[TriedFault, Ended] = {}
+        self.ended: dict[TriedFault, EarlyEnd] = {}
         self.seconds = 0.0
 
-    def healthy(self) -> list[int]:
+    def run_healthy(self) -> list[int]:
         """Make the runs without a fault, on each body, and return where faults begin first (ticks).
 
         Raises:
@@ -114,7 +114,7 @@ class Judge:
         """
         unbroken = [TriedFault("", body=body) for body in self._space.bodies]
         onsets: list[int] = []
-        for wrong, facts in zip(unbroken, self._found(unbroken), strict=True):
+        for wrong, facts in zip(unbroken, self._run_batch(unbroken), strict=True):
             on = f" on {wrong.body}" if wrong.body else ""
             if facts.get("status") == "refused":
                 raise InputRefused(facts["reason"])
@@ -138,14 +138,14 @@ class Judge:
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
         """Of each run: until then if a failed component ended it, infinite if it is refused."""
         shares = []
-        for wrong, facts in zip(batch, self._found(batch), strict=True):
+        for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
             share = min((distances[name] / scale for name, scale in self._scales.items()), default=math.inf)
             self.distances[wrong] = distances
             if facts.get("status") not in ("done", "tripped"):
-                self.ended[wrong] = Ended(facts.get("status") == "refused", facts.get("reason") or "")
-            if share < 0.0 and wrong.offset != HERE and (wanting := self._without_fault(wrong)):
-                self.ended[wrong], share = Ended(True, wanting), math.inf
+                self.ended[wrong] = EarlyEnd(facts.get("status") == "refused", facts.get("reason") or "")
+            if share < 0.0 and wrong.offset != NO_OFFSET and (wanting := self._without_fault(wrong)):
+                self.ended[wrong], share = EarlyEnd(True, wanting), math.inf
             if share < 0.0:
                 self.first.setdefault(wrong.kind, len(self.distances))
             shares.append(share)
@@ -155,7 +155,7 @@ class Judge:
         """Why the place of `wrong` says nothing of its fault: the healthy robot violates there, trips or fails; ""."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
-            (facts,) = self._found([unbroken])
+            (facts,) = self._run_batch([unbroken])
             violated = any(self._distance(facts, name) < 0.0 for name in self._scales)
             reason = facts.get("reason") if facts.get("status") != "done" else "violated" if violated else ""
             self._moved[unbroken] = f"{offset_text(wrong.offset)}, without any fault: {reason}" if reason else ""
@@ -168,14 +168,14 @@ class Judge:
 
     def trip(self, wrong: TriedFault) -> int:
         """Tick from which the second fault of an ordered pair that was run is delayed."""
-        return self._trips[self._space.first_alone(wrong)] if THEN in wrong.kind else 0
+        return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
-    def _found(self, batch: Sequence[TriedFault]) -> list[dict]:
-        first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if THEN in wrong.kind)
+    def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:
+        first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if SEQUENCE_SEPARATOR in wrong.kind)
         new = [one for one in first if one not in self._trips]
         if new:
             # not counted as runs: they are judged as single faults
-            trips = [facts.get("trip") for facts in self._found(new)]
+            trips = [facts.get("trip") for facts in self._run_batch(new)]
             self._trips |= {one: one.onset if trip is None else trip for one, trip in zip(new, trips, strict=True)}
         files = []
         for number, wrong in enumerate(batch):
@@ -197,7 +197,9 @@ def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) ->
     """
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")
-    named = [(measure.name, measure.formula) for measure in experiment.measures if isinstance(measure, Required)]
+    named = [
+        (measure.name, measure.formula) for measure in experiment.measures if isinstance(measure, RequirementMeasure)
+    ]
     named = [(f"requirement_{number}", text) for number, text in enumerate(texts, start=1)] or named
     if not named:
         raise InputRefused(

@@ -9,30 +9,30 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.together import THEN
-from twin.studies.falsify.space import Place, Space, TriedFault, creeps, ways_of
-from twin.studies.faults.magnitudes import BEYOND
-from twin.studies.faults.offsets import HERE
-from twin.studies.faults.together import DELAYS
+from twin.robot.experiment.fault import FAULT_KINDS
+from twin.robot.experiment.together import SEQUENCE_SEPARATOR
+from twin.studies.falsify.space import Place, Space, TriedFault, may_creep, ways_of
+from twin.studies.faults.magnitudes import UPPER_SHARE
+from twin.studies.faults.offsets import NO_OFFSET
+from twin.studies.faults.together import SECOND_DELAYS
 
 Judgement = Callable[[Sequence[TriedFault]], list[float]]
 """How near each of some runs comes to violating: its distance as a share of the healthy one, negative if it does."""
 
-POPULATION = 6
+POPULATION_SIZE = 6
 """Of differential evolution, at least 5 for its mutation; small, since the space has two to five dimensions and the
 runs are few."""
-BREADTH = 0.7
+RACE_SHARE = 0.7
 """Share of the runs that the race takes at most, but for the first run of every kind."""
-SLOWEST = 0.01
+MIN_SPEED_SHARE = 0.01
 """Share of the speed of a drive that creeps after a trip; not 0, which has no direction."""
-SEEDS = 1000
+SEED_COUNT = 1000
 """Seeds that the search draws from."""
 
 
 def _number(kind: str) -> int:
     """By which the order of the places of `kind` is drawn."""
-    kinds = list(CATALOGUE)
+    kinds = list(FAULT_KINDS)
     return kinds.index(kind) if kind in kinds else len(kinds) + zlib.crc32(kind.encode())
 
 
@@ -54,36 +54,38 @@ class Search:
     onsets: Sequence[int]
     tried: dict[TriedFault, float] = field(default_factory=dict)
 
-    def go(self) -> None:
+    def spend_runs(self) -> None:
         """Spend the runs."""
         self._race()
         found = sorted((share, kind) for kind, (_, share) in self.worst.items())
         violated = [kind for share, kind in found if share < 0.0] or [kind for _, kind in found[:1]]
         # two generations at least, or it is no evolution
         for number, kind in enumerate(violated):
-            rest = max(self._left // (len(violated) - number), 2 * POPULATION)
-            self._evolve(kind, min(rest, self._left))
+            rest = max(self._runs_left // (len(violated) - number), 2 * POPULATION_SIZE)
+            self._evolve(kind, min(rest, self._runs_left))
 
     def _race(self) -> None:
         rounds = {kind: self._rounds(kind) for kind in self.space.kinds}
         # the first place has all onsets, each other place one
         everywhere = {kind: len(self.space.places(kind)) + len(self.onsets) - 1 for kind in rounds}
         for lap in range(max(everywhere.values())):
-            self._once([(kind, lap) for kind in self._open if lap < everywhere[kind]], rounds)
-        racing, lap = self._open, 0
-        while self._left_to_race and (racing := [kind for kind in self._open if kind in racing][: len(racing) // 2]):
-            self._once([(kind, everywhere[kind] + lap) for kind in racing], rounds)
+            self._run_round([(kind, lap) for kind in self._open_kinds if lap < everywhere[kind]], rounds)
+        racing, lap = self._open_kinds, 0
+        while self._race_runs_left and (
+            racing := [kind for kind in self._open_kinds if kind in racing][: len(racing) // 2]
+        ):
+            self._run_round([(kind, everywhere[kind] + lap) for kind in racing], rounds)
             lap += 1
 
-    def _once(self, batch: Sequence[tuple[str, int]], rounds: dict[str, list[tuple[Place, int]]]) -> None:
-        self._try([self._probe(kind, lap, rounds[kind]) for kind, lap in batch[: self._left_to_race]])
+    def _run_round(self, batch: Sequence[tuple[str, int]], rounds: dict[str, list[tuple[Place, int]]]) -> None:
+        self._try([self._probe(kind, lap, rounds[kind]) for kind, lap in batch[: self._race_runs_left]])
 
     @property
-    def _left_to_race(self) -> int:
-        return max(0, max(len(self.space.kinds), int(BREADTH * self.runs)) - len(self.tried))
+    def _race_runs_left(self) -> int:
+        return max(0, max(len(self.space.kinds), int(RACE_SHARE * self.runs)) - len(self.tried))
 
     @property
-    def _open(self) -> list[str]:
+    def _open_kinds(self) -> list[str]:
         """Kinds that are not found to violate, the nearest first."""
         share = {kind: self.worst[kind][1] if kind in self.worst else 0.0 for kind in self.space.kinds}
         return sorted((kind for kind in share if share[kind] >= 0.0), key=lambda kind: share[kind])
@@ -98,12 +100,12 @@ class Search:
         return best
 
     @property
-    def _left(self) -> int:
+    def _runs_left(self) -> int:
         return max(0, self.runs - len(self.tried))
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
         """The shares of `batch`; of what has been tried before without a run, infinite where there are none left."""
-        fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._left]
+        fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))
         return [self.tried.get(wrong, np.inf) for wrong in batch]
@@ -126,19 +128,19 @@ class Search:
         """The run of `kind` in a round: at the catalogue's largest in `rounds`, later ever finer between all times,
         sizes up to the upper end, offsets and delays."""
         place, onset = rounds[lap % len(rounds)]
-        shares, offset, ordered = [1.0] * len(place.ways), HERE, THEN in kind
-        delay = DELAYS[(lap + _number(kind)) % len(DELAYS)] if ordered else 0.0
-        if creeps(kind):
-            shares[1] = (1.0, SLOWEST, 0.5)[lap % 3]
+        shares, offset, ordered = [1.0] * len(place.ways), NO_OFFSET, SEQUENCE_SEPARATOR in kind
+        delay = SECOND_DELAYS[(lap + _number(kind)) % len(SECOND_DELAYS)] if ordered else 0.0
+        if may_creep(kind):
+            shares[1] = (1.0, MIN_SPEED_SHARE, 0.5)[lap % 3]
         if lap >= len(rounds):
             wide = 1 + len(shares) + ordered + (2 if self.space.reach else 0)
             time, *rest = (float(each) for each in qmc.Halton(wide, scramble=False).random(lap + 1)[-1])
             onset = round(time * (self.space.ticks - 1))
-            shares = [0.5 + (BEYOND - 0.5) * more for more in rest[: len(shares)]]
-            if creeps(kind):
-                shares[1] = max(SLOWEST, BEYOND * rest[1])
-            delay = DELAYS[-1] * rest[2] if ordered else 0.0
-            offset = self.space.offset(*rest[-2:]) if self.space.reach else HERE
+            shares = [0.5 + (UPPER_SHARE - 0.5) * more for more in rest[: len(shares)]]
+            if may_creep(kind):
+                shares[1] = max(MIN_SPEED_SHARE, UPPER_SHARE * rest[1])
+            delay = SECOND_DELAYS[-1] * rest[2] if ordered else 0.0
+            offset = self.space.offset(*rest[-2:]) if self.space.reach else NO_OFFSET
         shares = [way * share for way, share in zip(place.ways, shares, strict=True)]
         seed = lap if self.space.draws(kind) else 0
         return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset, delay)
@@ -147,13 +149,13 @@ class Search:
         """Spend `runs` around what is known of `kind`."""
         space = self.space
         targets, bodies = space.targets(kind), space.bodies
-        seeds = SEEDS if space.draws(kind) else 0
-        sizes = [(BEYOND * min(0, *ways), BEYOND) for ways in ways_of(kind)]
+        seeds = SEED_COUNT if space.draws(kind) else 0
+        sizes = [(UPPER_SHARE * min(0, *ways), UPPER_SHARE) for ways in ways_of(kind)]
         bounds: list[tuple[float, float]] = [(0, space.ticks - 1), *sizes]
         bounds += [(0, len(targets) - 1), (0, len(bodies) - 1), (0, seeds)]
         whole = [True, *[False] * len(sizes), True, True, True]
-        ordered = THEN in kind
-        more = [(0.0, DELAYS[-1])] * ordered + [(0.0, 1.0)] * (2 if space.reach else 0)
+        ordered = SEQUENCE_SEPARATOR in kind
+        more = [(0.0, SECOND_DELAYS[-1])] * ordered + [(0.0, 1.0)] * (2 if space.reach else 0)
         bounds += more
         whole += [False] * len(more)
         best = self.worst[kind][0]
@@ -161,18 +163,18 @@ class Search:
         def made(x: NDArray[np.float64]) -> TriedFault:
             onset, *rest = (float(each) for each in x)
             shares, (target, body, seed) = rest[: len(sizes)], map(round, rest[len(sizes) : len(sizes) + 3])
-            offset = space.offset(*rest[-2:]) if space.reach else HERE
+            offset = space.offset(*rest[-2:]) if space.reach else NO_OFFSET
             delay = rest[len(sizes) + 3] if ordered else 0.0
             return space.fault(kind, (targets[target], bodies[body]), shares, round(onset), seed, offset, delay)
 
-        last = len(self.tried) + min(runs, self._left)
+        last = len(self.tried) + min(runs, self._runs_left)
 
         def shares(x: NDArray[np.float64]) -> NDArray[np.float64]:
             if len(self.tried) >= last:
                 return np.full(x.shape[1], np.inf)
             return np.array(self._try([made(column) for column in x.T]))
 
-        first = qmc.LatinHypercube(len(bounds), seed=0).random(POPULATION)
+        first = qmc.LatinHypercube(len(bounds), seed=0).random(POPULATION_SIZE)
         lower, upper = np.array(bounds, dtype=float).T
         population = lower + first * (upper - lower)
         where = targets.index(best.target), bodies.index(best.body)

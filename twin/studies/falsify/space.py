@@ -9,22 +9,22 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
-from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, Kind
-from twin.robot.experiment.source import laid_over
+from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, FaultKind
+from twin.robot.experiment.source import merge_tables
 from twin.robot.experiment.together import (
-    AND,
-    RUNAWAY,
-    THEN,
+    PAIR_SEPARATOR,
+    RUNAWAY_KIND,
+    SEQUENCE_SEPARATOR,
     common_names,
-    named_set,
     ordered_names,
     pair_names,
+    parse_fault_set,
 )
 from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
-from twin.studies.faults.offsets import HERE, moved_tasks, on_disc
+from twin.studies.faults.offsets import NO_OFFSET, moved_tasks, on_disc
 from twin.studies.faults.together import slowest
 
-RANDOM = (
+RANDOM_KINDS = (
     "encoder_dropout_hold", "encoder_dropout_zero", "encoder_dropout_nan", "encoder_glitch", "sample_jitter",
     "sample_loss",
 )  # fmt: skip
@@ -70,11 +70,11 @@ class TriedFault:
     body: str | None = None
     seed: int = 0
     shares: tuple[float, ...] = ()
-    offset: tuple[float, float] = HERE
+    offset: tuple[float, float] = NO_OFFSET
     delay: int = 0
 
 
-class Ended(NamedTuple):
+class EarlyEnd(NamedTuple):
     """End of a run that was refused or failed.
 
     Attributes:
@@ -127,11 +127,11 @@ class Space:
 
     def draws(self, kind: str) -> bool:
         """Whether another seed makes another run of a fault of `kind`."""
-        return self.noisy or any(part.kind in RANDOM for part in named_set(kind))
+        return self.noisy or any(part.kind in RANDOM_KINDS for part in parse_fault_set(kind))
 
     def targets(self, kind: str) -> list[str]:
         """Where `kind` may be; of a set every combination."""
-        return [AND.join(targets) for targets in product(*(part.targets for part in named_set(kind)))]
+        return [PAIR_SEPARATOR.join(targets) for targets in product(*(part.targets for part in parse_fault_set(kind)))]
 
     def places(self, kind: str) -> list[Place]:
         """Every place of `kind`, that of the catalogue and of the experiment first."""
@@ -150,7 +150,7 @@ class Space:
         shares: Sequence[float],
         onset: int,
         seed: int = 0,
-        offset: tuple[float, float] = HERE,
+        offset: tuple[float, float] = NO_OFFSET,
         delay: float = 0.0,
     ) -> TriedFault:
         """The run of `kind` at a target and on a body.
@@ -160,7 +160,7 @@ class Space:
             delay: of the second fault after the trip (s).
         """
         target, body = place
-        if alone(kind) is not None:
+        if single_kind(kind) is not None:
             return TriedFault(kind, target, self.magnitude(kind, shares[0]), onset, body, seed, offset=offset)
         # four digits are enough of a search
         rounded = tuple(float(f"{share:.4g}") for share in shares)
@@ -177,19 +177,21 @@ class Space:
 
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
         """Of fault `number` of a set, see `magnitude_between`; a drive that runs away second may creep."""
-        one = named_set(kind)[number].kind
-        return magnitude_between(one, share, self.tick, slowest(one, THEN in kind and number == 1))
+        one = parse_fault_set(kind)[number].kind
+        return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
     def first_alone(self, wrong: TriedFault) -> TriedFault:
         """The first fault of an ordered pair, without the second."""
-        kind, target = wrong.kind.partition(THEN)[0], wrong.target.partition(AND)[0]
+        kind, target = wrong.kind.partition(SEQUENCE_SEPARATOR)[0], wrong.target.partition(PAIR_SEPARATOR)[0]
         size = self.magnitude(kind, wrong.shares[0])
         return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
         """Those that `fault` makes `wrong` of; 0 where the kind has no magnitude."""
         return (
-            wrong.shares if alone(wrong.kind) is None else (share_of(named_set(wrong.kind)[0].kind, wrong.magnitude),)
+            wrong.shares
+            if single_kind(wrong.kind) is None
+            else (share_of(parse_fault_set(wrong.kind)[0].kind, wrong.magnitude),)
         )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
@@ -199,11 +201,11 @@ class Space:
             experiment: the file that it extends, as it is found from where it will stand.
             trip: tick from which the second fault of an ordered pair is delayed.
         """
-        tables = {"extends": str(experiment)} | laid_over(
+        tables = {"extends": str(experiment)} | merge_tables(
             self.base,
             ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
             | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
-            | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != HERE else {})
+            | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != NO_OFFSET else {})
             | ({"fault": self._tables(wrong, trip)} if wrong.kind else {}),
         )
         tables["measure"] = [
@@ -212,7 +214,7 @@ class Space:
         return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
 
     def _tables(self, wrong: TriedFault, trip: int) -> list[dict[str, Any]]:
-        parts, targets = named_set(wrong.kind), wrong.target.split(AND)
+        parts, targets = parse_fault_set(wrong.kind), wrong.target.split(PAIR_SEPARATOR)
         sizes = [wrong.magnitude]
         if len(parts) > 1:
             sizes = [self.magnitude(wrong.kind, share, number) for number, share in enumerate(wrong.shares)]
@@ -220,14 +222,14 @@ class Space:
             self._table(wrong, part.kind, target, size)
             for part, target, size in zip(parts, targets, sizes, strict=True)
         ]
-        if THEN in wrong.kind:
+        if SEQUENCE_SEPARATOR in wrong.kind:
             later = min(trip + wrong.delay, self.ticks - 1)
             tables[1]["onset_s"] = self.onset(replace(wrong, onset=later))
         return tables
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
         """Of one of its faults."""
-        known = CATALOGUE[kind]
+        known = FAULT_KINDS[kind]
         table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
             table["duration_s"] = self.duration
@@ -242,15 +244,15 @@ class Space:
         return float(f"{wrong.onset * self.tick:.12g}")
 
 
-def creeps(kind: str) -> bool:
+def may_creep(kind: str) -> bool:
     """Whether the second fault of an ordered pair turns drives, which may be slow."""
-    return THEN in kind and named_set(kind)[1].kind == RUNAWAY
+    return SEQUENCE_SEPARATOR in kind and parse_fault_set(kind)[1].kind == RUNAWAY_KIND
 
 
-def alone(kind: str) -> Kind | None:
+def single_kind(kind: str) -> FaultKind | None:
     """The kind of the catalogue that a set is of; None: it is of several."""
-    parts = named_set(kind)
-    return CATALOGUE[parts[0].kind] if len(parts) == 1 else None
+    parts = parse_fault_set(kind)
+    return FAULT_KINDS[parts[0].kind] if len(parts) == 1 else None
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
@@ -260,21 +262,21 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
         InputRefused: there is no such kind or group.
     """
     for kind in kinds:
-        named_set(kind)
+        parse_fault_set(kind)
     if kinds:
         return (
-            *(kind for kind in CATALOGUE if kind in kinds),
-            *(k for k in dict.fromkeys(kinds) if k not in CATALOGUE),
+            *(kind for kind in FAULT_KINDS if kind in kinds),
+            *(k for k in dict.fromkeys(kinds) if k not in FAULT_KINDS),
         )
-    lists = {"single": tuple(CATALOGUE), "common": common_names(), "pairs": pair_names(), "ordered": ordered_names()}
+    lists = {"single": tuple(FAULT_KINDS), "common": common_names(), "pairs": pair_names(), "ordered": ordered_names()}
     return tuple(name for each, names in lists.items() if each in sets for name in names)
 
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
     """Of each fault of a set whether its magnitude may have the other sign, or be the inverse of a factor, too."""
-    return [(1, -1) if has_two_ways(part.kind) else (1,) for part in named_set(kind)]
+    return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 
 
 def offset_text(offset: tuple[float, float]) -> str:
     """Return `at 12.3 -4 mm`; empty without an offset."""
-    return "" if offset == HERE else "at " + " ".join(f"{1e3 * each:.3g}" for each in offset) + " mm"
+    return "" if offset == NO_OFFSET else "at " + " ".join(f"{1e3 * each:.3g}" for each in offset) + " mm"

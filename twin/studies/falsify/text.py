@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from twin.robot.experiment.together import AND, OF, THEN, named_set
-from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, alone, offset_text
+from twin.robot.experiment.together import GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR, parse_fault_set
+from twin.studies.falsify.space import EarlyEnd, Place, Requirement, Space, TriedFault, offset_text, single_kind
 from twin.studies.faults.text import magnitude_text
-from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, count_text, wrap_text
 
-COLUMNS = (
+FOUND_COLUMNS = (
     Column("", 23, left=True),
     Column("distance", 10),
     Column("magnitude", 11),
@@ -24,7 +24,7 @@ MAX_SHOWN = 5
 
 
 @dataclass(frozen=True)
-class Holes:
+class UnviolatedKinds:
     """Of the kinds of which no run violates what is required.
 
     Attributes:
@@ -36,12 +36,12 @@ class Holes:
 
     untried: Mapping[str, Sequence[Place]]
     places: Mapping[str, int]
-    ended: Mapping[str, Sequence[tuple[TriedFault, Ended]]]
+    ended: Mapping[str, Sequence[tuple[TriedFault, EarlyEnd]]]
     runs: Mapping[str, int]
 
     @classmethod
-    def of(
-        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, Ended], violating: Collection[str]
+    def from_search(
+        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
     ) -> Self:
         """Those of a search.
 
@@ -65,17 +65,17 @@ class Holes:
         )
 
     @property
-    def not_violated(self) -> list[str]:
+    def not_violated_kinds(self) -> list[str]:
         """Kinds of which every run came to its end, and none violated what is required."""
         return [kind for kind in self.places if kind not in self.ended]
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def json_values(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "not_violated": self.not_violated,
+            "not_violated": self.not_violated_kinds,
             # the name of 1.0
-            "kept": self.not_violated,
+            "kept": self.not_violated_kinds,
             "not_tried": [
                 {
                     "kind": kind,
@@ -102,23 +102,22 @@ class Holes:
             for kind, some in self.ended.items():
                 of_these = [end.reason for _, end in some if end.refused == refused]
                 if of_these:
-                    cut_short.append(f"{kind} ({len(of_these)} of {counted(self.runs[kind], 'run')})")
+                    cut_short.append(f"{kind} ({len(of_these)} of {count_text(self.runs[kind], 'run')})")
                     reasons += of_these
             if cut_short:
                 first = (reasons[0].splitlines() or ["no reason was given"])[0]
-                lines += wrapped(f"{what}: {', '.join(cut_short)}. The first: {first}")
+                lines += wrap_text(f"{what}: {', '.join(cut_short)}. The first: {first}")
         if self.untried:
             left = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
             number = sum(map(len, self.untried.values()))
-            text = (
-                f"Not tried, {counted(number, 'place')} (target, sign, body; --runs N tries more): {', '.join(left)}."
-            )
-            lines += wrapped(text)
+            places = count_text(number, "place")
+            text = f"Not tried, {places} (target, sign, body; --runs N tries more): {', '.join(left)}."
+            lines += wrap_text(text)
         return lines
 
 
 @dataclass(frozen=True)
-class Found:
+class NearestRun:
     """The nearest run of one kind.
 
     Attributes:
@@ -135,11 +134,11 @@ class Found:
     share: float
     run: int
     first: int | None
-    ended: Ended | None = None
+    ended: EarlyEnd | None = None
 
-    def facts(self, space: Space) -> dict[str, Any]:
+    def to_dict(self, space: Space) -> dict[str, Any]:
         """For JSON."""
-        wrong, known = self.wrong, alone(self.wrong.kind)
+        wrong, known = self.wrong, single_kind(self.wrong.kind)
         return {
             "kind": wrong.kind,
             "target": wrong.target,
@@ -147,7 +146,7 @@ class Found:
             "shares": list(wrong.shares),
             "offset_mm": [1e3 * each for each in wrong.offset],
             "onset_s": space.onset(wrong),
-            "after_trip_s": wrong.delay * space.tick if THEN in wrong.kind else None,
+            "after_trip_s": wrong.delay * space.tick if SEQUENCE_SEPARATOR in wrong.kind else None,
             "body": wrong.body,
             "seed": wrong.seed,
             "distances": self.distances,
@@ -158,7 +157,7 @@ class Found:
         }
 
 
-def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -> list[str]:
+def header(experiment: str, found: NearestRun, requirements: Sequence[Requirement]) -> list[str]:
     """Comments of the experiment that keeps `found`."""
     lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
     return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
@@ -167,8 +166,8 @@ def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -
 def falsify_result(
     experiment: str,
     requirements: Sequence[Requirement],
-    found: Sequence[Found],
-    holes: Holes,
+    found: Sequence[NearestRun],
+    holes: UnviolatedKinds,
     space: Space,
     runs: int,
     seconds: float,
@@ -185,7 +184,7 @@ def falsify_result(
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
     if not violating:
-        count = "any" if len(holes.not_violated) == len(space.kinds) else str(len(holes.not_violated))
+        count = "any" if len(holes.not_violated_kinds) == len(space.kinds) else str(len(holes.not_violated_kinds))
         verdict = f"{experiment}  not violated by {count} of {len(space.kinds)} kinds of fault, as far as was searched"
     last = max((one.first or 0 for one in violating), default=0)
     when = f", the last of these kinds was found in run {last}" if violating else ""
@@ -203,18 +202,22 @@ def falsify_result(
         "requirements": [vars(requirement) for requirement in requirements],
         "runs": runs,
         "seconds": seconds,
-        "found": [one.facts(space) for one in found],
-        **holes.facts,
+        "found": [one.to_dict(space) for one in found],
+        **holes.json_values,
     }
     headline = Note(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
     return Result(headline, parts, facts, exit_code=1 if violating else 0)
 
 
-def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: Holes, space: Space) -> Table:
+def _table(
+    found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
+) -> Table:
     """One row each; names of sets are longer than those of kinds, and say where they are."""
     rows = [_row(one, requirements, holes, space) for one in found]
-    sets = any(mark in one.wrong.kind for one in found for mark in (OF, AND, THEN))
-    name, distance, magnitude, onset, target, *rest = COLUMNS
+    sets = any(
+        mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)
+    )
+    name, distance, magnitude, onset, target, *rest = FOUND_COLUMNS
     if sets:
         return Table(
             (replace(name, width=0), distance, magnitude, onset, *rest), [r[:4] + r[5:] for r in rows], indent=0
@@ -222,7 +225,7 @@ def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: H
     return Table((name, distance, magnitude, onset, target, *rest), rows, indent=0)
 
 
-def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: Space) -> list[Cell]:
+def _row(one: NearestRun, requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space) -> list[Cell]:
     wrong = one.wrong
     return [
         ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
@@ -235,7 +238,7 @@ def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: S
             filter(
                 None,
                 (
-                    f"2nd {wrong.delay * space.tick:.3g} s later" if THEN in wrong.kind else "",
+                    f"2nd {wrong.delay * space.tick:.3g} s later" if SEQUENCE_SEPARATOR in wrong.kind else "",
                     f"on {wrong.body}" if wrong.body else "",
                     offset_text(wrong.offset),
                 ),
@@ -244,13 +247,13 @@ def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: S
     ]
 
 
-def _distance(found: Found, requirement: Requirement) -> str:
+def _distance(found: NearestRun, requirement: Requirement) -> str:
     return f"{found.distances[requirement.name]:.4g} {requirement.unit}"
 
 
 def size_text(wrong: TriedFault) -> str:
     """A magnitude, or of a set of several faults the share of each, as people write it."""
-    parts = named_set(wrong.kind)
+    parts = parse_fault_set(wrong.kind)
     if len(parts) > 1:
         return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"
     return magnitude_text(parts[0].kind, wrong.magnitude)

@@ -6,7 +6,7 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, Fault, checked_faults, expected
+from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, Fault, checked_faults, expected_names
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
         InputRefused: a kind is missing from the catalogue.
     """
     for kind in kinds:
-        if kind not in CATALOGUE:
-            raise InputRefused(f"--kind {kind}: {expected(kind, tuple(CATALOGUE))}")
-    return tuple(kind for kind in CATALOGUE if not kinds or kind in kinds)
+        if kind not in FAULT_KINDS:
+            raise InputRefused(f"--kind {kind}: {expected_names(kind, tuple(FAULT_KINDS))}")
+    return tuple(kind for kind in FAULT_KINDS if not kinds or kind in kinds)
 
 
 def cases(
@@ -55,13 +55,13 @@ def cases(
     return tuple(
         Case(magnitude, _fault(experiment, kind, magnitude, onset, duration))
         for kind in kinds
-        for magnitude in CATALOGUE[kind].magnitudes or (None,)
+        for magnitude in FAULT_KINDS[kind].magnitudes or (None,)
         for onset in onsets
     )
 
 
 def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: float, duration: float | None) -> Fault:
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     table: dict[str, Any] = {"kind": kind, "onset_s": onset}
     if duration is not None:
         table["duration_s"] = duration
@@ -72,7 +72,7 @@ def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: fl
 
 def with_share(table: dict[str, Any]) -> dict[str, Any]:
     """Return the table of a fault with the share of its samples, if the kind has one."""
-    return table | ({"share": GLITCH_SHARE} if CATALOGUE[table["kind"]].has_share else {})
+    return table | ({"share": GLITCH_SHARE} if FAULT_KINDS[table["kind"]].has_share else {})
 
 
 def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple[Fault, ...]:

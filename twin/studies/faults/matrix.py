@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault
+from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault
 from twin.robot.run.runs import Outcome
 from twin.studies.faults.cases import Case
 from twin.studies.faults.onsets import touching, true_force
 from twin.studies.faults.reaction import Reaction, reaction
 from twin.studies.faults.stage import Stage
 
-ALLOWANCE = 1.2
+FORCE_ALLOWANCE = 1.2
 """Maximum true peak over the force limit: 20 % for the time that a reaction takes."""
-OF_IDEAL = 1.2
+MAX_IDEAL_SHARE = 1.2
 """Maximum peak over the peak with an ideal monitor, where the bound is exceeded."""
 
 
@@ -49,95 +49,95 @@ class FaultRow:
     ideal: float | None = None
 
     @property
-    def bound(self) -> float:
+    def force_bound(self) -> float:
         """What the true force is to stay below (N)."""
-        return ALLOWANCE * self.limit
+        return FORCE_ALLOWANCE * self.limit
 
     @property
-    def safe(self) -> bool:
-        return self.watched.peak <= self.bound
+    def is_safe(self) -> bool:
+        return self.watched.peak <= self.force_bound
 
     @property
-    def safe_unwatched(self) -> bool:
-        return self.unwatched.peak <= self.bound
+    def is_safe_without_monitor(self) -> bool:
+        return self.unwatched.peak <= self.force_bound
 
     @property
-    def detected(self) -> bool:
+    def is_detected(self) -> bool:
         return bool(self.watched.reason)
 
     @property
-    def in_time(self) -> bool:
+    def is_in_time(self) -> bool:
         """Whether the monitor saw it before the worst was over."""
         seen = self.watched.seen
         return seen is not None and seen <= self.watched.peak_delay
 
     @property
-    def largest(self) -> bool:
+    def is_largest(self) -> bool:
         """Whether the kind has no larger magnitude in the catalogue."""
-        magnitudes = CATALOGUE[self.kind].magnitudes
+        magnitudes = FAULT_KINDS[self.kind].magnitudes
         return magnitudes is None or self.magnitude == magnitudes[-1]
 
     @property
-    def detection_expected(self) -> bool:
+    def expects_detection(self) -> bool:
         """Whether the catalogue said before the run that the monitor sees it; of a fault that ends it says nothing."""
-        return self.stays and CATALOGUE[self.kind].expects_detection(self.magnitude, self.in_contact)
+        return self.stays and FAULT_KINDS[self.kind].expects_detection(self.magnitude, self.in_contact)
 
     @property
-    def expected_beyond(self) -> bool:
+    def expects_excess(self) -> bool:
         """Whether the catalogue said before the run that the force may go beyond the bound."""
-        return CATALOGUE[self.kind].expects_excess(self.magnitude)
+        return FAULT_KINDS[self.kind].expects_excess(self.magnitude)
 
     @property
-    def missed(self) -> bool:
+    def misses_detection(self) -> bool:
         """Whether the monitor did not see what it was said to see."""
-        return self.detection_expected and not self.detected
+        return self.expects_detection and not self.is_detected
 
     @property
-    def unavoidable(self) -> bool:
+    def is_unavoidable(self) -> bool:
         """Whether the force went beyond the bound, was not said to, and had done so with an ideal monitor, too."""
         ideal = 0.0 if self.ideal is None else self.ideal
-        return not self.safe and not self.expected_beyond and self.watched.peak <= OF_IDEAL * ideal
+        return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
     @property
-    def loose(self) -> bool:
+    def is_avoidable_excess(self) -> bool:
         """Whether the force went beyond the bound, was not said to, and could have been less."""
-        return not self.safe and not self.expected_beyond and not self.unavoidable
+        return not self.is_safe and not self.expects_excess and not self.is_unavoidable
 
     @property
     def fails(self) -> bool:
         """Whether the run did worse than was said before it."""
-        return self.missed or self.loose
+        return self.misses_detection or self.is_avoidable_excess
 
     @property
-    def as_stated(self) -> bool:
+    def matches_statement(self) -> bool:
         """Whether the run did what was said, no worse and no better: what is never seen was not seen in time."""
-        return not self.fails and not (CATALOGUE[self.kind].detection == "no" and self.in_time)
+        return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON: keys with units, and the judgements."""
         return {
             "kind": self.kind,
             "target": self.target,
-            CATALOGUE[self.kind].magnitude_key or "magnitude": self.magnitude,
+            FAULT_KINDS[self.kind].magnitude_key or "magnitude": self.magnitude,
             "onset_s": self.onset,
             "in_contact": self.in_contact,
             "limit_N": self.limit,
             "healthy_peak_N": self.healthy_peak,
-            "verdict": "safe" if self.safe else "unsafe",
-            "detection_stated": CATALOGUE[self.kind].detection,
-            "as_stated": self.as_stated,
-            "detectable": self.detection_expected,
-            "expected_beyond": self.expected_beyond,
+            "verdict": "safe" if self.is_safe else "unsafe",
+            "detection_stated": FAULT_KINDS[self.kind].detection,
+            "as_stated": self.matches_statement,
+            "detectable": self.expects_detection,
+            "expected_beyond": self.expects_excess,
             "ideal_peak_N": self.ideal,
             # the name of 1.0
-            "said_to_go_beyond": self.expected_beyond,
+            "said_to_go_beyond": self.expects_excess,
             "failed": self.fails,
-            "with_monitor": _facts(self.watched),
-            "without_monitor": _facts(self.unwatched),
+            "with_monitor": _outcome_to_dict(self.watched),
+            "without_monitor": _outcome_to_dict(self.unwatched),
         }
 
 
-def _facts(one: Reaction) -> dict[str, Any]:
+def _outcome_to_dict(one: Reaction) -> dict[str, Any]:
     """Return the reaction for JSON under the names of 1.0."""
     return {
         "peak_N": one.peak,
@@ -175,9 +175,9 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
                 healthy_peak=float(force[fault.onset :].max()),
                 watched=watched,
                 unwatched=unwatched,
-                stays=fault.end == NEVER,
+                stays=fault.end == NO_END_TICK,
             )
-            yield row if row.safe else replace(row, ideal=_ideal_peak(stage, fault, outcomes[0], limit))
+            yield row if row.is_safe else replace(row, ideal=_ideal_peak(stage, fault, outcomes[0], limit))
 
 
 def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:

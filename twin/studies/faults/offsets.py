@@ -7,7 +7,7 @@ from typing import Any
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 
-HERE = (0.0, 0.0)
+NO_OFFSET = (0.0, 0.0)
 """Offset of the experiment's own tasks (m)."""
 
 
@@ -25,7 +25,7 @@ def on_disc(reach: float, outward: float, around: float) -> tuple[float, float]:
 
 def offsets(reach: float) -> tuple[tuple[float, float], ...]:
     """Return the offsets to try: none, and `reach` (m) in four directions."""
-    return (HERE, (reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach)) if reach else (HERE,)
+    return (NO_OFFSET, (reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach)) if reach else (NO_OFFSET,)
 
 
 def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
@@ -51,7 +51,7 @@ def moved_settings(experiment: Experiment, offset: tuple[float, float]) -> tuple
     Raises:
         InputRefused: the experiment has no task to move.
     """
-    if offset == HERE:
+    if offset == NO_OFFSET:
         return ()
     if not experiment.tasks:
         raise InputRefused(

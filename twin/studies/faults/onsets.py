@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.monitor.reasons import trip_sentence
+from twin.robot.monitor.reasons import trip_message
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 
 FORCE_SIGNAL, PLACE_SIGNAL = "plant.F_ee_B", "plant.p_B"
@@ -39,14 +39,14 @@ def checked_healthy_run(experiment: Experiment) -> Outcome:
             f"{experiment.name}: no safety monitor watches this experiment; add a table [monitor] (its limits have "
             "defaults) without enabled = false, or --set monitor.enabled=true"
         )
-    refuse_other_parts(experiment, "a matrix of faults", ("monitor",))
+    refuse_third_party_parts(experiment, "a matrix of faults", ("monitor",))
     if experiment.faults:
         raise InputRefused(
             f"{experiment.name}: has [[fault]] tables; the matrix inserts one fault at a time, remove them"
         )
     healthy = healthy_run(experiment)
     if healthy.trip is not None:
-        raise SafetyTrip(f"{experiment.name}: without any fault: {trip_sentence(healthy.trip)}")
+        raise SafetyTrip(f"{experiment.name}: without any fault: {trip_message(healthy.trip)}")
     if healthy.failure:
         raise ComponentFailed(f"{experiment.name}: without any fault: {healthy.failure}")
     return healthy

@@ -11,13 +11,13 @@ from twin.robot.run.runs import Outcome
 from twin.studies.faults.onsets import CONTACT_FORCE, FORCE_SIGNAL, PLACE_SIGNAL
 
 SPEED_SIGNAL = "plant.v_B"
-SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
+TRIAL_SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
 """Signals that a reaction is computed from."""
 BEARABLE_FORCE = 10.0
 """Force (N) below which the time counts as bearable: that of a firm thumb, and two thirds of the force limit."""
 LAST_TIME = 0.1
 """Time (s) at the end of a run over which the remaining force is averaged."""
-FAILURE = "FAILURE"
+FAILURE_REASON = "FAILURE"
 """Reason of a run that the fault itself ended."""
 
 End = Literal["finished", "retracted", "held", "power off", "run ended"]
@@ -35,7 +35,7 @@ class Reaction:
         power_off: time to the loss of power, of one drive at least; None if the power stays.
         below: last time at which the force falls below `BEARABLE_FORCE`; 0 if it never exceeds it; None if it is
             above at the end.
-        reason: a name of `twin.robot.monitor.reasons.Reason`, or FAILURE; "" if `seen` is None.
+        reason: a name of `twin.robot.monitor.reasons.Reason`, or FAILURE_REASON; "" if `seen` is None.
         peak: largest true force (N).
         peak_delay: time to the peak.
         above: time for which the true force is above the monitor's force limit.
@@ -63,7 +63,7 @@ class Reaction:
     failure: str
     digest: str = ""
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return what a person feels, for JSON, with units."""
         units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
         units |= {"energy": "J", "left": "N"}
@@ -98,7 +98,7 @@ def reaction(run: Outcome, experiment: Experiment, onset: int, digest: bool = Tr
         acted=None if seen is None or trip is None else seen + tick * experiment.controller.bus_delay_ticks,
         power_off=None if off is None else tick * (off - onset),
         below=0.0 if not len(high) else None if high[-1] == len(force) - 1 else tick * (int(high[-1]) + 1),
-        reason=trip.reason.name if trip else FAILURE if at_fault else "",
+        reason=trip.reason.name if trip else FAILURE_REASON if at_fault else "",
         peak=float(force.max()),
         peak_delay=float(tick * force.argmax()),
         above=float(tick * np.count_nonzero(force > limit)),

@@ -14,9 +14,9 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.faults.cases import faults_of
-from twin.studies.faults.offsets import HERE, moved_settings
+from twin.studies.faults.offsets import NO_OFFSET, moved_settings
 from twin.studies.faults.onsets import checked_healthy_run, onsets_of, touching
-from twin.studies.faults.reaction import SIGNALS, Reaction, reaction
+from twin.studies.faults.reaction import TRIAL_SIGNALS, Reaction, reaction
 
 MAX_PASTS = 4
 """Pasts of one experiment: with and without the monitor, with and without a surface that moves."""
@@ -41,14 +41,14 @@ class Stage:
         self,
         experiment: Experiment,
         body: str = "",
-        offset: tuple[float, float] = HERE,
+        offset: tuple[float, float] = NO_OFFSET,
         settings: Sequence[str] = (),
         onsets: Sequence[float] = (),
         share: bool = True,
     ):
         self.experiment, self.body, self.offset, self.settings = experiment, body, offset, tuple(settings)
         self._onsets, self._share = tuple(onsets), share
-        self._runs = Runs(RunRequest(SIGNALS, idle=True), most=MAX_PASTS if share else 0)
+        self._runs = Runs(RunRequest(TRIAL_SIGNALS, idle=True), most=MAX_PASTS if share else 0)
         self._trips: dict[tuple[Fault, ...], float] = {}
 
     def __enter__(self) -> Self:
@@ -109,7 +109,7 @@ class Stage:
         one = reaction(watched, self.experiment, _onset(faults))
         return one, one if unwatched is watched else reaction(unwatched, self.experiment, _onset(faults))
 
-    def ideal(self, faults: Sequence[Fault], seen: float) -> Reaction:
+    def ideal_reaction(self, faults: Sequence[Fault], seen: float) -> Reaction:
         """Return the reaction of an ideal monitor, which cuts all power `seen` (s) after the onset."""
         off = Fault("power_off", "power", _onset(faults) + round(seen / self.experiment.cosim.tick))
         return replace(self.reaction((*faults, off)), power_off=seen)
@@ -121,7 +121,7 @@ class Stage:
             self._trips[faults] = self.reaction(faults).seen or 0.0
         return self._trips[faults]
 
-    def delayed(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
+    def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
         """Return two [[fault]] `tables`, the second moved to `delay` (s) after the trip that the first one causes.
 
         Without a trip the delay counts from the onset of the first.
@@ -139,7 +139,7 @@ def load_stage(
     path: Path,
     settings: Sequence[str] = (),
     body: str | None = None,
-    offset: tuple[float, float] = HERE,
+    offset: tuple[float, float] = NO_OFFSET,
     drive: str | None = None,
     onsets: Sequence[float] = (),
     share: bool = True,

@@ -12,13 +12,13 @@ from scipy.stats import binomtest
 
 from twin.kernel.errors import TwinError
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.together import table
+from twin.robot.experiment.together import fault_values
 from twin.studies.faults.cases import faults_of, with_share
 from twin.studies.faults.reaction import Reaction
 from twin.studies.faults.stage import Stage
 from twin.studies.safety.hazards import Cause, Hazard, SafetyTable
 
-CONFIDENCE = 0.95
+CONFIDENCE_LEVEL = 0.95
 """Confidence of intervals of a detected share, by Clopper and Pearson (1934)."""
 
 Stages = Callable[[str, tuple[float, float]], Stage]
@@ -68,7 +68,7 @@ class EvidenceRun:
         words = [f"twin run {experiment}", f"--body {self.body}", *(f"--set '{text}'" for text in self.settings)]
         return " ".join([*words, f"--set 'fault=[{tables}]'"])
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the run for JSON."""
         return {
             "id": self.id,
@@ -79,9 +79,9 @@ class EvidenceRun:
             "seed": self.seed,
             "found": self.found,
             "failure": self.failure,
-            "with_monitor": self.watched and self.watched.facts(),
-            "without_monitor": self.unwatched and self.unwatched.facts(),
-            "with_ideal_monitor": self.ideal and self.ideal.facts(),
+            "with_monitor": self.watched and self.watched.to_dict(),
+            "without_monitor": self.unwatched and self.unwatched.to_dict(),
+            "with_ideal_monitor": self.ideal and self.ideal.to_dict(),
         }
 
 
@@ -96,7 +96,7 @@ class HazardLine:
     Attributes:
         hazard: the line of the table.
         runs: all runs: grid, then search, then draws.
-        distances: distance of the healthy stage from violating a requirement, by formula and body.
+        distances: distance of the healthy robot from violating a requirement, by formula and body.
         head_area: area of the head (m2).
         variants: (peak, left) in N of the worst run with other hardware, by name; None if it fails.
     """
@@ -107,7 +107,7 @@ class HazardLine:
     head_area: float
     variants: dict[str, tuple[float, float] | None] = field(default_factory=dict)
 
-    def measured(self, run: Reaction) -> float:
+    def limited_value(self, run: Reaction) -> float:
         """Return the limited quantity of `run` in the unit of the limit."""
         match self.hazard.limit_key:
             case "limit_kPa":
@@ -117,7 +117,7 @@ class HazardLine:
         return run.peak
 
     @property
-    def failed(self) -> list[EvidenceRun]:
+    def failed_runs(self) -> list[EvidenceRun]:
         return [run for run in self.runs if run.watched is None]
 
     @property
@@ -126,7 +126,7 @@ class HazardLine:
         made = [run for run in self.runs if run.watched is not None]
         return max(
             made,
-            key=lambda run: (self.measured(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
+            key=lambda run: (self.limited_value(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
             default=None,
         )
 
@@ -134,12 +134,12 @@ class HazardLine:
     def value(self) -> float:
         """The limited quantity of the worst run; 0 without runs."""
         worst = self.worst
-        return self.measured(worst.watched) if worst and worst.watched else 0.0
+        return self.limited_value(worst.watched) if worst and worst.watched else 0.0
 
     @property
     def status(self) -> Status:
         """The judgement of the line; a single failed run makes the line fail."""
-        if self.failed or not (self.runs or self.distances):
+        if self.failed_runs or not (self.runs or self.distances):
             return "failed"
         violated = any(left < 0.0 for left in self.distances.values())
         if not violated and (self.worst is None or self.value <= self.hazard.limit):
@@ -147,37 +147,37 @@ class HazardLine:
         return "exceeded as stated" if self.hazard.table.beyond else "exceeded"
 
     @property
-    def searched(self) -> int:
+    def search_count(self) -> int:
         """Number of runs of the search."""
-        return len(self._found("search"))
+        return len(self._runs_of("search"))
 
-    def _found(self, origin: Origin) -> list[EvidenceRun]:
+    def _runs_of(self, origin: Origin) -> list[EvidenceRun]:
         return [run for run in self.runs if run.watched is not None and run.found == origin]
 
     @property
-    def detected(self) -> tuple[int, int]:
+    def grid_detection(self) -> tuple[int, int]:
         """(detected runs, runs) of the grid."""
-        return _seen(self._found("grid"))
+        return _detection_count(self._runs_of("grid"))
 
     @property
-    def drawn(self) -> tuple[int, int]:
+    def draw_detection(self) -> tuple[int, int]:
         """(detected runs, runs) of the random draws, which are independent of each other."""
-        return _seen(self._found("draw"))
+        return _detection_count(self._runs_of("draw"))
 
     @property
-    def dangerous(self) -> tuple[int, int]:
+    def dangerous_count(self) -> tuple[int, int]:
         """(runs below the limit with the monitor, runs) of the draws that exceed it, or fail, without the monitor."""
         bad = [
             run
-            for run in self._found("draw")
-            if run.unwatched and (run.unwatched.failure or self.measured(run.unwatched) > self.hazard.limit)
+            for run in self._runs_of("draw")
+            if run.unwatched and (run.unwatched.failure or self.limited_value(run.unwatched) > self.hazard.limit)
         ]
-        return sum(bool(run.watched and self.measured(run.watched) <= self.hazard.limit) for run in bad), len(bad)
+        return sum(bool(run.watched and self.limited_value(run.watched) <= self.hazard.limit) for run in bad), len(bad)
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the line for JSON, which `--against` compares."""
         worst = self.worst
-        seen, made = self.detected
+        seen, made = self.grid_detection
         return {
             "id": self.hazard.table.id,
             **self.hazard.table.model_dump(),
@@ -190,26 +190,26 @@ class HazardLine:
             "peak_N": worst.watched.peak if worst and worst.watched else None,
             "detected": seen,
             "runs": made,
-            "searched": self.searched,
-            "drawn": _share_facts(self.drawn),
-            "dangerous": _share_facts(self.dangerous),
+            "searched": self.search_count,
+            "drawn": _share_to_dict(self.draw_detection),
+            "dangerous": _share_to_dict(self.dangerous_count),
             "distances": self.distances,
             "variants": self.variants,
-            "evidence": [run.facts() for run in self.runs],
+            "evidence": [run.to_dict() for run in self.runs],
         }
 
 
 def interval(share: tuple[int, int]) -> tuple[float, float]:
     """Return the confidence interval of a share (count, number >= 1), by Clopper and Pearson (1934)."""
-    found = binomtest(*share).proportion_ci(CONFIDENCE, method="exact")
+    found = binomtest(*share).proportion_ci(CONFIDENCE_LEVEL, method="exact")
     return float(found.low), float(found.high)
 
 
-def _seen(runs: Sequence[EvidenceRun]) -> tuple[int, int]:
+def _detection_count(runs: Sequence[EvidenceRun]) -> tuple[int, int]:
     return sum(bool(run.watched and run.watched.reason) for run in runs), len(runs)
 
 
-def _share_facts(share: tuple[int, int]) -> dict[str, Any] | None:
+def _share_to_dict(share: tuple[int, int]) -> dict[str, Any] | None:
     return {"count": share[0], "of": share[1], "interval": list(interval(share))} if share[1] else None
 
 
@@ -225,7 +225,7 @@ def run_of(
     one = EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), stage.experiment.seed, None, found=found)
     try:
         if cause.ordered:
-            one = replace(one, tables=stage.delayed(tables, delay))
+            one = replace(one, tables=stage.delay_second(tables, delay))
         faults = faults_of(stage.experiment, one.tables)
         watched, unwatched = stage.reactions(faults) if found == "draw" else (stage.reaction(faults), None)
     except TwinError as problem:
@@ -239,19 +239,19 @@ def run_of(
 def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: int = 0) -> list[dict[str, Any]]:
     """Return the [[fault]] tables of `cause`, all at `onset` (s); `run_of` delays the second of an ordered cause."""
     parts = zip(cause.faults, sizes, strict=True)
-    made = [with_share(table(kind, target, size, onset)) for (kind, target), size in parts]
+    made = [with_share(fault_values(kind, target, size, onset)) for (kind, target), size in parts]
     return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
-def compared(stage: Stage, run: EvidenceRun) -> EvidenceRun:
+def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
     """Return `run` with the reactions without the monitor and with an ideal one."""
     faults = faults_of(stage.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
-    ideal = None if seen is None else stage.ideal(faults, seen)
+    ideal = None if seen is None else stage.ideal_reaction(faults, seen)
     return replace(run, unwatched=run.unwatched or stage.reaction(faults, watched=False), ideal=ideal)
 
 
-def hardware(
+def variant_peaks(
     line: HazardLine, table_: SafetyTable, path: Path, stage: Stage | None
 ) -> dict[str, tuple[float, float] | None]:
     """Return (peak, left) in N of the worst run of `line` with each variant of the hardware; None if it fails."""

@@ -11,26 +11,26 @@ from scipy.stats import qmc
 
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.assemble import assemble
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import fields_of, run_in_memory
 from twin.studies.faults.magnitudes import directions, has_two_ways, magnitude_between, share_of
-from twin.studies.faults.offsets import HERE, on_disc
+from twin.studies.faults.offsets import NO_OFFSET, on_disc
 from twin.studies.faults.reaction import Reaction
 from twin.studies.faults.stage import Stage
-from twin.studies.faults.together import DELAYS, slowest
+from twin.studies.faults.together import SECOND_DELAYS, slowest
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.safety.evidence import (
     EvidenceRun,
     HazardLine,
     Origin,
     Stages,
-    compared,
+    add_reference_runs,
     run_of,
     tables_of,
 )
 from twin.studies.safety.hazards import Cause, Hazard, magnitudes_of
 
-Made = tuple[EvidenceRun, Stage | None]
+MadeRun = tuple[EvidenceRun, Stage | None]
 NEAR_SHARE = 0.5
 """Share of the search that is spent near the worst run until then."""
 NEAR_WIDTH = 0.3
@@ -75,14 +75,14 @@ def line_of(
     first = line.runs.index(worst)
     there = made[first][1]
     assert there is not None
-    made += searched(hazard, stages, there, causes[first], worst, line.measured)
-    made += drawn(hazard, stages)
+    made += search_runs(hazard, stages, there, causes[first], worst, line.limited_value)
+    made += draw_runs(hazard, stages)
     line = replace(line, runs=tuple(run for run, _ in made))
     last = line.worst
     assert last is not None
     there = made[line.runs.index(last)][1]
     assert there is not None
-    every = tuple(compared(there, run) if run is last else run for run in line.runs)
+    every = tuple(add_reference_runs(there, run) if run is last else run for run in line.runs)
     return replace(line, runs=every), there
 
 
@@ -92,13 +92,13 @@ def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | 
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
             for sizes in magnitudes_of(cause, signs):
-                for onset, delay in product(stage.onsets, DELAYS if cause.ordered else (0.0,)):
+                for onset, delay in product(stage.onsets, SECOND_DELAYS if cause.ordered else (0.0,)):
                     yield cause, sizes, onset, delay
 
 
 def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
     """Return the distance of the healthy robot from a violation, by formula, body and offset; or the failed run."""
-    where = "" if stage.offset == HERE else " at " + ", ".join(f"{1e3 * each:g}" for each in stage.offset) + " mm"
+    where = "" if stage.offset == NO_OFFSET else " at " + ", ".join(f"{1e3 * each:g}" for each in stage.offset) + " mm"
     try:
         with assemble(stage.experiment) as assembly:
             fields = fields_of(assembly.system)
@@ -110,14 +110,14 @@ def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[Eviden
         return {}, [EvidenceRun(formula, stage.body, stage.settings, (), seed, None, failure=str(problem))]
 
 
-def searched(
+def search_runs(
     hazard: Hazard,
     stages: Stages,
     stage: Stage,
     cause: Cause,
     worst: EvidenceRun,
     measured: Callable[[Reaction], float],
-) -> Iterator[Made]:
+) -> Iterator[MadeRun]:
     """Search for a run worse than `worst`, on its body and of its cause.
 
     Varied are the time over the whole run, the magnitude (between the catalogue's smallest and largest) and direction
@@ -136,7 +136,7 @@ def searched(
     for number, point in enumerate(points):
         if number >= (1.0 - NEAR_SHARE) * budget:
             point = np.clip(best + NEAR_WIDTH * (point - 0.5), 0.0, 1.0)
-        made = _made(hazard, stages, stage, cause, point, "search", 0)
+        made = _make_run(hazard, stages, stage, cause, point, "search", 0)
         if made is None:
             continue
         run, where = made
@@ -146,7 +146,7 @@ def searched(
         yield run, where
 
 
-def drawn(hazard: Hazard, stages: Stages) -> Iterator[Made]:
+def draw_runs(hazard: Hazard, stages: Stages) -> Iterator[MadeRun]:
     """Draw runs independently of each other.
 
     Uniform are: cause, body and point of the table, place over the disc of its reach, time over the run, magnitude by
@@ -158,7 +158,7 @@ def drawn(hazard: Hazard, stages: Stages) -> Iterator[Made]:
     rng = np.random.default_rng([evidence.seed, zlib.crc32(hazard.table.id.encode())])
     broken = [cause for cause in hazard.causes if cause.faults]
 
-    def one() -> Made | None:
+    def one() -> MadeRun | None:
         cause = broken[rng.integers(len(broken))]
         body = evidence.bodies[rng.integers(len(evidence.bodies))]
         point = evidence.points[rng.integers(len(evidence.points))]
@@ -169,18 +169,18 @@ def drawn(hazard: Hazard, stages: Stages) -> Iterator[Made]:
         except TwinError:
             # the grid has that as a failed run
             return None
-        return _made(hazard, stages, stage, cause, numbers, "draw", seed)
+        return _make_run(hazard, stages, stage, cause, numbers, "draw", seed)
 
     possible = (made for _ in range(MAX_REDRAWS * evidence.draws) if broken and (made := one()) is not None)
     yield from islice(possible, evidence.draws)
 
 
 def _numbers(run: EvidenceRun, stage: Stage, cause: Cause, reach: float) -> NDArray[np.float64]:
-    """Return the numbers from which `_made` makes `run`."""
+    """Return the numbers from which `_make_run` makes `run`."""
     experiment, kinds = stage.experiment, [one["kind"] for one in run.tables]
     time = run.tables[0]["onset_s"] / experiment.cosim.tick / (experiment.duration_ticks - 1)
     shares = [
-        share_of(kind, one.get(CATALOGUE[kind].magnitude_key or ""), slowest(kind, cause.ordered and number == 1))
+        share_of(kind, one.get(FAULT_KINDS[kind].magnitude_key or ""), slowest(kind, cause.ordered and number == 1))
         for number, (kind, one) in enumerate(zip(kinds, run.tables, strict=True))
     ]
     each = [0.5 * (1.0 + share) if has_two_ways(kind) else share for kind, share in zip(kinds, shares, strict=True)]
@@ -188,11 +188,11 @@ def _numbers(run: EvidenceRun, stage: Stage, cause: Cause, reach: float) -> NDAr
     if cause.ordered:
         first, second = run.tables
         after = second["onset_s"] - first["onset_s"] - stage.trip_after(first)
-        late = (min(1.0, max(0.0, after / DELAYS[-1])),)
+        late = (min(1.0, max(0.0, after / SECOND_DELAYS[-1])),)
     return np.array([time, *each, *late, *((0.0, 0.0) if reach else ())])
 
 
-def _made(
+def _make_run(
     hazard: Hazard,
     stages: Stages,
     stage: Stage,
@@ -200,7 +200,7 @@ def _made(
     numbers: NDArray[np.float64] | Sequence[float],
     found: Origin,
     seed: int,
-) -> Made | None:
+) -> MadeRun | None:
     """Make the run of `numbers`, 0 .. 1 each: time, each fault, delay of an ordered cause, place of the tasks.
 
     Return None if the robot cannot reach the place.
@@ -215,10 +215,10 @@ def _made(
         )
         for number, ((kind, _), share) in enumerate(zip(cause.faults, rest, strict=False))
     ]
-    delay = DELAYS[-1] * rest[len(sizes)] if cause.ordered else 0.0
+    delay = SECOND_DELAYS[-1] * rest[len(sizes)] if cause.ordered else 0.0
     tables = tables_of(cause, sizes, onset, seed)
-    offset = on_disc(reach, *rest[-2:]) if reach else HERE
-    if offset != HERE:
+    offset = on_disc(reach, *rest[-2:]) if reach else NO_OFFSET
+    if offset != NO_OFFSET:
         try:
             stage = stages(stage.body, (stage.offset[0] + offset[0], stage.offset[1] + offset[1]))
         except InputRefused:

@@ -81,13 +81,13 @@ def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
         InputRefused: it is none of the monitor's numbers.
     """
     from twin.kernel.errors import InputRefused, nearest
-    from twin.robot.experiment.mistakes import keys
+    from twin.robot.experiment.mistakes import toml_keys
     from twin.robot.monitor.limits import Monitor
 
     fields = {str(field.alias): field.default for field in Monitor.model_fields.values()}
     if not isinstance(fields.get(key), float):
         raise InputRefused(
-            f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(keys(Monitor)))}"
+            f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(toml_keys(Monitor)))}"
         )
     return float(load_experiment(path, settings).values["monitor"].get(key) or fields[key])
 
