@@ -133,7 +133,7 @@ def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(ki
 
 @pytest.mark.parametrize("kind", ["stiffness_change", "surface_jump", "belt_slip"])
 def test_a_broken_bound_that_was_not_said_fails_unless_an_ideal_monitor_breaks_it_too(kind, monkeypatch):
-    monkeypatch.setitem(FAULT_KINDS, kind, replace(FAULT_KINDS[kind], beyond=None))
+    monkeypatch.setitem(FAULT_KINDS, kind, replace(FAULT_KINDS[kind], excess_from=None))
     broken = [row for row in pressing() if row.kind == kind and not row.is_safe]
     # the peak is over before the motors could have done anything
     assert broken and all(row.is_unavoidable and not row.fails for row in broken)

@@ -72,7 +72,9 @@ def safety(
         of_table = f" {table.path.stem}" if len(tables) > 1 else ""
         files |= {f"page{of_table}": folder / PAGE_FILE, f"data{of_table}": folder / DATA_FILE}
         parts += ["", lines_table(lines), *failures(lines)]
-        write_json(folder.absolute() / DATA_FILE, {"lines": [line.to_dict() for line in lines], **_without_lines(facts)})
+        write_json(
+            folder.absolute() / DATA_FILE, {"lines": [line.to_dict() for line in lines], **_without_lines(facts)}
+        )
     facts["worse"] = list(regressions(before, facts["lines"])) if before is not None else []
     if before is not None:
         sentences = facts["worse"] or ["no line got worse"]
