@@ -134,8 +134,8 @@ def combination_blocks(rows: Sequence[CombinationRow]) -> list[Block]:
             f"{len(of_kind)} {title}: {count['kept']} below their limit, {count['beyond']} above (!), "
             f"{count['missed']} not detected although expected (!); {sum(row.is_detected for row in of_kind)} of "
             f"{len(of_kind)} detected. Limit: {MAX_PEAK_SHARE * of_kind[0].limit:g} N, {MAX_PEAK_SHARE:g} times the "
-            f"monitor's, or (~) {MAX_IDEAL_SHARE:g} times the peak with an ideal monitor, which cuts all power when this "
-            "one trips."
+            f"monitor's, or (~) {MAX_IDEAL_SHARE:g} times the peak with an ideal monitor, which cuts all power when "
+            "this one trips."
         )
         # of equal names the worst comes first
         worst = {row.faults.name: row for row in reversed(of_kind)}
