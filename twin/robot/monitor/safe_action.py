@@ -222,7 +222,7 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
 
 @njit(cache=True)
 def is_retraction_over(limits, since):
-    """Whether the retraction is over `since` (s) the trip: the slowest drive that obeys stands still, to `FOLLOW_SLACK`."""
+    """Whether the retraction is over `since` (s) the trip: the slowest obeying drive stands, to `FOLLOW_SLACK`."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
     return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= FOLLOW_SLACK * limits.follow_limit
 

@@ -1,4 +1,4 @@
-"""Runs judged by their distance from a violation of what is required."""
+"""Distances of runs from a violation of the requirements."""
 
 import functools
 import math
@@ -43,17 +43,17 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
 
 
 def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run the experiment file `settings[0]`: "NAME.distance" of each of its requirements.
+    """Run the experiment file `settings[0]` and return "NAME.distance" of each of its requirements.
 
-    A component that fails ends the run, and what is required is judged until then.
+    A failed component ends the run; requirements are judged until then.
 
     Args:
-        path, drive: of the experiment that the file extends; it says so itself.
-        claims: nothing.
+        path, drive: unused; the experiment file states both.
+        claims: unused.
 
     Returns:
-        Besides "trip", the tick of the trip or None; of a run without a fault "onsets", ticks in contact and in free
-        motion at which one may begin.
+        The distances, and "trip", the tick of the trip or None. A run without faults also has "onsets": ticks in contact and in
+        free motion at which a fault may begin.
     """
     began = time.perf_counter()
     try:
@@ -71,11 +71,11 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
         onsets: list[int] = []
         if not experiment.faults:
             try:
-                # in contact first: that is where a fault can press
+                # in contact first: only there can a fault press
                 onsets = list(reversed(default_onsets(ended)))
             except InputRefused:
                 onsets = [round(0.5 * experiment.duration_ticks)]
-    # a mistake of ours in one run costs that run, as in a sweep
+    # an internal error costs this run only, as in a sweep
     except Exception as problem:
         status = "refused" if isinstance(problem, InputRefused) else "failed"
         return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
@@ -84,7 +84,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
 
 
 class Judge:
-    """Runs runs and tells how near they came, in shares of what the healthy run on the same body keeps."""
+    """Makes runs and returns their distances as shares of the healthy distance on the same body."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class Judge:
         self.seconds = 0.0
 
     def run_healthy(self) -> list[int]:
-        """Make the runs without a fault, on each body, and return where faults begin first (ticks).
+        """Make the runs without a fault on each body, and return the first onsets to try (ticks).
 
         Raises:
             InputRefused: one violates a requirement. ComponentFailed, SafetyTrip: one fails, or trips.
@@ -131,12 +131,12 @@ class Judge:
                     )
                 least = min(self._scales.get(wanted.name, math.inf), left)
                 self._scales[wanted.name] = least
-        # nothing but true and false, or a bound that is just kept: then metres and newtons are as good as shares
+        # without a healthy distance (flags alone, or a bound that is just kept) distances are in SI units
         self._scales = {name: s if 1e-9 < s < math.inf else 1.0 for name, s in self._scales.items()}
         return onsets
 
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Of each run: until then if a failed component ended it, infinite if it is refused."""
+        """Return the share of each run: until the failure of a component, infinite if refused."""
         shares = []
         for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
@@ -152,7 +152,7 @@ class Judge:
         return shares
 
     def _without_fault(self, wrong: TriedFault) -> str:
-        """Why the place of `wrong` says nothing of its fault: the healthy robot violates there, trips or fails; ""."""
+        """Return the reason why a place is unsuitable: the healthy robot violates, trips or fails there; "" if suitable."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
             (facts,) = self._run_batch([unbroken])
@@ -167,14 +167,14 @@ class Judge:
         return math.inf if value is None else value
 
     def trip(self, wrong: TriedFault) -> int:
-        """Tick from which the second fault of an ordered pair that was run is delayed."""
+        """Return the tick from which the second fault of an ordered pair is delayed."""
         return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
     def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:
         first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if SEQUENCE_SEPARATOR in wrong.kind)
         new = [one for one in first if one not in self._trips]
         if new:
-            # not counted as runs: they are judged as single faults
+            # not counted as runs: single faults judge them
             trips = [facts.get("trip") for facts in self._run_batch(new)]
             self._trips |= {one: one.onset if trip is None else trip for one, trip in zip(new, trips, strict=True)}
         files = []
@@ -190,10 +190,10 @@ class Judge:
 
 
 def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) -> list[Requirement]:
-    """What is required, checked against the signals that a recording of `experiment` has.
+    """Return the requirements, checked against the signals that a recording of `experiment` has.
 
     Raises:
-        InputRefused: nothing is, or it cannot be judged.
+        InputRefused: there is no requirement, or one cannot be judged.
     """
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")

@@ -17,35 +17,35 @@ from twin.studies.faults.offsets import NO_OFFSET
 from twin.studies.faults.together import SECOND_DELAYS
 
 Judgement = Callable[[Sequence[TriedFault]], list[float]]
-"""How near each of some runs comes to violating: its distance as a share of the healthy one, negative if it does."""
+"""Returns the distance of each run from a violation as a share of the healthy distance; negative if violated."""
 
 POPULATION_SIZE = 6
-"""Of differential evolution, at least 5 for its mutation; small, since the space has two to five dimensions and the
-runs are few."""
+"""Population of differential evolution: at least 5 for its mutation; small, since the space has two to five
+dimensions and the runs are few."""
 RACE_SHARE = 0.7
-"""Share of the runs that the race takes at most, but for the first run of every kind."""
+"""Maximum share of the runs for the race, besides the first run of every kind."""
 MIN_SPEED_SHARE = 0.01
-"""Share of the speed of a drive that creeps after a trip; not 0, which has no direction."""
+"""Minimum share of the speed of a drive that creeps after a trip; 0 has no direction."""
 SEED_COUNT = 1000
-"""Seeds that the search draws from."""
+"""Number of seeds that the search draws from."""
 
 
 def _number(kind: str) -> int:
-    """By which the order of the places of `kind` is drawn."""
+    """Return the number that seeds the order of the places of `kind`."""
     kinds = list(FAULT_KINDS)
     return kinds.index(kind) if kind in kinds else len(kinds) + zlib.crc32(kind.encode())
 
 
 @dataclass
 class Search:
-    """What has been tried.
+    """The search over a space of faults, with all runs tried so far.
 
     Attributes:
-        space: where it looks.
-        judge: runs runs.
-        runs: the most that it may make.
-        onsets: ticks that are tried first.
-        tried: every run with its share, in the order in which they were made.
+        space: space of faults.
+        judge: returns the shares of runs.
+        runs: maximum number of runs.
+        onsets: ticks to try first.
+        tried: share of every run, in the order of the runs.
     """
 
     space: Space
@@ -55,11 +55,11 @@ class Search:
     tried: dict[TriedFault, float] = field(default_factory=dict)
 
     def spend_runs(self) -> None:
-        """Spend the runs."""
+        """Spend all runs: a race over all kinds, then evolution of the violating ones."""
         self._race()
         found = sorted((share, kind) for kind, (_, share) in self.worst.items())
         violated = [kind for share, kind in found if share < 0.0] or [kind for _, kind in found[:1]]
-        # two generations at least, or it is no evolution
+        # evolution needs at least two generations
         for number, kind in enumerate(violated):
             rest = max(self._runs_left // (len(violated) - number), 2 * POPULATION_SIZE)
             self._evolve(kind, min(rest, self._runs_left))
@@ -86,13 +86,13 @@ class Search:
 
     @property
     def _open_kinds(self) -> list[str]:
-        """Kinds that are not found to violate, the nearest first."""
+        """Kinds without a violation so far, nearest first."""
         share = {kind: self.worst[kind][1] if kind in self.worst else 0.0 for kind in self.space.kinds}
         return sorted((kind for kind in share if share[kind] >= 0.0), key=lambda kind: share[kind])
 
     @property
     def worst(self) -> dict[str, tuple[TriedFault, float]]:
-        """Of each kind the run that came nearest, of equal ones the first."""
+        """Run with the smallest share of each kind; the first of equal ones."""
         best: dict[str, tuple[TriedFault, float]] = {}
         for wrong, share in self.tried.items():
             if wrong.kind not in best or share < best[wrong.kind][1]:
@@ -104,16 +104,18 @@ class Search:
         return max(0, self.runs - len(self.tried))
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
-        """The shares of `batch`; of what has been tried before without a run, infinite where there are none left."""
+        """Return the shares of `batch`; infinite for new runs that exceed the maximum."""
         fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))
         return [self.tried.get(wrong, np.inf) for wrong in batch]
 
     def _rounds(self, kind: str) -> list[tuple[Place, int]]:
-        """Where `kind` is in its first rounds, and its onset: the catalogue's place at each of the onsets given, there
-        the other signs of a set of faults, then each other place, in an order that is drawn, at the onsets in turn
-        until it has been at each."""
+        """Return the places and onsets of the first rounds of `kind`.
+
+        The catalogue's place comes first, at each given onset, then the other signs of a set of faults there, then each other
+        place in a drawn order, at the onsets in turn until it has been tried at each.
+        """
         first, *others = self.space.places(kind)
         turned = [place for place in others if len(place.ways) > 1 and place._replace(ways=first.ways) == first]
         others = [place for place in others if place not in turned]
@@ -125,8 +127,11 @@ class Search:
         return rounds
 
     def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> TriedFault:
-        """The run of `kind` in a round: at the catalogue's largest in `rounds`, later ever finer between all times,
-        sizes up to the upper end, offsets and delays."""
+        """Return the run of `kind` in a round.
+
+        In `rounds` the magnitude is the catalogue's largest; later rounds fill times, sizes up to the upper end, offsets and
+        delays ever more finely.
+        """
         place, onset = rounds[lap % len(rounds)]
         shares, offset, ordered = [1.0] * len(place.ways), NO_OFFSET, SEQUENCE_SEPARATOR in kind
         delay = SECOND_DELAYS[(lap + _number(kind)) % len(SECOND_DELAYS)] if ordered else 0.0
@@ -146,7 +151,7 @@ class Search:
         return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset, delay)
 
     def _evolve(self, kind: str, runs: int) -> None:
-        """Spend `runs` around what is known of `kind`."""
+        """Spend `runs` on differential evolution from the worst run of `kind`."""
         space = self.space
         targets, bodies = space.targets(kind), space.bodies
         seeds = SEED_COUNT if space.draws(kind) else 0
@@ -181,7 +186,7 @@ class Search:
         here = space.polar(best.offset) if space.reach else ()
         late = (best.delay * space.tick,) if ordered else ()
         population[0] = best.onset, *space.shares(best), *where, best.seed, *late, *here
-        # a generation may bring fewer runs than it has members: some have been made before
+        # a generation may need fewer runs than it has members: known runs are not repeated
         differential_evolution(
             shares, bounds, maxiter=max(1, runs), init=population, integrality=np.array(whole), seed=0, polish=False,
             callback=lambda x, convergence: len(self.tried) >= last, vectorized=True, updating="deferred", tol=0.0,

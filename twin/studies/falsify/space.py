@@ -28,17 +28,16 @@ RANDOM_KINDS = (
     "encoder_dropout_hold", "encoder_dropout_zero", "encoder_dropout_nan", "encoder_glitch", "sample_jitter",
     "sample_loss",
 )  # fmt: skip
-"""Kinds whose seed matters."""
+"""Kinds that depend on their seed."""
 
 
 class Place(NamedTuple):
-    """Where a fault can be.
+    """Place of a fault: target, direction and body.
 
     Attributes:
-        target: one of the kind's.
-        ways: of each fault of a set 1: as the catalogue has the magnitude; -1: the other sign, or, of a factor, its
-            inverse.
-        body: what is pressed on; None: the experiment's own.
+        target: a target of the kind.
+        ways: direction of each fault of a set: 1 as in the catalogue; -1 the other sign, or the inverse of a factor.
+        body: body that is pressed on; None for the experiment's own.
     """
 
     target: str
@@ -48,19 +47,19 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class TriedFault:
-    """One fault in one run.
+    """One fault, or set of faults, in one run.
 
     Attributes:
-        kind: of the catalogue, or the name of a set of faults; "": nothing is wrong.
-        target: one of the kind's; of a set that of each, joined by "+".
-        magnitude: in the catalogue's unit; None where the kind has none, and of a set of several.
+        kind: kind of the catalogue, or name of a set; "" for the healthy robot.
+        target: target of the kind; targets of a set joined by "+".
+        magnitude: magnitude in the catalogue's unit; None for kinds without one, and for sets of several.
         onset: tick.
-        body: what is pressed on; None: the experiment's own.
-        seed: of the fault, and added to that of the encoders' noise.
-        shares: of a set of several faults that of each, see `Space.magnitude`.
-        offset: by which all tasks are moved, x and y (m).
-        delay: ticks from the trip that the first fault causes to the second (from its onset if it causes none); of
-            faults that begin together 0.
+        body: body that is pressed on; None for the experiment's own.
+        seed: seed of the fault, also added to the seed of the encoders' noise.
+        shares: share of each fault of a set of several, see `Space.magnitude`.
+        offset: offset of all tasks, x and y (m).
+        delay: ticks from the trip of the first fault (from its onset without a trip) to the second; 0 for faults that
+            begin together.
     """
 
     kind: str
@@ -97,20 +96,20 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Space:
-    """Where the search looks.
+    """Space of the search.
 
     Attributes:
-        base: tables that every run has: settings.
+        base: tables of every run: settings.
         requirements: (name, formula) of each.
-        kinds: of faults.
-        ticks: of the experiment; a fault begins before that.
-        tick: (s).
-        duration: of each fault (s); None: to the end.
-        bodies: None among them: the experiment's own.
-        seed: of the experiment.
-        noisy: whether its encoders have noise.
-        tasks: of the experiment.
-        reach: how far they may be moved (m).
+        kinds: kinds and sets of faults.
+        ticks: duration of the experiment; faults begin before it.
+        tick: duration of a tick (s).
+        duration: duration of each fault (s); None for faults that last to the end.
+        bodies: bodies to press on; None for the experiment's own.
+        seed: seed of the experiment.
+        noisy: whether the encoders have noise.
+        tasks: tasks of the experiment.
+        reach: maximum offset of the tasks (m).
     """
 
     base: Mapping[str, Any]
@@ -126,19 +125,19 @@ class Space:
     reach: float = 0.0
 
     def draws(self, kind: str) -> bool:
-        """Whether another seed makes another run of a fault of `kind`."""
+        """Return whether the seed changes a run of `kind`."""
         return self.noisy or any(part.kind in RANDOM_KINDS for part in parse_fault_set(kind))
 
     def targets(self, kind: str) -> list[str]:
-        """Where `kind` may be; of a set every combination."""
+        """Return the targets of `kind`; every combination for a set."""
         return [PAIR_SEPARATOR.join(targets) for targets in product(*(part.targets for part in parse_fault_set(kind)))]
 
     def places(self, kind: str) -> list[Place]:
-        """Every place of `kind`, that of the catalogue and of the experiment first."""
+        """Return every place of `kind`, starting with the first target on the experiment's own body."""
         return [Place(*place) for place in product(self.targets(kind), product(*ways_of(kind)), self.bodies)]
 
     def place(self, wrong: TriedFault) -> Place:
-        """That of `wrong`."""
+        """Return the place of `wrong`."""
         signs = (-1 if share < 0.0 else 1 for share in self.shares(wrong))
         ways = tuple(sign if sign in ways else 1 for sign, ways in zip(signs, ways_of(wrong.kind), strict=True))
         return Place(wrong.target, ways, wrong.body)
@@ -153,11 +152,11 @@ class Space:
         offset: tuple[float, float] = NO_OFFSET,
         delay: float = 0.0,
     ) -> TriedFault:
-        """The run of `kind` at a target and on a body.
+        """Return the run of `kind` at a target and on a body.
 
         Args:
-            shares: of each of its faults, see `magnitude`.
-            delay: of the second fault after the trip (s).
+            shares: share of each fault, see `magnitude`.
+            delay: delay of the second fault after the trip (s).
         """
         target, body = place
         if single_kind(kind) is not None:
@@ -167,27 +166,27 @@ class Space:
         return TriedFault(kind, target, None, onset, body, seed, rounded, offset, round(delay / self.tick))
 
     def offset(self, outward: float, around: float) -> tuple[float, float]:
-        """See `on_disc`."""
+        """Return the offset at a share of the area and of a turn, see `on_disc`."""
         return on_disc(self.reach, outward, around)
 
     def polar(self, offset: tuple[float, float]) -> tuple[float, float]:
-        """What `offset` makes it of."""
+        """Return the numbers from which `Space.offset` makes `offset`."""
         x, y = offset
         return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
 
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
-        """Of fault `number` of a set, see `magnitude_between`; a drive that runs away second may creep."""
+        """Return the magnitude of fault `number` of a set, see `magnitude_between`; a second drive fault may creep."""
         one = parse_fault_set(kind)[number].kind
         return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
     def first_alone(self, wrong: TriedFault) -> TriedFault:
-        """The first fault of an ordered pair, without the second."""
+        """Return the first fault of an ordered pair, without the second."""
         kind, target = wrong.kind.partition(SEQUENCE_SEPARATOR)[0], wrong.target.partition(PAIR_SEPARATOR)[0]
         size = self.magnitude(kind, wrong.shares[0])
         return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
-        """Those that `fault` makes `wrong` of; 0 where the kind has no magnitude."""
+        """Return the shares from which `Space.fault` makes `wrong`; 0 for kinds without a magnitude."""
         return (
             wrong.shares
             if single_kind(wrong.kind) is None
@@ -195,10 +194,10 @@ class Space:
         )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
-        """The experiment with what is wrong in it and what is required of it, as TOML that `twin run` takes.
+        """Return the experiment with the faults of `wrong` and the requirements, as TOML that `twin run` reads.
 
         Args:
-            experiment: the file that it extends, as it is found from where it will stand.
+            experiment: file to extend, relative to the folder of the new file.
             trip: tick from which the second fault of an ordered pair is delayed.
         """
         tables = {"extends": str(experiment)} | merge_tables(
@@ -228,7 +227,7 @@ class Space:
         return tables
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
-        """Of one of its faults."""
+        """Return the [[fault]] table of one fault."""
         known = FAULT_KINDS[kind]
         table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
@@ -240,26 +239,26 @@ class Space:
         return table | ({"seed": wrong.seed} if wrong.seed else {})
 
     def onset(self, wrong: TriedFault) -> float:
-        """When it begins (s), without the digits that rounding leaves."""
+        """Return the onset of `wrong` (s), rounded to 12 digits."""
         return float(f"{wrong.onset * self.tick:.12g}")
 
 
 def may_creep(kind: str) -> bool:
-    """Whether the second fault of an ordered pair turns drives, which may be slow."""
+    """Return whether the second fault of an ordered pair is a runaway drive, which may be slow."""
     return SEQUENCE_SEPARATOR in kind and parse_fault_set(kind)[1].kind == RUNAWAY_KIND
 
 
 def single_kind(kind: str) -> FaultKind | None:
-    """The kind of the catalogue that a set is of; None: it is of several."""
+    """Return the catalogue's kind of a set with one fault; None for several."""
     parts = parse_fault_set(kind)
     return FAULT_KINDS[parts[0].kind] if len(parts) == 1 else None
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
-    """What is searched: `kinds`, which may be sets; or, where none is named, all of the lists that `sets` names.
+    """Return the kinds and sets to search: `kinds`, or if empty all of the lists named by `sets`.
 
     Raises:
-        InputRefused: there is no such kind or group.
+        InputRefused: a kind or group is unknown.
     """
     for kind in kinds:
         parse_fault_set(kind)
@@ -273,7 +272,7 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
 
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
-    """Of each fault of a set whether its magnitude may have the other sign, or be the inverse of a factor, too."""
+    """Return the directions of each fault of a set: (1, -1) if its magnitude may have the other sign or be inverted."""
     return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 
 

@@ -25,13 +25,13 @@ MAX_SHOWN = 5
 
 @dataclass(frozen=True)
 class UnviolatedKinds:
-    """Of the kinds of which no run violates what is required.
+    """Kinds without a violation, and the gaps of the search.
 
     Attributes:
-        untried: places where no run of the kind was made, by kind.
-        places: of each kind, how many it has.
-        ended: runs that did not come to their end, by kind, each with the reason.
-        runs: of each kind, how many were made.
+        untried: places without a run, by kind.
+        places: number of places, by kind.
+        ended: runs that ended early, by kind, each with the reason.
+        runs: number of runs, by kind.
     """
 
     untried: Mapping[str, Sequence[Place]]
@@ -43,13 +43,13 @@ class UnviolatedKinds:
     def from_search(
         cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
     ) -> Self:
-        """Those of a search.
+        """Return the kinds of a search without a violation.
 
         Args:
-            space: where it looked.
-            tried: its runs.
-            ended: those that did not come to their end.
-            violating: kinds that were found to violate.
+            space: space of the search.
+            tried: runs of the search.
+            ended: runs that ended early.
+            violating: kinds with a violation.
         """
         kinds = [kind for kind in space.kinds if kind not in violating]
         places = {kind: space.places(kind) for kind in kinds}
@@ -66,12 +66,12 @@ class UnviolatedKinds:
 
     @property
     def not_violated_kinds(self) -> list[str]:
-        """Kinds of which every run came to its end, and none violated what is required."""
+        """Kinds of which every run was completed without a violation."""
         return [kind for kind in self.places if kind not in self.ended]
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """For JSON."""
+        """The gaps for JSON."""
         return {
             "not_violated": self.not_violated_kinds,
             # the name of 1.0
@@ -94,7 +94,7 @@ class UnviolatedKinds:
         }
 
     def lines(self) -> list[str]:
-        """Sentences of at most 80 columns, if there is anything to say."""
+        """Return sentences of at most 80 columns; empty without gaps."""
         lines = []
         for refused, what in ((False, "Ended by a component that failed, judged until then"), (True, "Refused")):
             cut_short = []
@@ -118,15 +118,15 @@ class UnviolatedKinds:
 
 @dataclass(frozen=True)
 class NearestRun:
-    """The nearest run of one kind.
+    """The run of one kind with the smallest share.
 
     Attributes:
-        wrong: what was wrong in it.
-        distances: by the name of the requirement.
-        share: the smallest of them as a share of the healthy one.
-        run: its number, from 1.
-        first: number of the first run of this kind that violated; None: none did.
-        ended: why the run did not come to its end; None: it did.
+        wrong: faults of the run.
+        distances: distance from a violation, by the name of the requirement.
+        share: smallest distance as a share of the healthy distance.
+        run: number of the run, from 1.
+        first: number of the first violating run of this kind; None without one.
+        ended: reason of an early end; None for a completed run.
     """
 
     wrong: TriedFault
@@ -137,7 +137,7 @@ class NearestRun:
     ended: EarlyEnd | None = None
 
     def to_dict(self, space: Space) -> dict[str, Any]:
-        """For JSON."""
+        """Return the run for JSON."""
         wrong, known = self.wrong, single_kind(self.wrong.kind)
         return {
             "kind": wrong.kind,
@@ -158,7 +158,7 @@ class NearestRun:
 
 
 def header(experiment: str, found: NearestRun, requirements: Sequence[Requirement]) -> list[str]:
-    """Comments of the experiment that keeps `found`."""
+    """Return the comments of the experiment file of `found`."""
     lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
     return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
 
@@ -173,13 +173,12 @@ def falsify_result(
     seconds: float,
     folder: Path,
 ) -> Result:
-    """The verdict, what is required, the kinds that violate it and the nearest that do not, what is not known, then
-    where files are.
+    """Return the verdict, the requirements, violating kinds and the nearest others, the gaps, and the files.
 
     Args:
-        found: the nearest run of each kind, the worst first.
-        holes: what was not tried, and what was not judged.
-        seconds: what all runs took together.
+        found: nearest run of each kind, worst first.
+        holes: kinds without a violation, and gaps.
+        seconds: total processor time of all runs (s).
     """
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
@@ -212,7 +211,7 @@ def falsify_result(
 def _table(
     found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
 ) -> Table:
-    """One row each; names of sets are longer than those of kinds, and say where they are."""
+    """Return one row per run; names of sets are long and contain the target."""
     rows = [_row(one, requirements, holes, space) for one in found]
     sets = any(
         mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)
@@ -252,7 +251,7 @@ def _distance(found: NearestRun, requirement: Requirement) -> str:
 
 
 def size_text(wrong: TriedFault) -> str:
-    """A magnitude, or of a set of several faults the share of each, as people write it."""
+    """Return a magnitude as text, or the share of each fault of a set."""
     parts = parse_fault_set(wrong.kind)
     if len(parts) > 1:
         return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"
