@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,8 @@ def test_draws_are_of_every_cause_body_point_time_size_and_direction():
     assert max(far) <= 5e-3 + 1e-4 and 2.5e-3 < float(np.mean(far)) < 4e-3
     assert any(where and where.offset[1] > 6e-3 for _, where in found)
     assert [run.tables for run, _ in draw_runs(of, stages)] == [run.tables for run in runs]
+    other = replace(of, table=of.table.model_copy(update={"id": "H2"}))
+    assert [run.tables for run, _ in draw_runs(other, stages)] != [run.tables for run in runs]
     assert list(draw_runs(hazard(causes=(Cause(requirement="always a"),), draws=5), stages)) == []
 
 

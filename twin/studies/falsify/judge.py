@@ -52,8 +52,8 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
         claims: unused.
 
     Returns:
-        The distances, and "trip", the tick of the trip or None. A run without faults also has "onsets": ticks in contact and in
-        free motion at which a fault may begin.
+        The distances, and "trip", the tick of the trip or None; without faults also "onsets": ticks in contact
+        and in free motion at which a fault may begin.
     """
     began = time.perf_counter()
     try:
@@ -152,7 +152,7 @@ class Judge:
         return shares
 
     def _without_fault(self, wrong: TriedFault) -> str:
-        """Return the reason why a place is unsuitable: the healthy robot violates, trips or fails there; "" if suitable."""
+        """Return why a place is unsuitable: the healthy robot violates, trips or fails there; "" if suitable."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
             (facts,) = self._run_batch([unbroken])

@@ -113,8 +113,8 @@ class Search:
     def _rounds(self, kind: str) -> list[tuple[Place, int]]:
         """Return the places and onsets of the first rounds of `kind`.
 
-        The catalogue's place comes first, at each given onset, then the other signs of a set of faults there, then each other
-        place in a drawn order, at the onsets in turn until it has been tried at each.
+        The catalogue's place comes first, at each given onset, then the other signs of a set of faults there, then each
+        other place in a drawn order, at the onsets in turn until it has been tried at each.
         """
         first, *others = self.space.places(kind)
         turned = [place for place in others if len(place.ways) > 1 and place._replace(ways=first.ways) == first]
@@ -129,8 +129,8 @@ class Search:
     def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> TriedFault:
         """Return the run of `kind` in a round.
 
-        In `rounds` the magnitude is the catalogue's largest; later rounds fill times, sizes up to the upper end, offsets and
-        delays ever more finely.
+        In `rounds` the magnitude is the catalogue's largest; later rounds fill times, sizes up to the upper end,
+        offsets and delays ever more finely.
         """
         place, onset = rounds[lap % len(rounds)]
         shares, offset, ordered = [1.0] * len(place.ways), NO_OFFSET, SEQUENCE_SEPARATOR in kind

@@ -70,8 +70,8 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
     """Return the magnitude of `kind` at a share of its range, interpolated by ratio; None for kinds without one.
 
     Args:
-        share: 0 is the catalogue's smallest magnitude, 1 its largest, 2 the upper end; a negative share is the other sign,
-            or the inverse of a factor.
+        share: 0 is the catalogue's smallest magnitude, 1 its largest, 2 the upper end; negative shares have the other
+            sign, or are the inverse of a factor.
         tick: duration of a tick (s).
         slowest: magnitude at share 0; default: the catalogue's smallest.
     """

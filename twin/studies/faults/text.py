@@ -170,7 +170,7 @@ def magnitude_text(kind: str, magnitude: float | None) -> str:
 
 
 def _worst(rows: Sequence[FaultRow]) -> Iterator[tuple[FaultRow, list[FaultRow]]]:
-    """Yield the row with the largest printed force of each kind (of equal ones the largest fault), and its other rows."""
+    """Yield the row with the largest printed force of each kind (of equals the largest fault), and all its rows."""
     for _, group in groupby(rows, lambda row: row.kind):
         of_kind = list(group)
         yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
