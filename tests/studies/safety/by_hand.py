@@ -19,7 +19,7 @@ TRIPPED_AFTER = 0.05
 
 def felt(peak: float, **values: Any) -> Reaction:
     """Return a reaction of a run that tripped, but for the `values` given."""
-    given = {
+    given: dict[str, Any] = {
         "seen": 0.1, "acted": 0.1, "power_off": None, "below": 0.3, "reason": "FORCE", "peak": peak, "peak_delay": 0.1,
         "above": 0.0, "impulse": 1.0, "energy": 0.1, "left": 0.5, "end": "retracted", "failure": "", "digest": "abc",
     }  # fmt: skip
@@ -38,12 +38,13 @@ def hazard(key: str = "limit_N", limit: float = 22.5, causes: Sequence[Cause] = 
 
 def run(watched: Reaction | None, **values: Any) -> EvidenceRun:
     table = {"kind": "drive_runaway", "target": "all drives", "onset_s": 5.0, "magnitude_rad_per_s": 2.0}
-    given = {"cause": "runaway", "body": "back", "settings": (), "tables": (table,), "seed": 0}
+    given: dict[str, Any] = {"cause": "runaway", "body": "back", "settings": (), "tables": (table,), "seed": 0}
     return EvidenceRun(**given | {"watched": watched} | values)
 
 
 def line(*runs: EvidenceRun, of: Hazard | None = None, **values: Any) -> HazardLine:
-    return HazardLine(of or hazard(), runs, **{"distances": {}, "head_area": 3e-4} | values)
+    given: dict[str, Any] = {"distances": {}, "head_area": 3e-4}
+    return HazardLine(of or hazard(), runs, **given | values)
 
 
 class FakeStage:

@@ -22,7 +22,7 @@ def stage(**values: Any) -> Any:
 def test_a_run_is_identified_by_body_settings_faults_and_seed_alone():
     one = run(felt(10.0))
     assert len(one.id) == 12 and one.id == replace(one, watched=None, cause="other", found="draw").id
-    others = [{"body": "belly"}, {"settings": ("a=1",)}, {"tables": ()}, {"seed": 1}]
+    others: list[dict[str, Any]] = [{"body": "belly"}, {"settings": ("a=1",)}, {"tables": ()}, {"seed": 1}]
     assert len({one.id, *(replace(one, **other).id for other in others)}) == 5
 
 
