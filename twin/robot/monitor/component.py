@@ -52,6 +52,53 @@ from twin.robot.monitor.safe_action import (
     update_command_bounds,
 )
 
+MONITOR_INPUTS = (
+    Port("count_m", 3, "1", "motor encoder counts"),
+    Port("count_l", 3, "1", "joint encoder counts"),
+    Port("sample", 1, "1", "number of the encoder message, one more with each"),
+    Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
+)
+POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
+MONITOR_OUTPUTS = (
+    Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
+    Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
+    Port("reason", 1, "1", "why, a code of docs/safety.md; 0: not tripped", "int"),
+    POWER_PORT,
+    Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
+    Port("speed", 1, "m/s", "speed of the platform, low-passed"),
+    Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
+    Port("contact_time", 1, "s", "duration of the present contact"),
+    Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
+)
+LINE_PORTS = (
+    Port("drive_power", 3, "1", "whether each drive may have power", "bool"),
+    Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool"),
+)
+"""Additional outputs if the experiment has drives with a power line each ([drive.unpowered])."""
+OBSERVATION_RECORD = record(
+    **states(
+        started="i8",
+        **fields_of_form("3f8", "theta_m theta_l"),
+        **fields_of_form("3i8", "moved_m moved_l"),
+        **fields_of_form(
+            "3f8", "rate_m rate_l last_m deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"
+        ),
+        **fields_of_form("f8", "speed force force_rate"),
+        touching="i8",
+        **fields_of_form("f8", "z_touch depth"),
+        contact_ticks="i8",
+        **fields_of_form("3f8", "expected felt"),
+        hidden_ticks="i8",
+    ),
+)
+"""The last observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
+before (rad/s, the joint's on the motor's side), the motor's of the sample before (rad/s), deflection (rad), joint
+torques (N m), fastest change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed
+on the motor's side and commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length
+(N/s); position (m); the contact: height where it began (m), depth below that (m), duration (ticks); motor speed that
+the command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint),
+and for how long that is a hidden force (ticks)."""
+
 
 class MonitorBelief(
     Values,
@@ -133,31 +180,6 @@ def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> flo
 def geometry_of_belief(belief: MonitorBelief) -> Geometry:
     """Return the believed lengths of Fig. 2."""
     return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
-
-
-OBSERVATION_RECORD = record(
-    **states(
-        started="i8",
-        **fields_of_form("3f8", "theta_m theta_l"),
-        **fields_of_form("3i8", "moved_m moved_l"),
-        **fields_of_form(
-            "3f8", "rate_m rate_l last_m deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"
-        ),
-        **fields_of_form("f8", "speed force force_rate"),
-        touching="i8",
-        **fields_of_form("f8", "z_touch depth"),
-        contact_ticks="i8",
-        **fields_of_form("3f8", "expected felt"),
-        hidden_ticks="i8",
-    ),
-)
-"""The last observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
-before (rad/s, the joint's on the motor's side), the motor's of the sample before (rad/s), deflection (rad), joint
-torques (N m), fastest change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed
-on the motor's side and commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length
-(N/s); position (m); the contact: height where it began (m), depth below that (m), duration (ticks); motor speed that
-the command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint),
-and for how long that is a hidden force (ticks)."""
 
 
 @njit(cache=True)
@@ -271,29 +293,6 @@ def observe_contact(seen, contact_force, ticks):
         seen.depth = 0.0
 
 
-MONITOR_INPUTS = (
-    Port("count_m", 3, "1", "motor encoder counts"),
-    Port("count_l", 3, "1", "joint encoder counts"),
-    Port("sample", 1, "1", "number of the encoder message, one more with each"),
-    Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
-)
-POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
-MONITOR_OUTPUTS = (
-    Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
-    Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
-    Port("reason", 1, "1", "why, a code of docs/safety.md; 0: not tripped", "int"),
-    POWER_PORT,
-    Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
-    Port("speed", 1, "m/s", "speed of the platform, low-passed"),
-    Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
-    Port("contact_time", 1, "s", "duration of the present contact"),
-    Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
-)
-LINE_PORTS = (
-    Port("drive_power", 3, "1", "whether each drive may have power", "bool"),
-    Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool"),
-)
-"""Additional outputs if the experiment has drives with a power line each ([drive.unpowered])."""
 MONITOR_MEMORY = record(
     belief=BELIEF_RECORD,
     limits=LIMITS_RECORD,
