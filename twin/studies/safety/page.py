@@ -224,8 +224,8 @@ def share_text(share: tuple[int, int]) -> str:
 def _dangerous(line: HazardLine) -> str:
     if not line.dangerous_count[1]:
         return "None of them exceeds the limit without the monitor."
-    kept = share_text(line.dangerous_count)
-    return f"Of those that exceed the limit, or fail, without the monitor it keeps {kept} below it."
+    share = share_text(line.dangerous_count)
+    return f"Of those that exceed the limit, or fail, without the monitor it keeps {share} below it."
 
 
 def _runs(line: HazardLine) -> Iterator[str]:
