@@ -124,7 +124,7 @@ def test_who_asks_a_study_gets_its_text_facts_and_exit_code():
 def test_what_says_text_only_loads_no_matplotlib():
     # `compare --paper` is not among them: it always draws the figure
     names = (
-        "check.text", "compare.text", "converge.text", "falsify.space", "identify.text", "qualify.text",
+        "check.text", "compare.text", "converge.text", "falsify.text", "identify.text", "qualify.text",
     )  # fmt: skip
     code = f"import sys, {', '.join(f'twin.studies.{name}' for name in names)}; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0

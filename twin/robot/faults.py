@@ -1,13 +1,13 @@
-"""Faults as components: in wires and before parameters. They know no other part and no experiment.
+"""Fault components, inserted into wires or before parameters; they know no other part and no experiment.
 
-All count their ticks themselves. A command is limited on its last way into the drive; a constant lies in the memory of
-another component; shafts that a drive does not turn are in `twin.robot.shaft`.
+Each counts its own ticks. A command fault limits the command right before the drive; a parameter fault writes a
+constant in the memory of another component; shafts that a drive does not turn are in `twin.robot.shaft`.
 
-An encoder that miscounts has one element of a port of counts replaced on its way to every reader. A message is whatever
-its sender puts out in one period. One that is overtaken by a later one is dropped, so what a reader gets never goes
-back in time. What is random comes of a generator small enough to live in a component's memory: the same seed gives the
-same bytes. SplitMix64: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, with the
-constants of Vigna's public-domain splitmix64.c.
+A count fault replaces one element of an encoder's counts for every reader. A message fault delays or drops the outputs
+of a sender's period; a message that is overtaken by a later one is dropped, so readers never go back in time. Random
+numbers come from SplitMix64, whose state fits into a component's memory: the same seed gives the same bytes. Steele,
+Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, with the constants of Vigna's public-domain
+splitmix64.c.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from twin.kernel.cosim.port import Port, memory_of, record, state, states, width
 from twin.kernel.settings import fields_of_form
 
 WINDOW_RECORD = record(next=state("i8"), period="i8", onset="i8", end="i8")
-"""The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
+"""Tick of the next step, ticks between steps, first active tick, first healthy tick after it."""
 
 ACTIVE_PORT = Port("active", 1, "1", "whether the fault is active", "bool")
 COMMAND_MEMORY = record(window=WINDOW_RECORD, size="i8", limit="f8")
@@ -34,7 +34,7 @@ VALUE_PORT = Port("value", 1, "SI", "the parameter as it holds now")
 PARAMETER_MEMORY = record(
     window=WINDOW_RECORD, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8"
 )
-"""`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
+"""`chained`: another fault writes to the same address before; its result is the nominal value of this one."""
 _GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _UNIT_STEP = 2.0**-53
 ENCODER_CHANNELS = 3
@@ -45,9 +45,9 @@ COUNT_MEMORY = record(
     **fields_of_form("f8", "counts share"),
     **states(held="f8", spiked="i8", random="u8"),
 )
-"""`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
+"""`counts`: magnitude in counts, per tick for a drift. `held`: last count that passed."""
 NEVER_TICK = 1 << 62
-"""The tick at which a lost message arrives."""
+"""Arrival tick of a lost message."""
 MESSAGE_MEMORY = record(
     window=WINDOW_RECORD,
     **fields_of_form("i8", "size sender_period least most blank"),
@@ -56,27 +56,27 @@ MESSAGE_MEMORY = record(
     capacity="i8",
     **states(**fields_of_form("i8", "messages arrivals present lost"), random="u8"),
 )
-"""A message is `least` to `most` ticks under way, a `share` of them for ever; `blank`: zeros are read until the next
-one, and `lost` says that it is so. `sent`: messages since the onset; the
-n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
-that are under way. `present`: what the reader has."""
+"""A message takes `least` to `most` ticks; a `share` of them is lost. `blank`: readers get zeros after a lost message
+until the next one, while `lost` is set. `sent`: number of messages since the onset; message n is stored at n modulo
+`capacity` in the rings `messages` and `arrivals` (ticks), which hold all messages under way. `present`: message that
+readers get."""
 
 
 class Span(NamedTuple):
-    """The ticks onset <= k < end in which a fault is active; of a continuous component, steps that begin at these."""
+    """Ticks onset <= k < end in which a fault is active; for a continuous component, steps that begin at them."""
 
     onset: int
     end: int
 
 
 def window(span: Span, period: int) -> tuple[int, int, int, int]:
-    """A `WINDOW_RECORD` before the first step of a component of `period` ticks."""
+    """Return a `WINDOW_RECORD` before the first step of a component of `period` ticks."""
     return 0, period, span.onset, span.end
 
 
 @njit(cache=True)
 def tick_now(window):
-    """The tick of the present step; called once per step, because it counts them."""
+    """Return the tick of the present step and advance the counter; call once per step."""
     k = window.next
     window.next = k + window.period
     return k
@@ -84,7 +84,7 @@ def tick_now(window):
 
 @njit(cache=True)
 def is_active(window, k):
-    """Whether the fault is active at tick `k`."""
+    """Return whether the fault is active at tick `k`."""
     return window.onset <= k and k < window.end
 
 
@@ -99,35 +99,31 @@ def command_step(m, t, h, u, y):
 
 
 class FaultComponent(NativeComponent):
-    """Something that breaks, between the wires of a healthy system.
+    """A fault between the wires of a healthy system.
 
     Attributes:
-        numbers: of its [[fault]] that its memory has, not rounded to counts or ticks: by attribute the field, and how
-            many times the number is there.
+        numbers: numbers of the [[fault]] table that the memory holds unrounded: attribute -> (field, factor).
     """
 
     numbers: Mapping[str, tuple[str, float]] = {}
 
     def join_run(self, tick: int) -> None:
-        """Come into a run at the beginning of `tick`, as if it had been there from the start without acting."""
+        """Join a run at the beginning of `tick`, as if present but inactive from the start."""
         clock = self.memory["window"]
         clock["next"] = -(-tick // clock["period"]) * clock["period"]
 
     def idle_outputs(self, given: np.ndarray) -> np.ndarray:
-        """The outputs of a fault that does not act: what it is `given`, and that it does not act.
-
-        What its next step needs of them it remembers.
-        """
+        """Return the outputs of an inactive fault for the inputs `given`, and store what its next step needs of
+        them."""
         return np.append(given, 0.0)
 
 
 class CommandFault(FaultComponent):
-    """Sampled component, every tick: commanded speeds in, the same within +-limit out while active.
+    """Sampled component, every tick: limits commanded speeds to +-limit while active.
 
     Args:
-        name: of the component.
-        span: when it is active.
-        limit: of the drives' speed (rad/s).
+        span: ticks in which it is active.
+        limit: limit of the drives' speed (rad/s).
         size: number of drives behind it.
     """
 
@@ -148,12 +144,11 @@ def power_step(m, t, h, u, y):
 
 
 class PowerFault(FaultComponent):
-    """Sampled component, every tick: lines of power in, the same out, all without power while active.
+    """Sampled component, every tick: passes power lines on, all without power while active.
 
     Args:
-        name: of the component.
-        span: when it is active.
-        port: the line or lines.
+        span: ticks in which it is active.
+        port: power line or lines.
     """
 
     def __init__(self, name: str, span: Span, port: Port):
@@ -171,10 +166,9 @@ def gate_step(m, t, h, u, y):
 
 
 class PowerGate(NativeComponent):
-    """Sampled component, every tick, on the drives' side of a bus that fails: without power they stand still.
+    """Sampled component, every tick, on the drives' side of a failing bus: without power the command is zero.
 
     Args:
-        name: of the component.
         size: number of drives behind it.
     """
 
@@ -198,19 +192,18 @@ def parameter_step(m, t, h, u, y):
 
 
 class ParameterFault(FaultComponent):
-    """Sampled component, first in every tick: writes the value that holds from now on.
+    """Sampled component, first in every tick: writes the present value of a parameter.
 
-    Before the onset and after the end that is the nominal value, to the last bit.
+    Before the onset and after the end it is the nominal value, to the last bit.
 
     Args:
-        name: of the component.
-        span: when it is active.
-        owner: the component in whose memory the parameter lies.
-        parameter: what it is called there.
+        span: ticks in which it is active.
+        owner: component whose memory holds the parameter.
+        parameter: name of the parameter there.
         cell: the parameter itself, a view (1,) of that memory.
-        factor, added: what the nominal value is multiplied by, and what is added to it (SI).
-        ramp: ticks in which both grow from nothing; 0: at once.
-        chained: whether a fault before it in the tick writes to the same place.
+        factor, added: factor on the nominal value, and offset (SI).
+        ramp: ticks over which both grow linearly; 0 for a step.
+        chained: whether an earlier fault of the tick writes to the same address.
     """
 
     def __init__(
@@ -241,7 +234,7 @@ _27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))
 
 @njit(cache=True)
 def scramble(z):
-    """SplitMix64's scrambling of a uint64."""
+    """Return the SplitMix64 output function of a uint64."""
     z = (z ^ (z >> _30)) * _MIX_1
     z = (z ^ (z >> _27)) * _MIX_2
     return z ^ (z >> _31)
@@ -249,20 +242,20 @@ def scramble(z):
 
 @njit(cache=True)
 def next_uniform(memory):
-    """The next number of the generator in `memory.random` (uint64): uniform in [0, 1)."""
+    """Advance the generator in `memory.random` (uint64) and return a number uniform in [0, 1)."""
     memory.random += _GAMMA
     return (scramble(memory.random) >> _11) * _UNIT_STEP
 
 
 def first_state(seed: int, number: int) -> int:
-    """State of the generator of the fault with this number: the same `seed` serves them all, and each draws its own."""
-    # modulo 2**64, which is what is meant
+    """Return the initial generator state of fault `number`: faults with one `seed` draw different numbers."""
+    # modulo 2**64 is intended
     with np.errstate(over="ignore"):
         return int(scramble(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
 
 
 class CountLaw(IntEnum):
-    """What becomes of a count; by the names in an experiment's file, in capitals."""
+    """Law of a count fault; an experiment file has the names in lower case."""
 
     BIAS = 0
     DRIFT = 1
@@ -283,9 +276,9 @@ LAW_FIELDS: dict[CountLaw, dict[str, str]] = {
     CountLaw.DROPOUT_ZERO: {"magnitude": "share"},
     CountLaw.DROPOUT_NAN: {"magnitude": "share"},
 }
-"""Numbers of a [[fault]] that a law takes as they are, and the field of its memory."""
+"""Numbers of a [[fault]] table that a law takes unchanged, and their field in its memory."""
 
-# plain integers: what compiled code compares with
+# compiled code compares plain integers
 (
     _BIAS_LAW,
     _DRIFT_LAW,
@@ -302,13 +295,13 @@ LAW_FIELDS: dict[CountLaw, dict[str, str]] = {
 
 @njit(cache=True)
 def round_half_up(count):
-    """The nearest whole count, half up, as the encoder itself rounds."""
+    """Return the nearest integer, half up, as the encoder rounds."""
     return np.floor(count + 0.5)
 
 
 @njit(cache=True)
 def lost_count(m, count):
-    """What a reader gets while a random share of samples is lost."""
+    """Return the count that a reader gets while a random share of samples is lost."""
     if next_uniform(m) >= m.share:
         m.held = count
         return count
@@ -319,10 +312,10 @@ def lost_count(m, count):
 
 @njit(cache=True)
 def spiked_count(m, count):
-    """`count` with spikes of one sample: never two in a row, and in the long run the stated share of all samples.
+    """Return `count` with spikes of one sample: never two in a row, and the stated share of all samples on average.
 
-    A spike follows a good sample with probability q, a spike never: of all samples the share p = q (1 - p) are spikes,
-    so q = p / (1 - p).
+    A spike follows a good sample with probability q, a spike never: the share of spikes is p = q (1 - p), so
+    q = p / (1 - p).
     """
     spike = next_uniform(m) < m.share / (1.0 - m.share) and m.spiked == 0
     m.spiked = 1 if spike else 0
@@ -331,7 +324,7 @@ def spiked_count(m, count):
 
 @njit(cache=True)
 def faulty_count(m, counts, k):
-    """What the encoder `m.element` delivers at tick `k` instead of its own of the clean `counts`."""
+    """Return the count of encoder `m.element` at tick `k`, computed from the clean `counts`."""
     count = counts[m.element]
     if m.law == _BIAS_LAW:
         return count + round_half_up(m.counts)
@@ -353,7 +346,7 @@ def faulty_count(m, counts, k):
 @step_function(COUNT_MEMORY, (COUNT_PORT,), (COUNT_PORT, ACTIVE_PORT))
 def count_step(m, t, h, u, y):
     counts, delivered = u.count, y.count
-    # not delivered[:] = counts, for which memory is allocated
+    # delivered[:] = counts would allocate memory
     for i in range(ENCODER_CHANNELS):
         delivered[i] = counts[i]
     k = tick_now(m.window)
@@ -369,20 +362,19 @@ def count_step(m, t, h, u, y):
 
 
 class CountFault(FaultComponent):
-    """Sampled component: three counts in, three counts out, one of them (two if swapped) wrong while active.
+    """Sampled component: passes three counts on, one of them (two if swapped) wrong while active.
 
-    Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.
+    Counts stay whole numbers, but the port is of kind "double": a lost count may be NaN.
 
     Args:
-        name: of the component.
-        span: when it is active.
-        law: what becomes of a count.
+        span: ticks in which it is active.
+        law: law of the fault.
         port: the encoder's port of counts (3).
-        element: which of the three.
-        counts: by which a count is off, or of one step; of a drift per tick.
-        share: of the samples that are lost, or hit by a glitch.
-        random: state in which its generator begins, see `first_state`.
-        period: of the encoder, in ticks.
+        element: index of the count, 0 to 2.
+        counts: offset in counts, size of one step, or drift per tick.
+        share: share of samples that are lost, or have a glitch.
+        random: initial state of the generator, see `first_state`.
+        period: period of the encoder (ticks).
     """
 
     def __init__(
@@ -413,14 +405,14 @@ _ticks_at = pointer_to(np.int64)
 
 @njit(cache=True)
 def copy_values(target, values):
-    """Write `values` into `target`; an assignment of a whole array allocates memory."""
+    """Write `values` into `target`; assigning a whole array would allocate memory."""
     for j in range(len(values)):
         target[j] = values[j]
 
 
 @njit(cache=True)
 def arrival_tick(m, k):
-    """The tick at which a message sent at tick `k` arrives."""
+    """Return the arrival tick of a message sent at tick `k`."""
     if m.share > 0.0 and next_uniform(m) < m.share:
         return NEVER_TICK
     under_way = m.least
@@ -431,7 +423,7 @@ def arrival_tick(m, k):
 
 @njit(cache=True)
 def send_message(m, message, messages, arrivals, k):
-    """Put `message` of tick `k` under way."""
+    """Store `message` of tick `k` with its arrival tick."""
     m.sent += 1
     slot = m.sent % m.capacity
     copy_values(messages[slot], message)
@@ -441,7 +433,7 @@ def send_message(m, message, messages, arrivals, k):
 
 @njit(cache=True)
 def receive_message(m, present, messages, arrivals, k):
-    """Make the newest message that has arrived the `present` one, in place."""
+    """Set `present` to the newest message that has arrived, in place."""
     for n in range(m.sent, max(0, m.sent - m.capacity), -1):
         if arrivals[n % m.capacity] <= k:
             copy_values(present, messages[n % m.capacity])
@@ -469,19 +461,18 @@ def message_step(m, t, h, u, y):
 
 
 class MessageFault(FaultComponent):
-    """Sampled component, every tick: the ports of a sender in, the same ports out, late or held while active.
+    """Sampled component, every tick: passes the ports of a sender on, late or held while active.
 
-    Once the fault is over the reader has the sender's own message again at once; what is still under way is dropped.
+    After the fault readers get the sender's present message at once; messages under way are dropped.
 
     Args:
-        name: of the component.
-        span: when it is active.
-        ports: the sender's ports that make one message.
-        sender_period: in ticks.
-        least, most: how long a message is under way, in ticks.
-        share: of the messages that are lost.
-        random: state in which its generator begins, see `first_state`.
-        blank: whether zeros are read instead of a lost message.
+        span: ticks in which it is active.
+        ports: ports of the sender that make one message.
+        sender_period: period of the sender (ticks).
+        least, most: range of the time under way (ticks).
+        share: share of messages that are lost.
+        random: initial state of the generator, see `first_state`.
+        blank: whether readers get zeros in place of a lost message.
     """
 
     def __init__(
@@ -508,7 +499,7 @@ class MessageFault(FaultComponent):
             blank=blank,
         )
         memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
-        # a count that came through a fault before may be NaN
+        # a count that passed an earlier fault may be NaN
         read = (replace(port, kind="double") for port in ports)
         super().__init__(name, ports, (*read, ACTIVE_PORT), True, message_step, memory, pointers=pointers)
 

@@ -10,10 +10,19 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.component import SafetyMonitor
+from twin.robot.monitor.component import OBSERVATION_RECORD, SafetyMonitor
 from twin.robot.monitor.limits import Limits
 from twin.robot.monitor.reasons import Reason
-from twin.robot.monitor.safe_action import RETRACTION_RECORD, Retreat, retraction_speed, retreat
+from twin.robot.monitor.safe_action import (
+    RETRACTION_RECORD,
+    SINK_LIMIT,
+    Retreat,
+    is_too_far,
+    is_too_fast,
+    keeps_moving,
+    retraction_speed,
+    retreat,
+)
 from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.encoder import Encoder, Shaft
 
@@ -243,6 +252,44 @@ def test_an_encoder_that_jumps_once_or_there_and_back_takes_no_power(size: float
     assert run.monitor.power_off_tick is None and run.F_z[-1] == 0.0
 
 
+@pytest.mark.parametrize(("retracting", "races_down"), [(True, False), (False, True)])
+def test_a_joint_whose_motor_encoder_is_doubted_may_swing_down_only_while_it_retracts(retracting, races_down):
+    seen, retraction = (np.rec.array(np.zeros(1, kind))[0] for kind in (OBSERVATION_RECORD, RETRACTION_RECORD))
+    retraction.doubt_m[0], seen.omega_l[0] = 1, LIMITS.retract_speed + 1.1 * LIMITS.follow_limit
+    assert is_too_fast(LIMITS, seen, retraction, 0, retracting) == races_down
+
+
+def is_far(**values: float) -> bool:
+    """Return whether drive 1 is too far with these `values` of the retraction."""
+    retraction = np.rec.array(np.zeros(1, RETRACTION_RECORD))[0]
+    for name, value in values.items():
+        retraction[name][0] = value
+    return bool(is_too_far(LIMITS, retraction, 0))
+
+
+def test_an_angle_below_that_of_the_trip_is_that_of_the_motor_or_else_of_the_joint():
+    deep = SINK_LIMIT + 1e-3
+    assert is_far(travel_m=deep) and not is_far(travel_m=SINK_LIMIT - 1e-3)
+    # a drive that turned down at the trip travels on
+    assert not is_far(travel_m=deep, most=2.0) and is_far(travel_m=20.0 * deep, most=2.0)
+    # the joint shows it if the motor's encoder is doubted or has not moved; it swings up
+    assert is_far(travel_l=deep) and is_far(travel_l=deep, travel_m=-0.1, doubt_m=1)
+    assert not is_far(travel_l=deep, travel_m=-0.1) and not is_far(travel_l=-1.0)
+    assert not is_far(travel_l=deep, doubt_m=1, doubt_l=1)
+    assert is_far(travel_m=-LIMITS.retract - deep) and not is_far(travel_m=-LIMITS.retract)
+
+
+def test_a_motor_encoder_that_is_fast_in_one_direction_for_two_samples_keeps_moving():
+    seen, fast = np.rec.array(np.zeros(1, OBSERVATION_RECORD))[0], LIMITS.jump_limit
+
+    def moves(last: float, rate: float) -> bool:
+        seen.last_m[0], seen.rate_m[0] = last, rate
+        return bool(keeps_moving(LIMITS, seen, 0))
+
+    assert moves(fast, fast) and moves(-fast, -fast) and moves(0.6 * fast, fast)
+    assert not moves(fast, -fast) and not moves(0.4 * fast, fast) and not moves(fast, 0.4 * fast)
+
+
 @pytest.mark.parametrize("counts", [lost_for_a_while, dead_joint_encoder, dead_motor_encoder])
 @pytest.mark.parametrize("speed", [8.0, 12.0])
 def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_back(counts, speed):
@@ -256,6 +303,26 @@ def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_ba
     assert run.F_z[500:].max() == 0.0
     old = Pressing(PRESSES[4], counts=counts, motors=race, limits=WAITING, ticks=620)
     assert old.F_z[500:].max() > 5.0
+
+
+def test_a_motor_that_races_up_during_the_retraction_loses_its_power_at_once():
+    run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(-6.0, since=100), ticks=300)
+    off = run.monitor.power_off_tick
+    # its low-passed speed is known after 10 ms; the limit of its angle takes 80 ms
+    assert off is not None and 0 <= off - 100 <= 20
+
+
+@pytest.mark.parametrize("speed", [8.0, 12.0])
+def test_a_drive_without_its_motor_encoder_that_races_after_the_retraction_is_known_by_its_joint(speed):
+    def race(omega, k):
+        if k >= 500 and (k == 500 or omega[1] != 0.0):
+            omega[1] = speed
+
+    run = Pressing(PRESSES[4], counts=dead_motor_encoder, motors=race, ticks=620)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert trip.joint == 2 and off is not None
+    # the limit of its angle takes the retraction and 3 degrees
+    assert TICK * (off - 500) < 0.8 * (LIMITS.retract + math.radians(3.0)) / speed
 
 
 def test_motors_that_creep_up_lose_their_power_three_degrees_above_the_end_of_the_retraction():

@@ -1,7 +1,8 @@
 """What a search cannot say is said."""
 
 from tests.studies.falsify.test_search import space
-from twin.studies.falsify.space import EarlyEnd, TriedFault, UnviolatedKinds
+from twin.studies.falsify.space import EarlyEnd, TriedFault
+from twin.studies.falsify.text import UnviolatedKinds
 
 FIRST, SECOND, THIRD = (TriedFault("drive_dead", f"drive_{i}", onset=500) for i in (1, 2, 3))
 

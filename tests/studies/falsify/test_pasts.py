@@ -8,8 +8,8 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.run.runs import RunRequest, Runs
-from twin.studies.falsify import search
-from twin.studies.falsify.search import judge_run
+from twin.studies.falsify import judge
+from twin.studies.falsify.judge import judge_run
 from twin.studies.falsify.space import Space, TriedFault
 
 SETTINGS = {"plant": {"motor_noise_deg": 0.001}}
@@ -26,9 +26,9 @@ def pasts(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[Runs]]:
             made.append(Runs(request, after, most))
             return made[-1]
 
-        search._runs.cache_clear()
-        monkeypatch.setattr(search, "MAX_PASTS", most)
-        monkeypatch.setattr(search, "Runs", runs)
+        judge._runs.cache_clear()
+        monkeypatch.setattr(judge, "MAX_PASTS", most)
+        monkeypatch.setattr(judge, "Runs", runs)
         return made
 
     return begin
@@ -82,7 +82,7 @@ def test_another_seed_of_the_noise_is_another_past(pasts: Callable[[int], list[R
 
 
 def test_drives_that_need_processes_share_no_past(pasts: Callable[[int], list[Runs]], monkeypatch, tmp_path: Path):
-    monkeypatch.setattr(search, "need_processes", lambda drives: True)
+    monkeypatch.setattr(judge, "need_processes", lambda drives: True)
     made = pasts(8)
     findings(tmp_path, [TRIED[1]] * 3, {})
     assert len(made) == 1 and shared(made) == 0

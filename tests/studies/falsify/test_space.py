@@ -14,7 +14,7 @@ from tests.laws.runs import EXPERIMENTS
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.fault import FAULT_KINDS
-from twin.studies.falsify.search import judge_run
+from twin.studies.falsify.judge import judge_run
 from twin.studies.falsify.space import Space, TriedFault
 from twin.studies.faults.magnitudes import UPPER_ENDS
 

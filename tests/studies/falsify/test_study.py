@@ -11,7 +11,7 @@ from tests.studies.faults.pressing import pressing
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.studies.command import ignore_progress
-from twin.studies.falsify.search import judge_run
+from twin.studies.falsify.judge import judge_run
 from twin.studies.falsify.study import DEFAULT_RUNS, falsify
 from twin.studies.result import Result
 from twin.studies.sweep.worker import trial

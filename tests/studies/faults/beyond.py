@@ -74,7 +74,7 @@ def ladder(body: str, kind: str) -> Iterator[Tried]:
 def ideal(body: str, kind: str, one: Tried) -> float | None:
     there = stage(body)
     faults = faults_of(there.experiment, [with_share(fault_values(kind, one.target, one.magnitude, one.onset))])
-    return None if one.felt.seen is None else there.ideal(faults, one.felt.seen).peak
+    return None if one.felt.seen is None else there.ideal_reaction(faults, one.felt.seen).peak
 
 
 def row(body: str, kind: str) -> str:

@@ -65,7 +65,13 @@ def test_the_worst_runs_that_the_page_states_give_its_numbers():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", random.Random(SEED + 1).sample(sorted({*UPPER_ENDS} - {"encoder_drift"}), 3))
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[pytest.mark.endurance] if number else [])
+        for number, kind in enumerate(random.Random(SEED + 1).sample(sorted({*UPPER_ENDS} - {"encoder_drift"}), 3))
+    ],
+)
 def test_no_run_of_a_drawn_kind_presses_harder_than_the_page_states(kind: str):
     (row,) = (row for row in section(WORST, DOCS / "faults_reference.md") if row[0] == f"`{kind}`")
     for body, text in zip(BODIES, row[3:5], strict=True):

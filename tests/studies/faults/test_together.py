@@ -67,7 +67,7 @@ def test_three_runaway_drives_press_with_a_seventh_of_what_they_did(body: str, b
     assert (old.peak, new.peak) == pytest.approx((before, after), rel=0.02)
     assert old.power_off is not None and old.power_off > 0.15
     assert new.power_off == new.seen == old.seen
-    assert new.peak == now.ideal(faults, new.seen or 0.0).peak
+    assert new.peak == now.ideal_reaction(faults, new.seen or 0.0).peak
 
 
 @pytest.mark.parametrize(("onset", "before", "after"), [(0.5, 49.4, 15.1), (2.5, 36.3, 20.5)])
@@ -79,7 +79,7 @@ def test_encoders_that_drift_together_are_found_by_what_the_motors_feel(onset: f
     assert (old.peak, new.peak) == pytest.approx((before, after), rel=0.02)
     assert now.experiment.monitor is not None and new.reason == "HIDDEN_FORCE"
     assert new.peak < 1.5 * now.experiment.monitor.force_limit < old.peak
-    assert new.peak == pytest.approx(now.ideal(faults, new.seen or 0.0).peak, rel=0.02)
+    assert new.peak == pytest.approx(now.ideal_reaction(faults, new.seen or 0.0).peak, rel=0.02)
 
 
 @pytest.mark.parametrize("body", ["scale", "back"])

@@ -19,7 +19,7 @@ TRIPPED_AFTER = 0.05
 
 def felt(peak: float, **values: Any) -> Reaction:
     """Return a reaction of a run that tripped, but for the `values` given."""
-    given = {
+    given: dict[str, Any] = {
         "seen": 0.1, "acted": 0.1, "power_off": None, "below": 0.3, "reason": "FORCE", "peak": peak, "peak_delay": 0.1,
         "above": 0.0, "impulse": 1.0, "energy": 0.1, "left": 0.5, "end": "retracted", "failure": "", "digest": "abc",
     }  # fmt: skip
@@ -38,16 +38,17 @@ def hazard(key: str = "limit_N", limit: float = 22.5, causes: Sequence[Cause] = 
 
 def run(watched: Reaction | None, **values: Any) -> EvidenceRun:
     table = {"kind": "drive_runaway", "target": "all drives", "onset_s": 5.0, "magnitude_rad_per_s": 2.0}
-    given = {"cause": "runaway", "body": "back", "settings": (), "tables": (table,), "seed": 0}
+    given: dict[str, Any] = {"cause": "runaway", "body": "back", "settings": (), "tables": (table,), "seed": 0}
     return EvidenceRun(**given | {"watched": watched} | values)
 
 
 def line(*runs: EvidenceRun, of: Hazard | None = None, **values: Any) -> HazardLine:
-    return HazardLine(of or hazard(), runs, **{"distances": {}, "head_area": 3e-4} | values)
+    given: dict[str, Any] = {"distances": {}, "head_area": 3e-4}
+    return HazardLine(of or hazard(), runs, **given | values)
 
 
 class FakeStage:
-    """A stage whose runs press the harder, the faster a drive runs away; 10 s at 1 ms.
+    """A stage whose runs press the harder, the faster a drive runs away, on a belly more; 10 s at 1 ms.
 
     Attributes:
         asked: faults of every run, and whether the monitor watched.
@@ -70,19 +71,19 @@ class FakeStage:
         if self.fails == "raises":
             raise ComponentFailed("the drive crashed")
         speeds = [fault.magnitude for fault in faults if fault.kind == "drive_runaway"]
-        peak = 2.0 * max(map(abs, speeds), default=0.0)
+        peak = (3.0 if self.body == "belly" else 2.0) * max(map(abs, speeds), default=0.0)
         one = felt(peak, failure=self.fails) if watched else unseen(3.0 * peak)
         return replace(one, digest=f"{peak:g}")
 
     def reactions(self, faults: Sequence[Fault]) -> tuple[Reaction, Reaction]:
         return self.reaction(faults), self.reaction(faults, watched=False)
 
-    def ideal(self, faults: Sequence[Fault], seen: float) -> Reaction:
+    def ideal_reaction(self, faults: Sequence[Fault], seen: float) -> Reaction:
         return felt(0.5 * self.reaction(faults).peak, power_off=seen)
 
     def trip_after(self, first: dict[str, Any]) -> float:
         return TRIPPED_AFTER
 
-    def delayed(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
+    def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
         first, second = tables
         return first, second | {"onset_s": round(first["onset_s"] + TRIPPED_AFTER + delay, 3)}

@@ -11,7 +11,7 @@ import pytest
 from tests.studies.safety import by_hand
 from tests.studies.safety.by_hand import LOST_THEN_RUNAWAY, RUNAWAY, FakeStage, felt, hazard, line, run, unseen
 from twin.studies.safety import evidence
-from twin.studies.safety.evidence import compared, run_of, tables_of, variant_peaks
+from twin.studies.safety.evidence import add_reference_runs, run_of, tables_of, variant_peaks
 from twin.studies.safety.hazards import Cause, Variant
 
 
@@ -22,7 +22,7 @@ def stage(**values: Any) -> Any:
 def test_a_run_is_identified_by_body_settings_faults_and_seed_alone():
     one = run(felt(10.0))
     assert len(one.id) == 12 and one.id == replace(one, watched=None, cause="other", found="draw").id
-    others = [{"body": "belly"}, {"settings": ("a=1",)}, {"tables": ()}, {"seed": 1}]
+    others: list[dict[str, Any]] = [{"body": "belly"}, {"settings": ("a=1",)}, {"tables": ()}, {"seed": 1}]
     assert len({one.id, *(replace(one, **other).id for other in others)}) == 5
 
 
@@ -89,7 +89,7 @@ def test_shares_are_counted_by_origin():
     grid = [run(felt(1.0)), run(unseen(1.0)), run(None)]
     search = [run(felt(1.0), found="search")] * 4
     draws = [
-        run(felt(20.0), unwatched=unseen(30.0), found="draw"),
+        run(unseen(20.0), unwatched=unseen(30.0), found="draw"),
         run(felt(23.0), unwatched=unseen(30.0), found="draw"),
         run(unseen(9.0), unwatched=unseen(0.0, failure="left the workspace"), found="draw"),
         run(unseen(9.0), unwatched=unseen(9.0), found="draw"),
@@ -98,7 +98,7 @@ def test_shares_are_counted_by_origin():
     assert (one.grid_detection, one.search_count, one.draw_detection, one.dangerous_count) == (
         (1, 2),
         4,
-        (2, 4),
+        (1, 4),
         (2, 3),
     )
 
@@ -112,6 +112,8 @@ def test_the_facts_of_a_line_have_its_worst_run_shares_and_evidence():
     assert facts["drawn"]["count"] == facts["drawn"]["of"] == 1 and facts["drawn"]["interval"][1] == 1.0
     assert len(facts["evidence"]) == 2 and facts["variants"] == {"clutch": (3.0, 1.0)}
     assert facts["limit_key"] == "limit_N" and facts["causes"] == ["drive_runaway of all drives"]
+    unnoticed = line(run(unseen(1.0), unwatched=unseen(30.0), found="draw")).to_dict()
+    assert (unnoticed["drawn"]["count"], unnoticed["drawn"]["of"]) == (0, 1)
     endless = line(run(felt(20.0, below=None)), of=hazard("limit_s")).to_dict()
     assert endless["value"] is None and endless["drawn"] is None and endless["dangerous"] is None
 
@@ -155,14 +157,14 @@ def test_a_run_that_fails_is_kept_as_a_failed_one_unless_the_cause_is_a_failure(
 
 def test_the_worst_run_is_compared_with_no_monitor_and_with_an_ideal_one():
     there = stage()
-    found = compared(there, run_of(there, RUNAWAY, tables_of(RUNAWAY, (4.0,), 5.0)))
+    found = add_reference_runs(there, run_of(there, RUNAWAY, tables_of(RUNAWAY, (4.0,), 5.0)))
     assert found.unwatched is not None and found.unwatched.peak == 24.0
     assert found.ideal is not None and (found.ideal.peak, found.ideal.power_off) == (4.0, 0.1)
     # a run without a trip has no ideal one; one that was made without the monitor is not made again
     made = unseen(1.0)
-    blind = compared(there, run(unseen(8.0), unwatched=made))
+    blind = add_reference_runs(there, run(unseen(8.0), unwatched=made))
     assert blind.ideal is None and blind.unwatched is made
-    assert compared(there, run(None)).ideal is None
+    assert add_reference_runs(there, run(None)).ideal is None
 
 
 def test_other_hardware_repeats_the_worst_run_and_none_is_a_failure(monkeypatch: pytest.MonkeyPatch):

@@ -70,7 +70,7 @@ def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
     assert line.worst.unwatched is not None and line.worst.unwatched.peak > line.worst.watched.peak
     ideal = line.worst.ideal
     assert ideal is not None and ideal.power_off == line.worst.watched.seen and ideal.peak <= line.value
-    assert line.searched == 4 and sum(run.found == "search" for run in line.runs) == 4
+    assert line.search_count == 4 and sum(run.found == "search" for run in line.runs) == 4
     assert line.variants["clutch"] is not None and line.variants["clutch"][1] < line.worst.watched.left
 
 
@@ -103,10 +103,10 @@ def test_coverage_is_that_of_an_independent_count(lines):
     """Of the grid, of the drawn runs, and of the dangerous ones among these."""
     (line,), _ = lines
     grid, drawn = ([run for run in line.runs if run.found == found] for found in ("grid", "draw"))
-    assert line.detected == (sum(again(run)[0] for run in grid), len(grid))
-    assert line.drawn == (sum(again(run)[0] for run in drawn), 6) and len(drawn) == 6
+    assert line.grid_detection == (sum(again(run)[0] for run in grid), len(grid))
+    assert line.draw_detection == (sum(again(run)[0] for run in drawn), 6) and len(drawn) == 6
     dangerous = [run for run in drawn if again(run, "monitor.enabled=false")[1] > line.hazard.limit]
-    assert line.dangerous == (sum(again(run)[1] <= line.hazard.limit for run in dangerous), len(dangerous))
+    assert line.dangerous_count == (sum(again(run)[1] <= line.hazard.limit for run in dangerous), len(dangerous))
     assert 0 < len(dangerous) < 6
 
 
@@ -216,7 +216,7 @@ def test_the_page_is_one_file_that_says_first_what_it_is_not(lines):
     for run in line.runs:
         assert run.id in page and run.watched is not None and run.watched.digest in page
     assert page.count("data:image/png;base64,") == 2
-    assert f"Drawn at random (seed 0): {line.drawn[0]} of 6 (95 % interval" in page
+    assert f"Drawn at random (seed 0): {line.draw_detection[0]} of 6 (95 % interval" in page
     assert "0 published thresholds, fewer than 2: taken as assumed" in page and "<td>15 N</td>" in page
 
 
@@ -239,20 +239,20 @@ def facts(lines: Sequence[HazardLine]) -> dict:
 def test_only_what_got_worse_is_named(lines):
     (line,), _ = lines
     old = facts([line])
-    assert list(regressions(old, [line.facts()])) == []
-    better = {**line.facts(), "peak_N": 0.5 * line.facts()["peak_N"]}
+    assert list(regressions(old, [line.to_dict()])) == []
+    better = {**line.to_dict(), "peak_N": 0.5 * line.to_dict()["peak_N"]}
     assert list(regressions(old, [better])) == []
     changes = {
         "status": ("exceeded", "H1: exceeded, was kept"),
-        "detected": (line.facts()["detected"] - 1, "seen, were"),
+        "detected": (line.to_dict()["detected"] - 1, "seen, were"),
         "drawn": ({"count": 0, "of": 6}, "0 of 6 drawn runs seen, were"),
-        "peak_N": (1.06 * line.facts()["peak_N"], "peak .* N, was"),
+        "peak_N": (1.06 * line.to_dict()["peak_N"], "peak .* N, was"),
     }
     for key, (value, sentence) in changes.items():
-        (found,) = regressions(old, [{**line.facts(), key: value}])
+        (found,) = regressions(old, [{**line.to_dict(), key: value}])
         assert re.search(sentence, found)
     assert list(regressions(old, [])) == ["H1: the line is gone"]
-    assert list(regressions(old, [{**line.facts(), "peak_N": 1.04 * line.facts()["peak_N"]}])) == []
+    assert list(regressions(old, [{**line.to_dict(), "peak_N": 1.04 * line.to_dict()["peak_N"]}])) == []
 
 
 @cache

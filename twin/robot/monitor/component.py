@@ -1,8 +1,7 @@
 """The safety monitor as a co-simulation component between controller and drives.
 
-What it makes of an encoder message, pose, speeds and force, is by its own belief and its own low-pass, so that the
-controller's wrong model is not also the monitor's. What one count is worth in the quantities that it limits says which
-differences cannot be seen.
+Pose, speeds and force come from its own belief and its own low-pass, so that an error in the controller's model is not
+also the monitor's. The resolution of the encoders bounds the differences that it can detect.
 """
 
 import math
@@ -53,89 +52,29 @@ from twin.robot.monitor.safe_action import (
     update_command_bounds,
 )
 
-
-class MonitorBelief(
-    Values,
-    parts=(
-        setting_fields(Model),
-        {"backlash": setting("rad", help="half width of the dead zone of the spring deflection, motor side")},
-        setting_fields(Model, into="encoders"),
-    ),
-):
-    """The monitor's model of the robot, SI."""
-
-
-BELIEF_RECORD = record_of(MonitorBelief)
-
-
-class Resolution(NamedTuple):
-    """Worst case of one count on every encoder at once, SI.
-
-    Attributes:
-        deflection: of a spring on the motor's side (rad).
-        motor_speed: one motor count from one sample to the next (rad/s).
-        jump: the same of a deflection: motor and joint count together (rad/s).
-        force: length of the force (N).
-        force_rate: that per sample (N/s).
-        position: of the platform (m).
-        velocity: that per sample (m/s).
-    """
-
-    deflection: float
-    motor_speed: float
-    jump: float
-    force: float
-    force_rate: float
-    position: float
-    velocity: float
-
-
-def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
-    """What one count is worth with the platform at `p_B` (3,), m, and `dt` (s) between samples.
-
-    F = J^T tau_l and v = J^-1 dtheta_l/dt; the worst case over the signs of the three joints is bounded by the sum of
-    the lengths of the rows of J and of the columns of J^-1.
-
-    Raises:
-        Unreachable: the robot cannot stand there.
-    """
-    J = jacobian(geometry_of_belief(belief), p_B)
-    motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
-    deflected = motor + belief.N * joint
-    force = float(load_torque(belief.k_s, belief.N, belief.eta, deflected)) * float(np.linalg.norm(J, axis=1).sum())
-    position = joint * float(np.linalg.norm(np.linalg.inv(J), axis=0).sum())
-    return Resolution(
-        deflection=deflected,
-        motor_speed=motor / dt,
-        jump=deflected / dt,
-        force=force,
-        force_rate=force / dt,
-        position=position,
-        velocity=position / dt,
-    )
-
-
-def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
-    """Largest deflection (rad, motor side) of a spring while the robot at `p_B` (3,), m, presses down with `force` (N).
-
-    tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; the dead zone comes on top.
-
-    Raises:
-        Unreachable: the robot cannot stand there.
-    """
-    shape = geometry_of_belief(belief)
-    theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
-    masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
-    unloaded = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
-    tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unloaded)
-    return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
-
-
-def geometry_of_belief(belief: MonitorBelief) -> Geometry:
-    """The lengths of Fig. 2 that the monitor believes."""
-    return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
-
-
+MONITOR_INPUTS = (
+    Port("count_m", 3, "1", "motor encoder counts"),
+    Port("count_l", 3, "1", "joint encoder counts"),
+    Port("sample", 1, "1", "number of the encoder message, one more with each"),
+    Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
+)
+POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
+MONITOR_OUTPUTS = (
+    Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
+    Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
+    Port("reason", 1, "1", "why, a code of docs/safety.md; 0: not tripped", "int"),
+    POWER_PORT,
+    Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
+    Port("speed", 1, "m/s", "speed of the platform, low-passed"),
+    Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
+    Port("contact_time", 1, "s", "duration of the present contact"),
+    Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
+)
+LINE_PORTS = (
+    Port("drive_power", 3, "1", "whether each drive may have power", "bool"),
+    Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool"),
+)
+"""Additional outputs if the experiment has drives with a power line each ([drive.unpowered])."""
 OBSERVATION_RECORD = record(
     **states(
         started="i8",
@@ -161,26 +100,108 @@ the command lets expect without load (rad/s), what the motors feel besides their
 and for how long that is a hidden force (ticks)."""
 
 
+class MonitorBelief(
+    Values,
+    parts=(
+        setting_fields(Model),
+        {"backlash": setting("rad", help="half width of the dead zone of the spring deflection, motor side")},
+        setting_fields(Model, into="encoders"),
+    ),
+):
+    """The monitor's model of the robot, SI."""
+
+
+BELIEF_RECORD = record_of(MonitorBelief)
+
+
+class Resolution(NamedTuple):
+    """Worst case of one count on every encoder at once, SI.
+
+    Attributes:
+        deflection: deflection of a spring on the motor's side (rad).
+        motor_speed: one motor count from one sample to the next (rad/s).
+        jump: motor and joint count together from one sample to the next (rad/s).
+        force: magnitude of the force (N).
+        force_rate: force per sample (N/s).
+        position: position of the platform (m).
+        velocity: position per sample (m/s).
+    """
+
+    deflection: float
+    motor_speed: float
+    jump: float
+    force: float
+    force_rate: float
+    position: float
+    velocity: float
+
+
+def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
+    """Return the effect of one count on every encoder, at platform position `p_B` (3,), m, every `dt` (s).
+
+    F = J^T tau_l and v = J^-1 dtheta_l/dt; the worst case over the signs of the three joints is bounded by the sum of
+    the lengths of the rows of J and of the columns of J^-1.
+
+    Raises:
+        Unreachable: `p_B` is outside the workspace.
+    """
+    J = jacobian(geometry_of_belief(belief), p_B)
+    motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
+    deflected = motor + belief.N * joint
+    force = float(load_torque(belief.k_s, belief.N, belief.eta, deflected)) * float(np.linalg.norm(J, axis=1).sum())
+    position = joint * float(np.linalg.norm(np.linalg.inv(J), axis=0).sum())
+    return Resolution(
+        deflection=deflected,
+        motor_speed=motor / dt,
+        jump=deflected / dt,
+        force=force,
+        force_rate=force / dt,
+        position=position,
+        velocity=position / dt,
+    )
+
+
+def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
+    """Return the largest spring deflection (rad, motor side) of a press with `force` (N) at `p_B` (3,), m.
+
+    tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; plus the dead zone.
+
+    Raises:
+        Unreachable: `p_B` is outside the workspace.
+    """
+    shape = geometry_of_belief(belief)
+    theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
+    masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
+    unloaded = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
+    tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unloaded)
+    return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
+
+
+def geometry_of_belief(belief: MonitorBelief) -> Geometry:
+    """Return the believed lengths of Fig. 2."""
+    return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
+
+
 @njit(cache=True)
 def angle(count, counts_per_turn, zero):
-    """Angle (rad) that an encoder count stands for."""
+    """Return the angle (rad) of an encoder count."""
     return count * (2.0 * np.pi / counts_per_turn) - zero
 
 
 @njit(cache=True)
 def low_pass_share(corner, dt):
-    """How much of a new sample a first-order low-pass with `corner` (Hz) takes over after `dt` (s)."""
+    """Return the weight of a new sample in a first-order low-pass with `corner` (Hz) after `dt` (s)."""
     return 1.0 - math.exp(-2.0 * math.pi * corner * dt)
 
 
 @njit(cache=True, error_model="numpy")
 def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
-    """Angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the sample before.
+    """Update angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the previous sample.
 
-    An unusable count leaves its angle where it was; it matters after a trip only, since the first one trips.
+    An unusable count leaves its angle unchanged; that matters only after a trip, since the first one trips.
 
     Args:
-        sent: commanded motor speeds since the sample before (3,), rad/s.
+        sent: commanded motor speeds since the previous sample (3,), rad/s.
     """
     for i in range(3):
         theta_m = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
@@ -207,7 +228,7 @@ def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
 
 @njit(cache=True, error_model="numpy")
 def observe_platform(belief, seen, share, dt):
-    """Position, velocity and force of the platform from the joints; False, and nothing changes, if they fit no pose.
+    """Update position, velocity and force of the platform; return False, without changes, if no pose fits.
 
     F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated.
     """
@@ -237,11 +258,11 @@ def observe_platform(belief, seen, share, dt):
 
 @njit(cache=True, error_model="numpy")
 def update_hidden_force(limits, belief, seen, ticks, dt):
-    """Keep what the motors give way to besides the torque of their springs, and for how long that is a hidden force.
+    """Update the motor load beyond the springs' torque, and the time for which it is a hidden force.
 
-    A drive that loses `drive_droop` (rad/s per N m) under load settles at omega_ref - droop tau_load (P12 of
-    docs/equations.md). So command and motor encoder weigh the load without the joint encoder; an angle that drifts
-    takes away the spring's torque only. The low-pass, half of `hidden_time` long, averages out a wrong `drive_lag`.
+    A drive whose speed droops by `drive_droop` (rad/s per N m) under load settles at omega_ref - droop tau_load (P12 of
+    docs/equations.md). Command and motor encoder thus measure the load without the joint encoder; a drifting joint
+    angle changes only the springs' torque. The low-pass, half of `hidden_time` long, averages out a wrong `drive_lag`.
     """
     lagging, share = 1.0 - math.exp(-dt / limits.drive_lag), 1.0 - math.exp(-2.0 * dt / limits.hidden_time)
     pressing = 0.0
@@ -256,7 +277,7 @@ def update_hidden_force(limits, belief, seen, ticks, dt):
 
 @njit(cache=True)
 def observe_contact(seen, contact_force, ticks):
-    """Where and how long the robot presses: a contact begins at `contact_force` (N) and ends at half of it."""
+    """Update the contact, its depth and duration: it begins at `contact_force` (N) and ends at half of it."""
     F_z = -seen.F_ee_B[2]
     if not seen.touching and F_z >= contact_force:
         seen.touching = 1
@@ -272,29 +293,6 @@ def observe_contact(seen, contact_force, ticks):
         seen.depth = 0.0
 
 
-MONITOR_INPUTS = (
-    Port("count_m", 3, "1", "motor encoder counts"),
-    Port("count_l", 3, "1", "joint encoder counts"),
-    Port("sample", 1, "1", "number of the encoder message, one more with each"),
-    Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
-)
-POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
-MONITOR_OUTPUTS = (
-    Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
-    Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
-    Port("reason", 1, "1", "why, a code of docs/safety.md; 0: not tripped", "int"),
-    POWER_PORT,
-    Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
-    Port("speed", 1, "m/s", "speed of the platform, low-passed"),
-    Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
-    Port("contact_time", 1, "s", "duration of the present contact"),
-    Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
-)
-LINE_PORTS = (
-    Port("drive_power", 3, "1", "whether each drive may have power", "bool"),
-    Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool"),
-)
-"""Outputs besides, where drives say what they do without power."""
 MONITOR_MEMORY = record(
     belief=BELIEF_RECORD,
     limits=LIMITS_RECORD,
@@ -313,7 +311,7 @@ MONITOR_MEMORY = record(
 
 @njit(cache=True, error_model="numpy")
 def observe(m, count_m, count_l, ticks, tick):
-    """Take in a new encoder message, `ticks` of `tick` (s) after the one before."""
+    """Process a new encoder message, `ticks` of `tick` (s) after the previous one."""
     dt = ticks * tick
     share = low_pass_share(m.limits.filter, dt)
     observe_joints(m.belief, m.seen, share, dt, count_m, count_l, m.sent)
@@ -331,7 +329,7 @@ def observe(m, count_m, count_l, ticks, tick):
 
 @njit(cache=True, error_model="numpy")
 def receive_sample(m, u, tick):
-    """Look at the encoder message in the inputs `u`; the ticks since the one before, 0 if it is not a new one."""
+    """Read the encoder message of the inputs `u`; return the ticks since the previous one, 0 without a new one."""
     # not >=: that would let NaN pass
     lost = 0 if abs(u.sample) < MAX_SAMPLE_NUMBER else 1
     m.values[INVALID_SAMPLE] = count_unusable(u.count_m, MAX_COUNT) + count_unusable(u.count_l, MAX_COUNT) + lost
@@ -351,13 +349,13 @@ def receive_sample(m, u, tick):
 
 
 def monitor_outputs(lines: bool) -> tuple[Port, ...]:
-    """The ports of a monitor, with or without lines of their own for the drives."""
+    """Return the output ports of a monitor, with or without a power line per drive."""
     return (*MONITOR_OUTPUTS, *LINE_PORTS) if lines else MONITOR_OUTPUTS
 
 
 @cache
 def make_step(lines):
-    """The step of a monitor, with or without lines of their own for the drives."""
+    """Return the compiled step of a monitor, with or without a power line per drive."""
 
     @step_function(MONITOR_MEMORY, MONITOR_INPUTS, monitor_outputs(lines))
     def step(m, t, h, u, y):
@@ -405,14 +403,14 @@ def make_step(lines):
 class SafetyMonitor(NativeComponent):
     """Sampled component between controller (or its delay) and drives.
 
-    Latched at the first limit that is reached: it retracts, then holds, see above; docs/safety.md argues why.
+    It latches at the first limit that is reached, retracts the robot, then holds it; docs/safety.md has the reasons.
 
     Args:
         belief: the monitor's own model of the robot.
-        limits: what it tolerates.
+        limits: limits and parameters of the retraction.
         sample_interval: ticks between two encoder messages.
-        period: in ticks.
-        lines: whether each drive has a line of power of its own, and brakes have one.
+        period: period in ticks.
+        lines: whether each drive has a power line of its own, and brakes have one.
     """
 
     def __init__(
@@ -429,7 +427,7 @@ class SafetyMonitor(NativeComponent):
 
     @property
     def trip(self) -> Trip | None:
-        """The latched trip; None while there is none."""
+        """The latched trip; None before a trip."""
         m = self.memory[0]
         reason = Reason(int(m["reason"]))
         if reason is Reason.NONE:
@@ -440,18 +438,18 @@ class SafetyMonitor(NativeComponent):
 
     @property
     def power_off_tick(self) -> int | None:
-        """The tick at which a drive lost its power because it did not retract; None while all have it."""
+        """Tick at which the first drive lost its power; None while all have it."""
         tick = int(self.memory[0]["retraction"]["power_off_tick"])
         return None if tick < 0 else tick
 
 
 def own_monitor(system: System) -> SafetyMonitor | None:
-    """The `SafetyMonitor` of `system`; None if it has none, or a third-party one."""
+    """Return the `SafetyMonitor` of `system`; None if there is none, or a third-party one."""
     return next((c for c in system.components if isinstance(c, SafetyMonitor)), None)
 
 
 def trip_reason(simulation: Simulation) -> str:
-    """Why the safety monitor of a simulation tripped; "" if it did not, or there is none."""
+    """Return the trip message of the safety monitor of a simulation; "" without a trip or a monitor."""
     if own := own_monitor(simulation.system):
         return trip_message(own.trip) if own.trip else ""
     if not simulation.system.has_output("monitor.tripped"):
@@ -462,5 +460,5 @@ def trip_reason(simulation: Simulation) -> str:
 
 
 def other_trip(monitor: Component) -> str:
-    """What is known of a trip of a third-party monitor."""
+    """Return the message of a trip of a third-party monitor."""
     return f"safety monitor: {monitor.label or monitor.name} has tripped; why, its output 'reason' may say"

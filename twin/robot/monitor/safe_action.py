@@ -1,4 +1,4 @@
-"""The monitor's safe action: raise the platform away from the person, then hold it; cut motors that do not obey.
+"""The monitor's safe action: raise the platform away from the person, hold it, and cut the power of disobeying motors.
 
 All motors turn at the same speed -retract_speed for a set time. Positive theta lowers the platform (Eq. 5), so this
 raises it: the height changes by the sum of the third row of J^-1 times the joints' speed, and that sum is positive
@@ -32,34 +32,34 @@ RETRACTION_RECORD = record(
         **_ENCODER_FIELDS,
     )
 )
-"""Ticks for which each joint has not followed the retraction; whether its drive's power is cut; the most and the least
-that it was commanded of late (rad/s); whether any drive has power; the tick at which one lost it, -1: none; whether
-brakes may close; ticks without a valid encoder message; whether the motor and the joint encoder of each drive are
-doubted; angle of the motor and, on the motor's side, of the joint since the trip (rad), positive downwards."""
+"""Per joint: ticks for which it has not followed the retraction, whether its power is cut, upper and lower bound of its
+recent commands (rad/s); whether any drive has power; tick of the first loss of power, -1 before; whether brakes may
+close; ticks without a valid encoder message; per drive whether the motor and the joint encoder are doubted, and the
+angle of the motor and, on the motor's side, of the joint since the trip (rad), positive downwards."""
 SINK_LIMIT = math.radians(3.0)
-"""Largest angle (rad) of a motor below that at the trip, beyond what the slowest drive that obeys still travels down:
-less than 4 N on a rigid body. The same above the end of its retraction."""
+"""Maximum angle (rad) of a motor below its angle at the trip, in addition to the remaining travel of the slowest
+obeying drive: less than 4 N on a rigid body. The same above the end of its retraction."""
 DOUBT_SHARE = 0.5
-"""Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips; and of
-`jump_limit`, from which two samples in the same direction are a motion."""
+"""Share of the limit of a frozen encoder from which further encoders are doubted once one trips; and share of
+`jump_limit` from which two samples in the same direction are a motion."""
 FOLLOW_SLACK = 0.25
-"""Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
+"""Share of `follow_limit` by which a retracting motor may be slower than the slowest obeying drive: above the ripple
 of its low-passed speed, 0.33 rad/s."""
 
 
 @njit(cache=True)
 def retraction_speed(limits, retraction, since):
-    """Speed (rad/s) of every motor that has power, `since` (s) the trip."""
+    """Return the speed (rad/s) of every powered motor, `since` (s) the trip."""
     turning = retraction.power == 1 and since < (limits.retract - 1e-9) / limits.retract_speed
     return -limits.retract_speed if turning else 0.0
 
 
 @njit(cache=True)
 def keeps_moving(limits, seen, i):
-    """Whether the motor encoder of drive `i` moved fast, and the same way, in the last two samples.
+    """Return whether the motor encoder of drive `i` moved fast, and in the same direction, in the last two samples.
 
-    A wrong count jumps once, or there and back; a drive that runs away goes on. At HALF, since one count more or less
-    takes a motion at `jump_limit` below it.
+    A wrong count jumps once, or there and back; a runaway drive keeps moving. DOUBT_SHARE leaves room for a count more
+    or less of a motion at `jump_limit`.
     """
     fast = min(abs(seen.last_m[i]), abs(seen.rate_m[i])) >= DOUBT_SHARE * limits.jump_limit
     return fast and (seen.last_m[i] > 0.0) == (seen.rate_m[i] > 0.0)
@@ -67,16 +67,16 @@ def keeps_moving(limits, seen, i):
 
 @njit(cache=True)
 def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
-    """Mark the encoders that are doubted: those of the trip's `reason`, and each that later jumps or is unusable.
+    """Mark doubted encoders: those of the trip's `reason`, and each that jumps or is unusable later.
 
-    A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey. A
-    motor encoder that runs on is believed again: its drive moves.
+    A deflection and a hidden force doubt the joint encoders alone: the motor encoders still show whether drives obey. A
+    motor encoder that keeps moving is trusted again: its drive moves.
 
     Args:
-        reason: of the trip, in its tick; later 0.
-        count_m, count_l: of the encoder message (3,).
-        ticks: since the message before; 0: no new one.
-        tick: in s.
+        reason: reason of the trip in its tick; 0 later.
+        count_m, count_l: encoder message (3,).
+        ticks: ticks since the previous message; 0 without a new one.
+        tick: duration of a tick (s).
     """
     for i in range(3):
         m, l = abs(seen.rate_m[i]), abs(seen.rate_l[i])
@@ -105,7 +105,7 @@ def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, co
 
 @njit(cache=True)
 def add_travel(limits, seen, retraction, dt):
-    """Add up how far each shaft has turned since the trip, `dt` (s) after the sample before; jumps are no travel."""
+    """Add the travel of each shaft since the trip, `dt` (s) after the previous sample; jumps are ignored."""
     for i in range(3):
         if abs(seen.rate_m[i]) < limits.jump_limit or keeps_moving(limits, seen, i):
             retraction.travel_m[i] += dt * seen.rate_m[i]
@@ -115,7 +115,7 @@ def add_travel(limits, seen, retraction, dt):
 
 @njit(cache=True)
 def update_command_bounds(limits, retraction, sent, dt):
-    """Keep the most and the least of what is `sent` to the drives (3,), rad/s, forgotten with `obey_lag`.
+    """Update upper and lower bound of the commands `sent` (3,), rad/s, which decay with `obey_lag`.
 
     A first-order drive of a lag up to `obey_lag` stays between them: at the bound, where omega_m = most, it has
     d omega_m/dt = (omega_ref - omega_m)/T <= (omega_ref - most)/obey_lag = d most/dt.
@@ -128,10 +128,10 @@ def update_command_bounds(limits, retraction, sent, dt):
 
 @njit(cache=True)
 def is_too_fast(limits, seen, retraction, i, retracting):
-    """Whether drive `i` turns faster than anything that it was commanded of late, either way, by `follow_limit`.
+    """Return whether drive `i` exceeds the bounds of its recent commands, either way, by `follow_limit`.
 
-    Where the motor's encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is
-    unwound; once the retraction is over it swings as fast as the retraction was.
+    With a doubted motor encoder the joint is judged, only downwards and only after the retraction: it swings as fast as
+    the retraction.
     """
     speed, most, least = seen.omega_m[i], retraction.most[i], min(retraction.least[i], -limits.retract_speed)
     if retraction.doubt_m[i]:
@@ -141,9 +141,9 @@ def is_too_fast(limits, seen, retraction, i, retracting):
 
 @njit(cache=True)
 def is_too_late(limits, seen, retraction, i, since):
-    """Whether drive `i`, `since` (s) the trip, is later in turning back than the slowest drive that obeys.
+    """Return whether drive `i` turns back later than the slowest obeying drive, `since` (s) the trip.
 
-    By its joint, too, unless that is doubted; by that alone where the motor's encoder is doubted.
+    The joint is judged, too, unless it is doubted; with a doubted motor encoder the joint alone.
     """
     left = math.exp(-max(0.0, since - limits.obey_delay) / limits.obey_lag)
     slowest = (retraction.most[i] + limits.retract_speed) * left - limits.retract_speed
@@ -155,10 +155,10 @@ def is_too_late(limits, seen, retraction, i, since):
 
 @njit(cache=True)
 def is_too_far(limits, retraction, i):
-    """Whether drive `i` has turned by more than `SINK_LIMIT` beyond any that obeys: below its angle at the trip, or up.
+    """Return whether the angle of drive `i` is more than `SINK_LIMIT` beyond any obeying drive, downwards or upwards.
 
-    The slowest drive travels on after the trip. The joint tells it where the motor's encoder is doubted, or has not
-    moved a count since the trip; it swings up, so that tells nothing.
+    The slowest obeying drive travels on after the trip. The joint is judged if the motor encoder is doubted, or has not
+    moved since the trip; only downwards, because it swings upwards.
     """
     unmoved = retraction.doubt_m[i] or retraction.travel_m[i] == 0.0
     if unmoved and retraction.doubt_l[i]:
@@ -174,7 +174,7 @@ def is_too_far(limits, retraction, i):
 
 @njit(cache=True)
 def presses_at_limit(limits, seen, retraction):
-    """Whether force or depth are at their limits, by encoders that are not doubted."""
+    """Return whether force or depth are at their limits, by encoders that are not doubted."""
     doubted_m, doubted_l = retraction.doubt_m.sum() > 0, retraction.doubt_l.sum() > 0
     deep, strong = seen.depth >= limits.penetration_limit, seen.force >= limits.force_limit
     return not doubted_l and (deep or (strong and not doubted_m))
@@ -182,7 +182,7 @@ def presses_at_limit(limits, seen, retraction):
 
 @njit(cache=True)
 def cut_power(retraction, i, lines, now):
-    """Take the power of drive `i`; of all, where they have no lines of their own."""
+    """Cut the power of drive `i`; of all drives if they have no lines of their own."""
     for j in range(3):
         if j == i or not lines:
             retraction.off[j] = 1
@@ -194,16 +194,16 @@ def cut_power(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut at once drives that, `since` (s) the trip, do not obey the retraction, or race or stray after it.
+    """Cut drives at once that, `since` (s) the trip, do not obey the retraction, or are too fast or too far after it.
 
-    Those that no sound encoder shows lose their power when the retraction is over. Once all of them stand still, force
-    or depth at a limit cut all.
+    Drives without a sound encoder lose their power at the end of the retraction. Once all drives stand, force or depth
+    at a limit cut all.
 
     Args:
-        lines: whether each drive has a line of power of its own.
-        now: in ticks.
-        age: of the encoder message, in s.
-        unseen: whether no encoder message says what the motors do.
+        lines: whether each drive has a power line of its own.
+        now: current tick.
+        age: age of the encoder message (s).
+        unseen: whether encoder messages are missing.
     """
     if limits.disobeyed == 0 or retraction.power == 0:
         return
@@ -222,14 +222,14 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
 
 @njit(cache=True)
 def is_retraction_over(limits, since):
-    """Whether the slowest drive that obeys stands still, to `FOLLOW_SLACK`, `since` (s) the trip: the retraction is over."""
+    """Return whether the slowest obeying drive stands, within `FOLLOW_SLACK`, `since` (s) the trip."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
     return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= FOLLOW_SLACK * limits.follow_limit
 
 
 @njit(cache=True)
 def follow_tolerance(limits, since):
-    """Tolerated difference (rad/s) of a motor from its command, `since` (s) the trip: less once all stand still."""
+    """Return the maximum deviation (rad/s) of a motor from its command, `since` (s) the trip; less at the end."""
     return (
         FOLLOW_SLACK * limits.follow_limit
         if limits.disobeyed and is_retraction_over(limits, since)
@@ -239,17 +239,17 @@ def follow_tolerance(limits, since):
 
 @njit(cache=True)
 def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
-    """Take the power if a joint does not do what the retraction commands for `follow_time`.
+    """Cut drives that deviate from the retraction for `follow_time`.
 
-    Only a joint whose motor and joint encoder both deny it is at fault: a motor that turns moves its joint, so one of
-    the two encoders may be the failure. A doubted joint encoder is not asked; where both are, nothing is judged.
+    A joint is at fault only if both its motor and its joint encoder deviate: a turning motor moves its joint, so one of
+    the two encoders may be wrong. A doubted joint encoder is ignored; if both are doubted, the joint is not judged.
 
     Args:
-        lines: whether each drive has a line of power of its own.
-        ticks: since the last valid encoder message, without which no limit is judged.
-        tick: in s.
-        now: in ticks.
-        since: the trip, in s.
+        lines: whether each drive has a power line of its own.
+        ticks: ticks since the previous valid encoder message.
+        tick: duration of a tick (s).
+        now: current tick.
+        since: time since the trip (s).
     """
     limit = follow_tolerance(limits, since)
     for i in range(3):
@@ -265,7 +265,7 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
 
 @njit(cache=True)
 def close_brakes(limits, seen, retraction, tick, now):
-    """Let brakes close once no force is left for them to hold, or they have been open for `release_time`."""
+    """Let brakes close once they hold no force, or have been open for `release_time`."""
     if retraction.power_off_tick >= 0 and retraction.brake == 0:
         waited = tick * (now - retraction.power_off_tick)
         if seen.force < 0.5 * limits.contact_force or waited >= limits.release_time:
@@ -273,12 +273,12 @@ def close_brakes(limits, seen, retraction, tick, now):
 
 
 class Retreat(NamedTuple):
-    """What a retraction does to the platform.
+    """Effect of a retraction on the platform.
 
     Attributes:
-        raised: how much higher it ends (m).
-        sideways: how far it moves horizontally (m).
-        slowest: lowest rise per motor angle on the way (m/rad); negative where it would sink.
+        raised: rise of the platform (m).
+        sideways: horizontal displacement (m).
+        slowest: lowest rise per motor angle along the path (m/rad); negative where the platform would sink.
     """
 
     raised: float
@@ -287,10 +287,10 @@ class Retreat(NamedTuple):
 
 
 def retreat(geometry: Geometry, N: float, p_B: ArrayLike, retract: float) -> Retreat:
-    """Where a retraction by `retract` (rad, each motor) takes a robot in free air that stands at `p_B` (3,), m.
+    """Return the effect of a retraction by `retract` (rad, each motor) from `p_B` (3,), m, in free air.
 
-    Forward kinematics (Eq. 13-17) along the path on which theta_l = theta_m / N falls equally on all legs. A robot that
-    presses rises less, by what its springs unwind: the force over their stiffness J^T k_s N^2 eta J.
+    Forward kinematics (Eq. 13-17) along the path on which theta_l = theta_m / N falls equally on all legs. A pressing
+    robot rises less, by the travel of its unwinding springs: the force over their stiffness J^T k_s N^2 eta J.
 
     Raises:
         Unreachable: the path leaves the workspace.

@@ -49,14 +49,14 @@ class Outcome:
     """The outcome of one run.
 
     Attributes:
-        status: "done"; "tripped": by the safety monitor; "failed": a component did.
+        status: "done", "tripped" (by the safety monitor) or "failed" (a component failed).
         reason: the error message; "" if done.
-        trace: the signals, also of a run that failed; None if none were requested.
-        numbers: of a run that was completed; None if they were not requested.
-        trip: of twin's own monitor; None if it did not trip, or there is none.
-        power_off_tick: tick at which that monitor switched the power off; None if it did not.
-        idle: whether the monitor never acted on the robot; True if this was not requested.
-        culprit: name of the component that failed; "" if none did.
+        trace: signals, also of a failed run; None if not requested.
+        numbers: measures of a completed run; None if not requested, or if it failed.
+        trip: trip of twin's own monitor; None without one.
+        power_off_tick: tick at which the monitor cut the power; None if it did not.
+        idle: whether the monitor never acted on the robot; True if not requested.
+        culprit: name of the component that failed; "".
         failure: the error; None if no component failed.
         stepping: wall time in the master (s).
     """
@@ -88,8 +88,8 @@ class _Watch:
 
     Args:
         request: data to keep.
-        experiment: of the run.
-        past: observers of the run that this one is continued from; None if it is not continued.
+        experiment: experiment of the run.
+        past: observers of the run that this one continues; None for a run from the start.
     """
 
     def __init__(self, request: RunRequest, experiment: Experiment, past: "_Watch | None" = None):
@@ -133,10 +133,10 @@ class _Check(Observer):
 
 
 class _SharedTally(Observer):
-    """A tally that continues that of another run, from the state it had at the same tick.
+    """A tally that continues another run's from its state at the same tick.
 
     Attributes:
-        tally: of the whole run.
+        tally: tally of the whole run.
     """
 
     tally: Tally
@@ -192,7 +192,7 @@ class Runs:
         self.close()
 
     def close(self) -> None:
-        """Free what the runs share; a later run makes it again."""
+        """Free the shared states; a later run makes them again."""
         # the newest first: drives in processes leave the processor to those before them
         while self._pasts:
             _free(self._pasts.pop())
@@ -234,7 +234,7 @@ class Runs:
 
 
 def _prefix_key(base: Experiment) -> Experiment:
-    """`base` without what does not change its run."""
+    """Return `base` without settings that do not change its run."""
     noisy = base.plant.motor_noise > 0.0 or base.plant.joint_noise > 0.0
     return replace(base, name="", title="", seed=base.seed if noisy else 0, measures=(), values={}, origins={})
 

@@ -1,2 +1,1 @@
-"""The worst case by search: which fault, when, how large and on what body takes an experiment furthest beyond what is
-required of it."""
+"""The worst case by search: the fault, its onset, size and body that violate a requirement most."""

@@ -92,8 +92,10 @@ def falsify(
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import Source, apply_overrides
-    from twin.studies.falsify.search import TRIAL_JOB, Judge, Search, requirements_of
-    from twin.studies.falsify.space import NearestRun, Space, UnviolatedKinds, falsify_result, header, known_sets
+    from twin.studies.falsify.judge import TRIAL_JOB, Judge, requirements_of
+    from twin.studies.falsify.search import Search
+    from twin.studies.falsify.space import Space, known_sets
+    from twin.studies.falsify.text import NearestRun, UnviolatedKinds, falsify_result, header
     from twin.studies.faults.cases import cases
     from twin.studies.stale_files import held_folder
     from twin.studies.sweep.engine import Job, run_pool

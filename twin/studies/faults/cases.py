@@ -14,7 +14,7 @@ class Case:
     """One fault at one time.
 
     Attributes:
-        magnitude: in the catalogue's unit; None if the kind has none.
+        magnitude: magnitude in the catalogue's unit; None for kinds without a magnitude.
         fault: the same fault in SI and ticks.
     """
 
@@ -23,7 +23,7 @@ class Case:
 
 
 def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
-    """Return `kinds` in the catalogue's order; all kinds of the catalogue if none is named.
+    """Return `kinds` in the catalogue's order; all kinds of the catalogue if `kinds` is empty.
 
     Raises:
         InputRefused: a kind is missing from the catalogue.

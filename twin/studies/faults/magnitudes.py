@@ -1,4 +1,4 @@
-"""How large a fault may be: between the catalogue's smallest and largest, and on to where something else limits it."""
+"""Range of fault magnitudes: from the smallest of the catalogue up to a rule of the monitor, or physics."""
 
 from typing import NamedTuple
 
@@ -13,11 +13,11 @@ CLAIMED_SHARE, UPPER_SHARE = 1.0, 2.0
 
 
 class UpperEnd(NamedTuple):
-    """Where a search for the worst magnitude of a kind ends.
+    """Upper end of a search for the worst magnitude of a kind.
 
     Attributes:
-        magnitude: in the catalogue's unit.
-        why: rule of the monitor, or physics, that limits what a larger fault could do.
+        magnitude: magnitude in the catalogue's unit.
+        why: rule of the monitor, or physics, that limits the effect of a larger fault.
     """
 
     magnitude: float
@@ -52,28 +52,28 @@ UPPER_ENDS = {
     "contact_loss": UpperEnd(40.0, "TOO_LOW: 34 mm below the surface of the scale"),
     "breathing": UpperEnd(25.0, "PENETRATION: 25 mm"),
 }
-"""Of every kind that has a magnitude."""
+"""Upper end of each kind with a magnitude."""
 
 
 def has_two_ways(kind: str) -> bool:
-    """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
+    """Return whether the magnitude of `kind` may have the other sign, or be the inverse of a factor."""
     known = FAULT_KINDS[kind]
     return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
 
 
 def directions(kind: str) -> tuple[float, ...]:
-    """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
+    """Return the signs of a magnitude of `kind`: both if the magnitude is signed, else 1."""
     return (1.0, -1.0) if has_two_ways(kind) and FAULT_KINDS[kind].unit != "factor" else (1.0,)
 
 
 def magnitude_between(kind: str, share: float, tick: float, slowest: float | None = None) -> float | None:
-    """The magnitude of `kind` at a share of its range, by ratio; None: it has none.
+    """Return the magnitude of `kind` at a share of its range, interpolated by ratio; None for kinds without one.
 
     Args:
-        share: 0: the catalogue's smallest, 1: its largest, 2: the upper end; negative: the other sign, or, of a factor,
-            its inverse.
-        tick: (s).
-        slowest: in place of the catalogue's smallest.
+        share: 0 is the catalogue's smallest magnitude, 1 its largest, 2 the upper end; negative shares have the other
+            sign, or are the inverse of a factor.
+        tick: duration of a tick (s).
+        slowest: magnitude at share 0; default: the catalogue's smallest.
     """
     known = FAULT_KINDS[kind]
     if known.magnitudes is None:
@@ -94,7 +94,7 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
 
 
 def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -> float:
-    """The share that makes `magnitude`, see `magnitude_between`; 0 where there is none."""
+    """Return the share at which `magnitude_between` is `magnitude`; 0 for kinds without a magnitude."""
     known = FAULT_KINDS[kind]
     if known.magnitudes is None or magnitude is None:
         return 0.0

@@ -21,16 +21,16 @@ MAX_IDEAL_SHARE = 1.2
 
 @dataclass(frozen=True)
 class FaultRow:
-    """A fault of the matrix.
+    """A row of the matrix: a fault, and the reactions to it.
 
     Attributes:
-        kind, target: of the fault.
-        magnitude: as the catalogue writes it, in its unit; None where there is none.
-        onset: (s).
-        in_contact: whether the healthy robot touches then.
-        limit: the monitor's force limit (N).
+        kind, target: kind and target of the fault.
+        magnitude: magnitude in the catalogue's unit; None for kinds without one.
+        onset: onset (s).
+        in_contact: whether the healthy robot touches the body at the onset.
+        limit: force limit of the monitor (N).
         healthy_peak: largest true force of the healthy run from the onset on (N).
-        watched, unwatched: with the monitor and without.
+        watched, unwatched: reactions with the monitor and without.
         stays: whether the fault lasts to the end of the run.
         ideal: largest force (N) if all drives lost their power as soon as the true force reached the limit, which no
             sensor of the robot could show sooner; None for a row within its bound.
@@ -50,7 +50,7 @@ class FaultRow:
 
     @property
     def force_bound(self) -> float:
-        """What the true force is to stay below (N)."""
+        """Maximum true force of a safe row (N)."""
         return FORCE_ALLOWANCE * self.limit
 
     @property
@@ -67,54 +67,54 @@ class FaultRow:
 
     @property
     def is_in_time(self) -> bool:
-        """Whether the monitor saw it before the worst was over."""
+        """Whether the monitor tripped before the peak."""
         seen = self.watched.seen
         return seen is not None and seen <= self.watched.peak_delay
 
     @property
     def is_largest(self) -> bool:
-        """Whether the kind has no larger magnitude in the catalogue."""
+        """Whether the magnitude is the catalogue's largest of the kind."""
         magnitudes = FAULT_KINDS[self.kind].magnitudes
         return magnitudes is None or self.magnitude == magnitudes[-1]
 
     @property
     def expects_detection(self) -> bool:
-        """Whether the catalogue said before the run that the monitor sees it; of a fault that ends it says nothing."""
+        """Whether the catalogue states that the monitor detects the fault; never of a fault that ends."""
         return self.stays and FAULT_KINDS[self.kind].expects_detection(self.magnitude, self.in_contact)
 
     @property
     def expects_excess(self) -> bool:
-        """Whether the catalogue said before the run that the force may go beyond the bound."""
+        """Whether the catalogue states that the force may exceed the bound."""
         return FAULT_KINDS[self.kind].expects_excess(self.magnitude)
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor did not see what it was said to see."""
+        """Whether the monitor missed a fault that the catalogue states as detected."""
         return self.expects_detection and not self.is_detected
 
     @property
     def is_unavoidable(self) -> bool:
-        """Whether the force went beyond the bound, was not said to, and had done so with an ideal monitor, too."""
+        """Whether the force exceeds the bound unexpectedly, and also with an ideal monitor."""
         ideal = 0.0 if self.ideal is None else self.ideal
         return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
     @property
     def is_avoidable_excess(self) -> bool:
-        """Whether the force went beyond the bound, was not said to, and could have been less."""
+        """Whether the force exceeds the bound unexpectedly, and an ideal monitor limits it."""
         return not self.is_safe and not self.expects_excess and not self.is_unavoidable
 
     @property
     def fails(self) -> bool:
-        """Whether the run did worse than was said before it."""
+        """Whether the run is worse than stated in the catalogue."""
         return self.misses_detection or self.is_avoidable_excess
 
     @property
     def matches_statement(self) -> bool:
-        """Whether the run did what was said, no worse and no better: what is never seen was not seen in time."""
+        """Whether the run is as stated: it does not fail, and an undetectable fault was not detected in time."""
         return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: keys with units, and the judgements."""
+        """Return the row for JSON: keys with units, and the judgements."""
         return {
             "kind": self.kind,
             "target": self.target,

@@ -1,4 +1,4 @@
-"""Places to which all tasks of an experiment are moved sideways."""
+"""Offsets by which all tasks of an experiment are moved sideways."""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ def on_disc(reach: float, outward: float, around: float) -> tuple[float, float]:
 
 
 def offsets(reach: float) -> tuple[tuple[float, float], ...]:
-    """Return the offsets to try: none, and `reach` (m) in four directions."""
+    """Return the offsets to try: zero, and `reach` (m) in four directions."""
     return (NO_OFFSET, (reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach)) if reach else (NO_OFFSET,)
 
 

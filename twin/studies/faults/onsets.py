@@ -14,7 +14,7 @@ from twin.robot.run.runs import Outcome, RunRequest, Runs
 FORCE_SIGNAL, PLACE_SIGNAL = "plant.F_ee_B", "plant.p_B"
 """Signals that the onsets are computed from: true contact force and position of the platform."""
 CONTACT_FORCE = 0.5
-"""Minimum true force (N) of a contact: half the force at which the monitor lets a contact begin."""
+"""Minimum true force (N) of a contact: half the force at which the monitor begins a contact."""
 
 
 def healthy_run(experiment: Experiment) -> Outcome:
@@ -84,7 +84,7 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
 
 
 def onsets_of(experiment: Experiment, healthy: Outcome, wanted: Sequence[float] = ()) -> tuple[float, ...]:
-    """Return the onsets `wanted` (s), or the default onsets of the healthy run if none is wanted.
+    """Return the onsets `wanted` (s); the default onsets of the healthy run if `wanted` is empty.
 
     Raises:
         InputRefused: see `default_onsets`.

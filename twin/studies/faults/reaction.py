@@ -11,10 +11,10 @@ from twin.robot.run.runs import Outcome
 from twin.studies.faults.onsets import CONTACT_FORCE, FORCE_SIGNAL, PLACE_SIGNAL
 
 SPEED_SIGNAL = "plant.v_B"
-TRIAL_SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
+REACTION_SIGNALS = frozenset({FORCE_SIGNAL, PLACE_SIGNAL, SPEED_SIGNAL})
 """Signals that a reaction is computed from."""
 BEARABLE_FORCE = 10.0
-"""Force (N) below which the time counts as bearable: that of a firm thumb, and two thirds of the force limit."""
+"""Maximum bearable force (N): the force of a firm thumb, two thirds of the force limit."""
 LAST_TIME = 0.1
 """Time (s) at the end of a run over which the remaining force is averaged."""
 FAILURE_REASON = "FAILURE"
@@ -35,10 +35,10 @@ class Reaction:
         power_off: time to the loss of power, of one drive at least; None if the power stays.
         below: last time at which the force falls below `BEARABLE_FORCE`; 0 if it never exceeds it; None if it is
             above at the end.
-        reason: a name of `twin.robot.monitor.reasons.Reason`, or FAILURE; "" if `seen` is None.
+        reason: a name of `twin.robot.monitor.reasons.Reason`, or FAILURE_REASON; "" if `seen` is None.
         peak: largest true force (N).
         peak_delay: time to the peak.
-        above: time for which the true force is above the monitor's force limit.
+        above: duration of a true force above the monitor's force limit.
         impulse: integral of the true force (N s).
         energy: largest energy that the robot has given to the body (J).
         left: true force at the end (N).
@@ -63,8 +63,8 @@ class Reaction:
     failure: str
     digest: str = ""
 
-    def facts(self) -> dict[str, Any]:
-        """Return what a person feels, for JSON, with units."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the effect on the person for JSON, with units."""
         units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
         units |= {"energy": "J", "left": "N"}
         left_out = ("peak_delay", "above", "end")

@@ -16,7 +16,7 @@ from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.faults.cases import faults_of
 from twin.studies.faults.offsets import NO_OFFSET, moved_settings
 from twin.studies.faults.onsets import checked_healthy_run, onsets_of, touching
-from twin.studies.faults.reaction import TRIAL_SIGNALS, Reaction, reaction
+from twin.studies.faults.reaction import REACTION_SIGNALS, Reaction, reaction
 
 MAX_PASTS = 4
 """Pasts of one experiment: with and without the monitor, with and without a surface that moves."""
@@ -25,14 +25,14 @@ MAX_PASTS = 4
 class Stage:
     """An experiment on one body at one place; a context manager that frees what its runs share.
 
-    Runs with faults continue from the last state of the healthy run before the fault. Until the monitor acts, the
-    robot without it has the same bits: a run in which it never acts serves as the run without it, too.
+    Runs with faults continue from the last state of the healthy run before the fault. Until the monitor acts, the robot
+    without it has the same bits: if it never acts, the run also serves as the run without it.
 
     Args:
-        experiment: healthy.
+        experiment: experiment without faults.
         body: name of the body; "" for the experiment's own.
         offset: offset of all tasks, x and y (m).
-        settings: `key=value` that make `experiment` of its file.
+        settings: `key=value` applied to the experiment's file.
         onsets: onsets of faults (s); default: in free motion and in contact.
         share: False to make every run from the start, with the same bits.
     """
@@ -48,7 +48,7 @@ class Stage:
     ):
         self.experiment, self.body, self.offset, self.settings = experiment, body, offset, tuple(settings)
         self._onsets, self._share = tuple(onsets), share
-        self._runs = Runs(RunRequest(TRIAL_SIGNALS, idle=True), most=MAX_PASTS if share else 0)
+        self._runs = Runs(RunRequest(REACTION_SIGNALS, idle=True), most=MAX_PASTS if share else 0)
         self._trips: dict[tuple[Fault, ...], float] = {}
 
     def __enter__(self) -> Self:
@@ -58,7 +58,7 @@ class Stage:
         self.close()
 
     def close(self) -> None:
-        """Free what the runs share; a later run makes it again."""
+        """Free the shared states; a later run makes them again."""
         self._runs.close()
 
     @cached_property
@@ -109,7 +109,7 @@ class Stage:
         one = reaction(watched, self.experiment, _onset(faults))
         return one, one if unwatched is watched else reaction(unwatched, self.experiment, _onset(faults))
 
-    def ideal(self, faults: Sequence[Fault], seen: float) -> Reaction:
+    def ideal_reaction(self, faults: Sequence[Fault], seen: float) -> Reaction:
         """Return the reaction of an ideal monitor, which cuts all power `seen` (s) after the onset."""
         off = Fault("power_off", "power", _onset(faults) + round(seen / self.experiment.cosim.tick))
         return replace(self.reaction((*faults, off)), power_off=seen)
@@ -121,7 +121,7 @@ class Stage:
             self._trips[faults] = self.reaction(faults).seen or 0.0
         return self._trips[faults]
 
-    def delayed(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
+    def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
         """Return two [[fault]] `tables`, the second moved to `delay` (s) after the trip that the first one causes.
 
         Without a trip the delay counts from the onset of the first.

@@ -15,7 +15,7 @@ ROWS_FILE, MATRIX_FILE, PICTURE_FILE = "rows.jsonl", "matrix.json", "matrix.png"
 
 
 class SetOfFaults(StrEnum):
-    """How many faults at once; `twin.studies.faults.together.FaultSet`, which is not imported for `--help`."""
+    """Number of faults at once: a copy of `twin.studies.faults.together.FaultSet`, whose import slows down `--help`."""
 
     SINGLE = "single"
     COMMON = "common"
@@ -104,7 +104,7 @@ def faults(
     home = folder.absolute()
     wanted = [FaultSet(one) for one in sets] or list(FaultSet)
     say("without any fault", 0.0)
-    # a row is written as soon as there is one, so that a drive that crashes costs none of them
+    # rows are written one by one so that a crashing drive loses none of them
     with open_unbuffered(home / ROWS_FILE) as append:
         chosen = known_kinds(kinds)
         stages: list[Stage] = []

@@ -1,4 +1,4 @@
-"""The matrix of faults as text of at most 80 columns, as a Markdown table and as a picture."""
+"""The matrix of faults as text of at most 80 columns and as a picture."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ UNIT_TEXTS = {
 """Units of the catalogue as people write them, where that differs."""
 SINGULAR_FORCE = 100.0
 """Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
-ends. How far beyond is no forecast."""
+ends. Larger forces are no forecast."""
 FAULT_COLUMNS = (
     Column("worst of each kind", 20, left=True),
     Column("", 12, left=True),
@@ -61,21 +61,21 @@ MAX_SHOWN = 12
 """Causes of each list that the text shows, the worst first; all rows are in the files."""
 EXCESS_COLOR = VERMILION
 MAX_SHADE = 2.0
-"""Peak over limit at which the colours end."""
+"""Peak over force limit at the end of the colour scale."""
 SIZE_COUNT = 3
-"""Magnitudes of a kind; a kind that has none takes the room of all."""
+"""Number of magnitudes of a kind; the cell of a kind without magnitudes is as wide as all."""
 
 
 def fault_matrix_result(
     experiment: str, rows: Sequence[FaultRow], picture: Path, together: Sequence[CombinationRow] = ()
 ) -> Result:
-    """The verdict, then the worst case of each kind, then what the verdict does not cover.
+    """Return the verdict, the worst case of each kind, and the exceptions.
 
     Args:
-        experiment: its name.
-        rows: of one matrix, kind by kind, at least one.
-        picture: where it is.
-        together: common causes and pairs.
+        experiment: name of the experiment.
+        rows: rows of one matrix, kind by kind; at least one.
+        picture: path of the picture.
+        together: rows of common causes and pairs.
     """
     first = rows[0]
     safe, safe_unwatched = sum(r.is_safe for r in rows), sum(r.is_safe_without_monitor for r in rows)
@@ -86,8 +86,8 @@ def fault_matrix_result(
     beyond = f", {stated} beyond as stated" if stated else ""
     beyond += f", {unavoidable} beyond as with an ideal monitor" if unavoidable else ""
     verdict = (
-        f"{experiment}  {'FAILED' if failing else 'as stated'}: {safe} of {len(rows)} below {first.force_bound:g} N, the "
-        f"limit of {first.limit:g} N plus {100 * (FORCE_ALLOWANCE - 1):.0f} %{beyond}; without the monitor "
+        f"{experiment}  {'FAILED' if failing else 'as stated'}: {safe} of {len(rows)} below {first.force_bound:g} N, "
+        f"the limit of {first.limit:g} N plus {100 * (FORCE_ALLOWANCE - 1):.0f} %{beyond}; without the monitor "
         f"{safe_unwatched} below. Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
         f"{sets if together else ''}"
     )
@@ -123,7 +123,7 @@ def combination_result(experiment: str, rows: Sequence[CombinationRow], wanted: 
 
 
 def combination_blocks(rows: Sequence[CombinationRow]) -> list[Block]:
-    """Of each list the worst rows, and how many fail."""
+    """Return the worst rows of each list, and the number of failures."""
     blocks: list[Block] = []
     for kind, title in ((FaultSet.COMMON, "common causes"), (FaultSet.PAIRS, "pairs")):
         of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
@@ -133,8 +133,9 @@ def combination_blocks(rows: Sequence[CombinationRow]) -> list[Block]:
         text = (
             f"{len(of_kind)} {title}: {count['kept']} below their limit, {count['beyond']} above (!), "
             f"{count['missed']} not detected although expected (!); {sum(row.is_detected for row in of_kind)} of "
-            f"{len(of_kind)} detected. Limit: {MAX_PEAK_SHARE * of_kind[0].limit:g} N, {MAX_PEAK_SHARE:g} times the monitor's, "
-            f"or (~) {MAX_IDEAL_SHARE:g} times the peak with an ideal monitor, which cuts all power when this one trips."
+            f"{len(of_kind)} detected. Limit: {MAX_PEAK_SHARE * of_kind[0].limit:g} N, {MAX_PEAK_SHARE:g} times the "
+            f"monitor's, or (~) {MAX_IDEAL_SHARE:g} times the peak with an ideal monitor, which cuts all power when "
+            "this one trips."
         )
         # of equal names the worst comes first
         worst = {row.faults.name: row for row in reversed(of_kind)}
@@ -169,7 +170,7 @@ def magnitude_text(kind: str, magnitude: float | None) -> str:
 
 
 def _worst(rows: Sequence[FaultRow]) -> Iterator[tuple[FaultRow, list[FaultRow]]]:
-    """Of each kind the row with the largest force as printed (of equals the largest fault), and all its rows."""
+    """Yield the row with the largest printed force of each kind (of equals the largest fault), and all its rows."""
     for _, group in groupby(rows, lambda row: row.kind):
         of_kind = list(group)
         yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
@@ -228,8 +229,8 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
     """Write the picture to `path` (PNG): a line per kind, a column per onset and magnitude, the peak force in each.
 
     Args:
-        experiment: its name.
-        rows: of one matrix, kind by kind, the same onsets for each.
+        experiment: name of the experiment.
+        rows: rows of one matrix, kind by kind, with equal onsets.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

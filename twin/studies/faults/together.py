@@ -1,6 +1,6 @@
 """Faults that act together: common causes, pairs that begin together, and pairs one after the other.
 
-Each row has the peak with an ideal monitor, which cuts the power of all drives at the tick at which the real one trips.
+Each row has the peak with an ideal monitor, which cuts the power of all drives at the tick of the real monitor's trip.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,19 +27,19 @@ from twin.studies.faults.reaction import Reaction
 from twin.studies.faults.stage import Stage
 
 MAX_PEAK_SHARE = 1.5
-"""Maximum peak over the force limit after faults that act together; or, where that is exceeded, OF_IDEAL."""
+"""Maximum peak over the force limit after faults that act together; or, where that is exceeded, MAX_IDEAL_SHARE."""
 SECOND_DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0)
 """Delays (s) of a second fault after the trip of the first: within the retraction of 0.26 s, and after it."""
 MATRIX_DELAYS = (1.0,)
 """Delays (s) that `twin faults` tries."""
 SLOW_SPEEDS = (0.05, 0.1, 0.2, 0.4)
-"""Speeds (rad/s) of a second drive fault besides the speed of its pair: creeping motors, which no speed limit shows."""
+"""Additional speeds (rad/s) of a second drive fault: creeping motors, which no speed limit detects."""
 MATRIX_SLOW_SPEEDS = (0.4,)
 """Slow speeds (rad/s) that `twin faults` tries."""
 
 
 class FaultSet(StrEnum):
-    """How many faults at once."""
+    """Number of faults at once."""
 
     SINGLE = "single"
     COMMON = "common"
@@ -50,13 +50,13 @@ class FaultCombination(NamedTuple):
     """Faults that begin together, or one after the other.
 
     Attributes:
-        kind: which of the lists it is from.
-        name: for people.
-        tables: of the [[fault]]s.
-        cause: of a common cause.
-        magnitude: of a common cause, as the catalogue has it.
-        delay: of the last fault (s), from the trip that the first one causes, or from its onset where it causes none;
-            None: all begin together.
+        kind: list that the faults are from.
+        name: display name.
+        tables: [[fault]] tables.
+        cause: common cause; None for pairs.
+        magnitude: magnitude of a common cause in the catalogue's unit; None for pairs.
+        delay: delay of the second fault (s) after the trip of the first, or after its onset without a trip; None if all
+            begin together.
     """
 
     kind: FaultSet
@@ -68,7 +68,7 @@ class FaultCombination(NamedTuple):
 
 
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
-    """Common causes at `onset` (s): each magnitude and each direction; of `kinds` only, if some are named."""
+    """Yield the common causes at `onset` (s), each magnitude and direction; all kinds if `kinds` is empty."""
     for cause in COMMON_CAUSES:
         if kinds and cause.kind not in kinds:
             continue
@@ -80,7 +80,7 @@ def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultComb
 
 
 def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
-    """Pairs at `onset` (s), each fault in each of its directions; of `kinds` only, if some are named."""
+    """Yield the pairs at `onset` (s), each fault in each direction; all kinds if `kinds` is empty."""
     for pair in FAULT_PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
             for sizes in product(*map(_signed_sizes, pair)):
@@ -89,7 +89,7 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]
 
 
 def slowest(kind: str, later: bool) -> float | None:
-    """Smallest magnitude of a search where it is not the catalogue's: drives that run away `later` may creep."""
+    """Return the smallest magnitude to search; None for the catalogue's. A second drive fault may creep."""
     return SLOW_SPEEDS[0] if later and kind == RUNAWAY_KIND else None
 
 
@@ -103,9 +103,10 @@ def ordered_pairs(
     delays: Sequence[float] = SECOND_DELAYS,
     slow: Sequence[float] = SLOW_SPEEDS,
 ) -> Iterator[FaultCombination]:
-    """Every pair in both orders: one fault at `onset` (s), the other after the trip; of `kinds` only, if any are given.
+    """Yield every pair in both orders: one fault at `onset` (s), the other after its trip.
 
-    Where a drive runs away second, all drives do, too, and each also at the speeds `slow` (rad/s) downwards.
+    If the second fault is a runaway drive, a runaway of all drives is also tried, and each at the speeds `slow` (rad/s)
+    downwards. An empty `kinds` selects all kinds.
     """
     for first, second in ORDERED_PAIRS:
         if kinds and not {first.kind, second.kind} <= set(kinds):
@@ -121,16 +122,16 @@ def ordered_pairs(
 
 @dataclass(frozen=True)
 class CombinationRow:
-    """Faults that act together, on one body at one place.
+    """Reactions to faults that act together, on one body at one place.
 
     Attributes:
-        faults: what acts.
-        stage: where.
-        onset: (s).
-        in_contact: whether the healthy robot touches then.
-        limit: the monitor's force limit (N).
-        watched, unwatched: with the monitor and without.
-        ideal: largest force (N) with an ideal monitor; None: the real one does not trip.
+        faults: the combination.
+        stage: body and place.
+        onset: onset of the first fault (s).
+        in_contact: whether the healthy robot touches the body at the onset.
+        limit: force limit of the monitor (N).
+        watched, unwatched: reactions with the monitor and without.
+        ideal: largest force (N) with an ideal monitor; None without a trip.
     """
 
     faults: FaultCombination
@@ -148,28 +149,28 @@ class CombinationRow:
 
     @property
     def expects_detection(self) -> bool:
-        """Whether it was said before the run that the monitor sees it; of pairs nothing is said."""
+        """Whether the list of common causes states that the monitor detects the faults; never of pairs."""
         cause = self.faults.cause
         return cause is not None and expects_detection(cause, self.faults.magnitude, self.in_contact)
 
     @property
     def force_bound(self) -> float:
-        """What the force is to stay below (N): of the limit, or of what an ideal monitor reaches."""
+        """Maximum force of a kept row (N): a share of the limit, or of the peak with an ideal monitor."""
         return max(MAX_PEAK_SHARE * self.limit, 0.0 if self.ideal is None else MAX_IDEAL_SHARE * self.ideal)
 
     @property
     def exceeds_bound(self) -> bool:
-        """Whether it does not."""
+        """Whether the force exceeds the bound."""
         return self.watched.peak > self.force_bound
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor did not see what it was said to see."""
+        """Whether the monitor missed faults that are stated as detected."""
         return self.expects_detection and not self.is_detected
 
     @property
     def verdict(self) -> Literal["kept", "beyond", "missed"]:
-        """Whether the force stayed below its bound, and what was said to be seen was seen."""
+        """ "beyond" if the force exceeds the bound, "missed" if an expected detection is missing, else "kept"."""
         return "beyond" if self.exceeds_bound else "missed" if self.misses_detection else "kept"
 
     @property
@@ -177,7 +178,7 @@ class CombinationRow:
         return self.verdict != "kept"
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the row for JSON."""
         return {
             "set": str(self.faults.kind),
             "name": self.faults.name,
@@ -193,13 +194,13 @@ class CombinationRow:
             "detectable": self.expects_detection,
             "verdict": self.verdict,
             "failed": self.fails,
-            "with_monitor": self.watched.facts(),
-            "without_monitor": self.unwatched.facts(),
+            "with_monitor": self.watched.to_dict(),
+            "without_monitor": self.unwatched.to_dict(),
         }
 
 
 def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
-    """Those of one list; of single faults none. Ordered pairs begin in contact, where they are worse."""
+    """Return the combinations of one list; empty for single faults. Ordered pairs begin in contact, the worse case."""
     if kind is FaultSet.PAIRS:
         ordered = ordered_pairs(onset, kinds, MATRIX_DELAYS, MATRIX_SLOW_SPEEDS) if in_contact else ()
         return [*pairs(onset, kinds), *ordered]
@@ -224,8 +225,8 @@ def combination_row(stage: Stage, one: FaultCombination, onset: float) -> Combin
     experiment = stage.experiment
     assert experiment.monitor is not None
     if one.delay is not None:
-        one = one._replace(tables=stage.delayed(one.tables, one.delay))
+        one = one._replace(tables=stage.delay_second(one.tables, one.delay))
     faults, limit = faults_of(experiment, one.tables), experiment.monitor.force_limit
     watched, unwatched = stage.reactions(faults)
-    ideal = None if watched.seen is None else stage.ideal(faults, watched.seen).peak
+    ideal = None if watched.seen is None else stage.ideal_reaction(faults, watched.seen).peak
     return CombinationRow(one, stage, onset, stage.touches(onset), limit, watched, unwatched, ideal)

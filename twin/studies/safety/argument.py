@@ -1,4 +1,4 @@
-"""The argument for safety as a picture of goals, strategies, evidence and what is assumed (goal structuring notation).
+"""The argument for safety as a picture in goal structuring notation: goals, strategies, evidence, assumptions.
 
 GSN Community Standard Version 3 (2021): a goal is a rectangle, a strategy a parallelogram, a solution a circle, a
 context a rounded rectangle, an assumption an ellipse; a goal that is not reached has a diamond below it.
@@ -13,9 +13,9 @@ from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.hazards import SafetyTable
 
 LOCAL_WIDTH, BOX_STEP = 2.6, 2.8
-"""Of a box, and from one to the next, in inches of the picture."""
+"""Width of a box and distance of neighbouring boxes (inches)."""
 ROW_HEIGHT, BOXES_PER_ROW = 4.5, 4
-"""Height of a row of goals, and how many of them stand in one: a page of paper can be read then."""
+"""Height of a row of goals (inches) and number of goals in it, legible on a printed page."""
 FONT_SIZE = 10.0
 
 
@@ -39,7 +39,7 @@ def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -
         axes.add_patch(Polygon(slant, fc="white", ec=INK))
         _write_text(axes, middle, high - 1.8, "S0: each hazard by all its causes, run in simulation", 60)
         _arrow(axes, middle, high - 1.1, middle, high - 1.5)
-        # a line down the left edge, from which each row has its own
+        # a line along the left edge branches to each row
         down = high - 2.55 - ROW_HEIGHT * (rows - 1)
         axes.plot([middle, middle, 0.05, 0.05], [high - 2.1, high - 2.3, high - 2.3, down], color=INK, lw=0.8)
         for number, line in enumerate(lines):

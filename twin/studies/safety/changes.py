@@ -1,4 +1,4 @@
-"""What got worse since another page: the regression test of safety."""
+"""Regressions of a safety page against an older one."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,16 +8,16 @@ from typing import Any
 from twin.kernel.errors import InputRefused
 
 PEAK_RATIO = 1.05
-"""Peak over the old one from which on it counts as higher."""
+"""Minimum ratio of a higher peak to the old one."""
 MIN_PEAK_GROWTH = 0.5
-"""Force (N) by which a peak has to grow besides: less is a rounding of processors."""
+"""Minimum growth of a higher peak (N): rounding of processors is less."""
 
 
 def old_lines(path: Path) -> dict[str, dict[str, Any]]:
-    """The lines of a page's data, by their ids.
+    """Return the lines of a page's data by their ids.
 
     Raises:
-        InputRefused: not such a file.
+        InputRefused: the file is missing or not the data of a page.
     """
     try:
         found = json.loads(path.read_text())
@@ -29,7 +29,7 @@ def old_lines(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def regressions(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """A sentence for each line that got worse, or is gone."""
+    """Yield a sentence for each line that got worse or is gone."""
     new = {line["id"]: line for line in lines}
     for name, before in old.items():
         after = new.get(name)

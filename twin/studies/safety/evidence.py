@@ -79,9 +79,9 @@ class EvidenceRun:
             "seed": self.seed,
             "found": self.found,
             "failure": self.failure,
-            "with_monitor": self.watched and self.watched.facts(),
-            "without_monitor": self.unwatched and self.unwatched.facts(),
-            "with_ideal_monitor": self.ideal and self.ideal.facts(),
+            "with_monitor": self.watched and self.watched.to_dict(),
+            "without_monitor": self.unwatched and self.unwatched.to_dict(),
+            "with_ideal_monitor": self.ideal and self.ideal.to_dict(),
         }
 
 
@@ -96,7 +96,7 @@ class HazardLine:
     Attributes:
         hazard: the line of the table.
         runs: all runs: grid, then search, then draws.
-        distances: distance of the healthy stage from violating a requirement, by formula and body.
+        distances: distance of the healthy robot from violating a requirement, by formula and body.
         head_area: area of the head (m2).
         variants: (peak, left) in N of the worst run with other hardware, by name; None if it fails.
     """
@@ -225,7 +225,7 @@ def run_of(
     one = EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), stage.experiment.seed, None, found=found)
     try:
         if cause.ordered:
-            one = replace(one, tables=stage.delayed(tables, delay))
+            one = replace(one, tables=stage.delay_second(tables, delay))
         faults = faults_of(stage.experiment, one.tables)
         watched, unwatched = stage.reactions(faults) if found == "draw" else (stage.reaction(faults), None)
     except TwinError as problem:
@@ -243,11 +243,11 @@ def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: i
     return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
-def compared(stage: Stage, run: EvidenceRun) -> EvidenceRun:
+def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
     """Return `run` with the reactions without the monitor and with an ideal one."""
     faults = faults_of(stage.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
-    ideal = None if seen is None else stage.ideal(faults, seen)
+    ideal = None if seen is None else stage.ideal_reaction(faults, seen)
     return replace(run, unwatched=run.unwatched or stage.reaction(faults, watched=False), ideal=ideal)
 
 

@@ -1,7 +1,7 @@
 """The hazard table of a TOML file, after the structure of ISO 14971: hazard, harm, causes, limit, control, evidence.
 
-Every table is checked before anything runs: a hazard without evidence, a limit without a unit and a cause that no kind
-of fault says are refused by name.
+Every table is checked before the first run: a hazard without evidence, a limit without a unit and an unknown cause are
+refused by name.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.source import read_source
 
 LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
-"""Keys of a limit, and what it limits."""
+"""Limited quantity of each key of a limit."""
 PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
 """Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
 ASSUMED_PREFIX = "assumed"
@@ -28,7 +28,7 @@ ASSUMED_PREFIX = "assumed"
 
 
 class HazardFile(Settings):
-    """The keys of a hazard table that stand in no table."""
+    """The top-level keys of a hazard table."""
 
     title: str = setting(min_length=1, help="for people")
     use: str = setting(min_length=1, help="intended use, and who may come to harm")
@@ -37,7 +37,7 @@ class HazardFile(Settings):
 
 
 class Evidence(Settings):
-    """[hazard.evidence]: where the causes are tried."""
+    """[hazard.evidence]: bodies, places and number of the runs."""
 
     bodies: tuple[str, ...] = setting(min_length=1, help="bodies that are pressed on")
     points: tuple[tuple[float, float], ...] = setting(
@@ -50,7 +50,7 @@ class Evidence(Settings):
 
 
 class Threshold(Settings):
-    """[[threshold]]: at which pressure, or force, people begin to feel pain."""
+    """[[threshold]]: pressure, or force, at which pain begins."""
 
     name: str = setting(min_length=1, help="where, and of whom")
     pressure: float | None = optional("kPa", gt=0, example=130.0, help="under a probe of about the head's area")
@@ -69,7 +69,7 @@ class Threshold(Settings):
 
 
 class Variant(Settings):
-    """[[variant]]: what other hardware would give, the worst runs again."""
+    """[[variant]]: other hardware, on which the worst runs are repeated."""
 
     name: str = setting(min_length=1, help="for people")
     set: tuple[str, ...] = setting(min_length=1, help="key=value of the experiment")
@@ -101,11 +101,11 @@ class HazardTable(Settings):
 
 @dataclass(frozen=True)
 class Cause:
-    """What may lead to a hazard.
+    """A cause of a hazard.
 
     Attributes:
-        faults: (kind, target) of faults; none: nothing breaks.
-        requirement: of the healthy robot; "".
+        faults: (kind, target) of each fault; empty for a requirement.
+        requirement: formula that the healthy robot must keep; "" for faults.
         ordered: whether the second fault begins after the trip of the first; otherwise they begin together.
     """
 
@@ -124,11 +124,11 @@ class Hazard:
     """A line of the table.
 
     Attributes:
-        table: what it says in words.
-        causes: at least one.
-        limit_key: of `LIMIT_KINDS`; "" where all causes are requirements.
-        limit: in the unit of its key.
-        evidence: where it is tried.
+        table: texts of the line.
+        causes: at least one cause.
+        limit_key: key of `LIMIT_KINDS`; "" if all causes are requirements.
+        limit: limit in the unit of its key.
+        evidence: bodies, places and number of the runs.
     """
 
     table: HazardTable
@@ -146,13 +146,13 @@ class Hazard:
 
 @dataclass(frozen=True)
 class SafetyTable:
-    """A whole file.
+    """A hazard table.
 
     Attributes:
-        path: of the file.
-        head: its keys.
-        hazards, thresholds, variants: in their order.
-        sensitivity: None: not asked for.
+        path: path of the file.
+        head: top-level keys.
+        hazards, thresholds, variants: tables in the order of the file.
+        sensitivity: None without [sensitivity].
     """
 
     path: Path
@@ -164,10 +164,10 @@ class SafetyTable:
 
 
 def read_hazards(path: Path) -> SafetyTable:
-    """The checked hazard table of a file.
+    """Return the checked hazard table of a file.
 
     Raises:
-        InputRefused: no such file, or what it says is not right; all mistakes at once.
+        InputRefused: the file is missing or invalid; the message has all mistakes.
     """
     values = dict(read_source(path).values)
     mistakes: list[str] = []
@@ -280,10 +280,10 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
 
 
 def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tuple[float | None, ...]]:
-    """Combinations of magnitudes, one for each fault of `cause`: all of one alone, the largest of several.
+    """Return combinations of magnitudes, one per fault of `cause`: all of a single fault, the largest of several.
 
     Args:
-        signs: of each kind, those with which its magnitudes are tried.
+        signs: signs of the magnitudes to try, by kind.
     """
     each: list[list[float | None]] = []
     for kind, _ in cause.faults:

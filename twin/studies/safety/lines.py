@@ -24,7 +24,7 @@ from twin.studies.safety.evidence import (
     HazardLine,
     Origin,
     Stages,
-    compared,
+    add_reference_runs,
     run_of,
     tables_of,
 )
@@ -82,7 +82,7 @@ def line_of(
     assert last is not None
     there = made[line.runs.index(last)][1]
     assert there is not None
-    every = tuple(compared(there, run) if run is last else run for run in line.runs)
+    every = tuple(add_reference_runs(there, run) if run is last else run for run in line.runs)
     return replace(line, runs=every), there
 
 

@@ -37,7 +37,7 @@ code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5
 img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{padding:.05rem .12rem}}
 """
 MIN_PUBLISHED = 2
-"""So many published thresholds of pain a table has at least."""
+"""Minimum number of published pain thresholds of a table."""
 SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """The Content-Security-Policy of pages without scripts."""
 STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
@@ -46,11 +46,11 @@ STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": 
 def hazard_page(
     table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str
 ) -> str:
-    """The whole page as HTML.
+    """Return the whole page as HTML.
 
     Args:
-        pictures: title and file of each, put into the page.
-        made_with: command and versions.
+        pictures: title and file of each picture, embedded in the page.
+        made_with: command that makes the page.
     """
     return "\n".join(
         [
@@ -80,7 +80,7 @@ def _list(sentences: Sequence[str]) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Cells are HTML already; numbers stand right."""
+    """Return a table of cells that are HTML; numbers are right-aligned."""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in rows)
     row = f"<tr>{top}</tr>" if any(head) else ""
@@ -119,13 +119,13 @@ def _summary(line: HazardLine) -> Iterator[str]:
 
 
 def seen_text(line: HazardLine) -> str:
-    """Runs that the monitor saw: of those drawn at random if there are any, else of the grid."""
+    """Return the number of detected runs as text: of the random draws if there are any, else of the grid."""
     seen, made = line.draw_detection if line.draw_detection[1] else line.grid_detection
     return f"{seen} of {made}" if made else "-"
 
 
 def value_text(line: HazardLine, run: Reaction | None) -> str:
-    """What the limit limits, of one run, with its unit."""
+    """Return the limited quantity of one run with its unit."""
     if run is None:
         return "-"
     value, unit = line.limited_value(run), line.hazard.limit_key.rpartition("_")[2]
@@ -224,7 +224,8 @@ def share_text(share: tuple[int, int]) -> str:
 def _dangerous(line: HazardLine) -> str:
     if not line.dangerous_count[1]:
         return "None of them exceeds the limit without the monitor."
-    return f"Of those that exceed the limit, or fail, without the monitor it keeps {share_text(line.dangerous_count)} below it."
+    share = share_text(line.dangerous_count)
+    return f"Of those that exceed the limit, or fail, without the monitor it keeps {share} below it."
 
 
 def _runs(line: HazardLine) -> Iterator[str]:
@@ -233,8 +234,8 @@ def _runs(line: HazardLine) -> Iterator[str]:
     if line.draw_detection[1]:
         evidence = line.hazard.evidence
         yield (
-            f"<p>Drawn at random (seed {evidence.seed}): {share_text(line.draw_detection)} seen. Cause, body, time and place "
-            f"within {1e3 * evidence.reach:g} mm evenly, magnitudes evenly by ratio, from ones on that need no "
+            f"<p>Drawn at random (seed {evidence.seed}): {share_text(line.draw_detection)} seen. Cause, body, time and "
+            f"place within {1e3 * evidence.reach:g} mm evenly, magnitudes evenly by ratio, from ones on that need no "
             f"detection. {_dangerous(line)} {grid}</p>"
         )
     elif made:

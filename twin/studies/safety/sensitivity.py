@@ -1,4 +1,4 @@
-"""Thresholds of the monitor, one at a time, against false trips of healthy robots and against the worst peaks."""
+"""False trips of healthy robots and worst peaks against each threshold of the monitor."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,11 +18,11 @@ class ThresholdPoint(NamedTuple):
     """One threshold at one value.
 
     Attributes:
-        key: of [monitor].
-        factor: on the experiment's value.
-        value: in the unit of the key.
-        false_trips: healthy robots that trip.
-        fleet: healthy robots.
+        key: key of [monitor].
+        factor: factor on the experiment's value.
+        value: value in the unit of the key.
+        false_trips: number of healthy robots that trip.
+        fleet: number of healthy robots.
         peak: largest force (N) of the worst runs of all lines that are kept at the experiment's own thresholds.
     """
 
@@ -41,17 +41,15 @@ def threshold_points(
     worst: Sequence[tuple[HazardLine, Stage]],
     say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
-    """Each threshold at each factor.
-
-    A value that the monitor itself refuses, because limits would contradict each other, is left out.
+    """Return each threshold at each factor; values that contradict other limits are left out.
 
     Args:
-        path, settings: of the experiment.
-        worst: lines with the robot of their worst run.
-        say: called before each.
+        path, settings: experiment file and its `key=value`.
+        worst: lines with the stage of their worst run.
+        say: called before each point.
 
     Raises:
-        InputRefused: a key is none of the monitor's numbers, or a robot of the fleet cannot be.
+        InputRefused: a key is not a number of [monitor], or a robot of the fleet is invalid.
     """
     found = []
     for key in asked.keys:
@@ -75,10 +73,10 @@ def threshold_points(
 
 
 def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
-    """What `key` of [monitor] is in the experiment, in the key's unit.
+    """Return the value of `key` of [monitor] in the experiment, in the key's unit.
 
     Raises:
-        InputRefused: it is none of the monitor's numbers.
+        InputRefused: `key` is not a number of [monitor].
     """
     from twin.kernel.errors import InputRefused, nearest
     from twin.robot.experiment.mistakes import toml_keys
@@ -104,7 +102,7 @@ def _peak(line: HazardLine, robot: Stage, path: Path, changed: str) -> float:
 
 
 def draw_sensitivity(points: Sequence[ThresholdPoint], path: Path) -> None:
-    """Write the picture to `path`: for each threshold the share of healthy robots that trip, and the worst peak."""
+    """Write the picture to `path`: share of healthy robots that trip, and worst peak, against each threshold."""
     keys = list(dict.fromkeys(point.key for point in points))
     with picture(
         path, 9.0, 1.2 + 2.6 * len(keys), "Thresholds of the monitor: false trips and the worst peak"

@@ -44,7 +44,7 @@ def safety(
     Example: twin safety experiments/safety/massage.toml --quick
 
     Raises:
-        InputRefused: a table is not right, or --against is no page's data.
+        InputRefused: a table is invalid, or --against is not the data of a page.
         NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import write_json
@@ -83,7 +83,7 @@ def safety(
 
 
 def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
-    """Refuse what no run can be made of, before the first one.
+    """Reject invalid bodies, variants and sensitivities before the first run.
 
     Raises:
         InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
@@ -120,7 +120,7 @@ def write_page(
     """Make the runs of a table and write its page into `folder`.
 
     Args:
-        settings: key=value of the experiment, besides what the table says.
+        settings: `key=value` of the experiment, in addition to the table.
         quick: without sensitivity and other hardware.
 
     Returns:

@@ -20,7 +20,7 @@ LINE_COLUMNS = (
 
 
 def lines_table(lines: Sequence[HazardLine]) -> Table:
-    """One row for each: limit, worst run with the monitor, an ideal one and none, how many were detected, status."""
+    """Return one row per line: limit, worst run with the monitor, an ideal one and none, detected runs, status."""
     rows = []
     for line in lines:
         worst = line.worst
@@ -35,7 +35,7 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
 
 
 def failures(lines: Sequence[HazardLine]) -> list[Block]:
-    """Of each line that failed the first run that did, and why."""
+    """Return the first failed run of each failed line, with its error message."""
     found: list[Block] = []
     for line in lines:
         if line.failed_runs:
@@ -49,13 +49,13 @@ def failures(lines: Sequence[HazardLine]) -> list[Block]:
 def verdict(
     lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
 ) -> Result:
-    """The whole answer.
+    """Return the whole answer.
 
     Args:
-        lines: of all tables.
-        facts: for programs, with what got "worse".
-        parts: what follows the verdict.
-        files: what was written.
+        lines: lines of all tables.
+        facts: values for JSON, with the regressions under "worse".
+        parts: blocks after the verdict.
+        files: written files.
     """
     of = {status: sum(line.status == status for line in lines) for status in ("kept", "exceeded as stated")}
     bad = len(lines) - sum(of.values())

@@ -1,0 +1,258 @@
+"""Result of the search, as text of at most 80 columns and for JSON."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from twin.robot.experiment.together import GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR, parse_fault_set
+from twin.studies.falsify.space import EarlyEnd, Place, Requirement, Space, TriedFault, offset_text, single_kind
+from twin.studies.faults.text import magnitude_text
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, count_text, wrap_text
+
+FOUND_COLUMNS = (
+    Column("", 23, left=True),
+    Column("distance", 10),
+    Column("magnitude", 11),
+    Column("onset", 8),
+    Column("target", 15, left=True),
+    Column("run", 4),
+    Column(left=True),
+)
+MAX_SHOWN = 5
+"""Maximum number of kinds shown that do not violate, nearest first."""
+
+
+@dataclass(frozen=True)
+class UnviolatedKinds:
+    """Kinds without a violation, and the gaps of the search.
+
+    Attributes:
+        untried: places without a run, by kind.
+        places: number of places, by kind.
+        ended: runs that ended early, by kind, each with the reason.
+        runs: number of runs, by kind.
+    """
+
+    untried: Mapping[str, Sequence[Place]]
+    places: Mapping[str, int]
+    ended: Mapping[str, Sequence[tuple[TriedFault, EarlyEnd]]]
+    runs: Mapping[str, int]
+
+    @classmethod
+    def from_search(
+        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
+    ) -> Self:
+        """Return the kinds of a search without a violation.
+
+        Args:
+            space: space of the search.
+            tried: runs of the search.
+            ended: runs that ended early.
+            violating: kinds with a violation.
+        """
+        kinds = [kind for kind in space.kinds if kind not in violating]
+        places = {kind: space.places(kind) for kind in kinds}
+        # a run that was refused tried nothing
+        been = {(wrong.kind, space.place(wrong)) for wrong in tried if wrong not in ended or not ended[wrong].refused}
+        untried = {kind: [place for place in places[kind] if (kind, place) not in been] for kind in kinds}
+        broken = {kind: [(wrong, end) for wrong, end in ended.items() if wrong.kind == kind] for kind in kinds}
+        return cls(
+            {kind: some for kind, some in untried.items() if some},
+            {kind: len(some) for kind, some in places.items()},
+            {kind: some for kind, some in broken.items() if some},
+            {kind: sum(wrong.kind == kind for wrong in tried) for kind in kinds},
+        )
+
+    @property
+    def not_violated_kinds(self) -> list[str]:
+        """Kinds of which every run was completed without a violation."""
+        return [kind for kind in self.places if kind not in self.ended]
+
+    @property
+    def json_values(self) -> dict[str, Any]:
+        """The gaps for JSON."""
+        return {
+            "not_violated": self.not_violated_kinds,
+            # the name of 1.0
+            "kept": self.not_violated_kinds,
+            "not_tried": [
+                {
+                    "kind": kind,
+                    "target": place.target,
+                    "way": place.ways[0] if len(place.ways) == 1 else list(place.ways),
+                    "body": place.body,
+                }
+                for kind, some in self.untried.items()
+                for place in some
+            ],
+            "ended_early": [
+                {**vars(wrong), "offset_m": list(wrong.offset), "refused": end.refused, "reason": end.reason}
+                for some in self.ended.values()
+                for wrong, end in some
+            ],
+        }
+
+    def lines(self) -> list[str]:
+        """Return sentences of at most 80 columns; empty without gaps."""
+        lines = []
+        for refused, what in ((False, "Ended by a component that failed, judged until then"), (True, "Refused")):
+            cut_short = []
+            reasons = []
+            for kind, some in self.ended.items():
+                of_these = [end.reason for _, end in some if end.refused == refused]
+                if of_these:
+                    cut_short.append(f"{kind} ({len(of_these)} of {count_text(self.runs[kind], 'run')})")
+                    reasons += of_these
+            if cut_short:
+                first = (reasons[0].splitlines() or ["no reason was given"])[0]
+                lines += wrap_text(f"{what}: {', '.join(cut_short)}. The first: {first}")
+        if self.untried:
+            left = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
+            number = sum(map(len, self.untried.values()))
+            places = count_text(number, "place")
+            text = f"Not tried, {places} (target, sign, body; --runs N tries more): {', '.join(left)}."
+            lines += wrap_text(text)
+        return lines
+
+
+@dataclass(frozen=True)
+class NearestRun:
+    """The run of one kind with the smallest share.
+
+    Attributes:
+        wrong: faults of the run.
+        distances: distance from a violation, by the name of the requirement.
+        share: smallest distance as a share of the healthy distance.
+        run: number of the run, from 1.
+        first: number of the first violating run of this kind; None without one.
+        ended: reason of an early end; None for a completed run.
+    """
+
+    wrong: TriedFault
+    distances: dict[str, float]
+    share: float
+    run: int
+    first: int | None
+    ended: EarlyEnd | None = None
+
+    def to_dict(self, space: Space) -> dict[str, Any]:
+        """Return the run for JSON."""
+        wrong, known = self.wrong, single_kind(self.wrong.kind)
+        return {
+            "kind": wrong.kind,
+            "target": wrong.target,
+            (known and known.magnitude_key) or "magnitude": wrong.magnitude,
+            "shares": list(wrong.shares),
+            "offset_mm": [1e3 * each for each in wrong.offset],
+            "onset_s": space.onset(wrong),
+            "after_trip_s": wrong.delay * space.tick if SEQUENCE_SEPARATOR in wrong.kind else None,
+            "body": wrong.body,
+            "seed": wrong.seed,
+            "distances": self.distances,
+            "share": self.share,
+            "run": self.run,
+            "first_violating_run": self.first,
+            "ended": self.ended and self.ended.reason,
+        }
+
+
+def header(experiment: str, found: NearestRun, requirements: Sequence[Requirement]) -> list[str]:
+    """Return the comments of the experiment file of `found`."""
+    lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
+    return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
+
+
+def falsify_result(
+    experiment: str,
+    requirements: Sequence[Requirement],
+    found: Sequence[NearestRun],
+    holes: UnviolatedKinds,
+    space: Space,
+    runs: int,
+    seconds: float,
+    folder: Path,
+) -> Result:
+    """Return the verdict, the requirements, violating kinds and the nearest others, the gaps, and the files.
+
+    Args:
+        found: nearest run of each kind, worst first.
+        holes: kinds without a violation, and gaps.
+        seconds: total processor time of all runs (s).
+    """
+    violating = [one for one in found if one.share < 0.0]
+    verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
+    if not violating:
+        count = "any" if len(holes.not_violated_kinds) == len(space.kinds) else str(len(holes.not_violated_kinds))
+        verdict = f"{experiment}  not violated by {count} of {len(space.kinds)} kinds of fault, as far as was searched"
+    last = max((one.first or 0 for one in violating), default=0)
+    when = f", the last of these kinds was found in run {last}" if violating else ""
+    nearest = [*violating, *[one for one in found if one.share >= 0.0][:MAX_SHOWN]]
+    unknown, files = holes.lines(), [f"  {folder / one.wrong.kind}.toml" for one in violating]
+    parts: list[Block] = [
+        *(f"  {r.name}  {r.formula}" for r in requirements),
+        "",
+        _table(nearest, requirements, holes, space),
+        *(["", *unknown] if unknown else []),
+        *(["", *files] if files else []),
+    ]
+    facts = {
+        "experiment": experiment,
+        "requirements": [vars(requirement) for requirement in requirements],
+        "runs": runs,
+        "seconds": seconds,
+        "found": [one.to_dict(space) for one in found],
+        **holes.json_values,
+    }
+    headline = Note(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
+    return Result(headline, parts, facts, exit_code=1 if violating else 0)
+
+
+def _table(
+    found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
+) -> Table:
+    """Return one row per run; names of sets are long and contain the target."""
+    rows = [_row(one, requirements, holes, space) for one in found]
+    sets = any(
+        mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)
+    )
+    name, distance, magnitude, onset, target, *rest = FOUND_COLUMNS
+    if sets:
+        return Table(
+            (replace(name, width=0), distance, magnitude, onset, *rest), [r[:4] + r[5:] for r in rows], indent=0
+        )
+    return Table((name, distance, magnitude, onset, target, *rest), rows, indent=0)
+
+
+def _row(one: NearestRun, requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space) -> list[Cell]:
+    wrong = one.wrong
+    return [
+        ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
+        _distance(one, min(requirements, key=lambda r: one.distances[r.name])),
+        size_text(wrong),
+        f"{space.onset(wrong):.3f} s",
+        wrong.target,
+        one.run,
+        " ".join(
+            filter(
+                None,
+                (
+                    f"2nd {wrong.delay * space.tick:.3g} s later" if SEQUENCE_SEPARATOR in wrong.kind else "",
+                    f"on {wrong.body}" if wrong.body else "",
+                    offset_text(wrong.offset),
+                ),
+            )
+        ),
+    ]
+
+
+def _distance(found: NearestRun, requirement: Requirement) -> str:
+    return f"{found.distances[requirement.name]:.4g} {requirement.unit}"
+
+
+def size_text(wrong: TriedFault) -> str:
+    """Return a magnitude as text, or the share of each fault of a set."""
+    parts = parse_fault_set(wrong.kind)
+    if len(parts) > 1:
+        return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"
+    return magnitude_text(parts[0].kind, wrong.magnitude)
