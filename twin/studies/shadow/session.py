@@ -101,7 +101,7 @@ class Session:
         self._happenings: list[Happening] = []
         self._readers: dict[str, MessageReader] = {}
         self._others: list[OthersTopic] = []
-        self._aligner = Aligner(width(INPUTS), list(NEEDED), lateness)
+        self._aligner = Aligner(width(INPUTS), list(NEEDED), lateness, learns_first=not live)
         # a log is as fast in slices as it can be; a robot does not wait
         self._receiver = Receiver(source, self._readers, self._aligner, twin.at_once if live else None)
         self._recording: ShadowRecording | None = None

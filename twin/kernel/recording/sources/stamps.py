@@ -42,6 +42,8 @@ AHEAD = 10.0
 """Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is not known yet."""
 SET_AHEAD = 0.1
 """The same once the least delay is known: a delay may grow, but cannot fall below its least value by this much (s)."""
+LEARNING_TIME = 2.0
+"""Maximum time (s) for which the first readings of a log wait for the periods of their topics."""
 MOST_BESIDE = 1000
 """Readings that wait for a sample which they belong to."""
 FLOORS = 5
@@ -230,14 +232,18 @@ class Aligner:
         lacking: needed columns that the last incomplete sample was without; empty after a complete one.
     """
 
-    def __init__(self, width: int, needed: Sequence[int], lateness: float):
+    def __init__(self, width: int, needed: Sequence[int], lateness: float, learns_first: bool = False):
         """Nothing has come.
 
         Args:
             width: of a row.
             needed: columns without which a row is no sample. Others go with the first sample at or after their stamp.
             lateness: budget (s) after which what has not come is missing.
+            learns_first: whether the first readings wait until the periods of all needed columns are known, so that no
+                row of several topics is lost; for logs.
         """
+        self._waiting: list[tuple[str, int, Reading]] | None = [] if learns_first else None
+        self._learning: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
         self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * SECOND)
         self._pending: list[_Partial] = []
         self._unmatched: Counter[frozenset[int]] = Counter()
@@ -270,6 +276,28 @@ class Aligner:
         """Take a reading; the samples that are complete with it, in order."""
         if not reading.columns:
             return []
+        if self._waiting is None:
+            return self._add(topic, arrived, reading)
+        self._waiting.append((topic, arrived, reading))
+        return self._begin() if self._knows_periods(topic, arrived, reading) else []
+
+    def _knows_periods(self, topic: str, arrived: int, reading: Reading) -> bool:
+        """Whether the period of each needed column is known with this reading, or needs no knowing."""
+        assert self._waiting is not None
+        key, there = (topic, reading.columns), self._needed.intersection(reading.columns)
+        stream = self._learning.setdefault(key, _ReadingStream(there))
+        stream.add(reading.stamp)
+        known = NONE.union(*(one.there for one in self._learning.values() if one.period < math.inf))
+        is_long = arrived - self._waiting[0][1] > LEARNING_TIME * SECOND or len(self._waiting) >= MOST_BESIDE
+        return there == self._needed or known == self._needed or is_long
+
+    def _begin(self) -> list[Sample]:
+        """Take the readings that waited, with the periods that are known."""
+        waiting, self._waiting = self._waiting or [], None
+        self._streams |= {key: _ReadingStream(one.there, period=one.period) for key, one in self._learning.items()}
+        return [sample for one in waiting for sample in self._add(*one)]
+
+    def _add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
         key = topic, reading.columns
         stream = self._stream(key)
         if not stream.there:
@@ -300,7 +328,7 @@ class Aligner:
             now: ns, by the clock of arrivals.
             end: nothing comes any more.
         """
-        found = []
+        found = self._begin() if end and self._waiting else []
         while self._pending:
             head = self._pending[0]
             complete = head.there == self._needed
