@@ -82,7 +82,7 @@ def test_an_origin_can_be_added():
 
 @pytest.mark.parametrize("origin", ["null", "*", "https://*", "viewer.example", "https://viewer.example/", ""])
 def test_what_is_no_origin_cannot_be_added(origin: str):
-    with pytest.raises(InputRefused, match=r"^--origin .*: expected scheme://host"):
+    with pytest.raises(InputRefused, match=r"^origin .*: expected scheme://host"):
         viewer_policy([origin])
 
 

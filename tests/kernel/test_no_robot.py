@@ -1,16 +1,20 @@
-"""The source of the kernel names nothing of the robot: no port, no experiment, no body."""
+"""The source of the kernel names nothing of the robot: no port, no experiment, no body, and few options."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from twin.robot.assembly.assemble import ROBOT
+from twin.robot.assembly.assemble import COMPONENT_ROWS
 
-PORTS = {port for row in ROBOT for port in row.inputs} | {
-    port for row in ROBOT for sources in row.inputs.values() for _, port in sources
+PORTS = {port for row in COMPONENT_ROWS for port in row.inputs} | {
+    port for row in COMPONENT_ROWS for sources in row.inputs.values() for _, port in sources
 }
-SIGNALS = {f"{row}.{port}" for one in ROBOT for sources in one.inputs.values() for row, port in sources}
+SIGNALS = {f"{row}.{port}" for one in COMPONENT_ROWS for sources in one.inputs.values() for row, port in sources}
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+MAX_OPTIONS = 97
+"""Places of the kernel that name an option of the command line; a change lowers it, and none raises it."""
 
 
 def kernel(root: Path) -> dict[str, str]:
@@ -38,3 +42,8 @@ def test_no_file_of_the_experiments_is_named(root: Path, folder: str):
     # the branch of a ROS package
     found["twin/kernel/recording/sources/zenoh_topics.py"].remove("/rolling/") if folder == "experiments" else None
     assert {file: names for file, names in found.items() if names} == {}
+
+
+def test_options_of_the_command_line_are_named_in_ever_fewer_places(root: Path):
+    found = {file: len(OPTION.findall(text)) for file, text in kernel(root).items()}
+    assert sum(found.values()) <= MAX_OPTIONS, {file: count for file, count in found.items() if count}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.studies.identify.calibrations import belief
-from twin.kernel.recording.logs.log import LogRefused, LogSeries
+from twin.kernel.recording.logs.log import LogError, LogSeries
 from twin.studies.identify.windows import windows
 from twin.studies.replay.samples import RobotSamples
 
@@ -55,5 +55,5 @@ def test_windows_with_lost_samples_are_left_out():
 
 
 def test_without_a_scale_there_is_one_sentence():
-    with pytest.raises(LogRefused, match=r"no measured force: .* --map scale\.F_z=COLUMN\[N\], pressing positive$"):
+    with pytest.raises(LogError, match=r"no measured force: .* --map scale\.F_z=COLUMN\[N\], pressing positive$"):
         windows(log(0.2 + 0.07 * T, T, force=False), belief())

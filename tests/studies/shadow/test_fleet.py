@@ -13,10 +13,10 @@ from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fle
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.drift import drift
-from twin.studies.replay.model import loaded_model
+from twin.studies.replay.model import load_model
 from twin.studies.replay.parts import PlantModel
 from twin.studies.replay.replay import estimates
 from twin.studies.replay.residual import angle_rounding
@@ -24,19 +24,19 @@ from twin.studies.replay.sample_columns import INPUTS
 from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import (
-    LATE,
-    LOST,
-    MARGIN,
-    SCALE,
-    Rate,
+    MAX_LOST_SHARE,
+    MAX_STAMP_ERROR,
+    SCALE_SETTINGS,
+    TOLERANCE_MARGIN,
+    FalseAlarmRate,
     block_means,
     fleet_limits,
     limits_of,
     own_commands,
     read_fleet,
-    watched,
+    watch_blocks,
 )
-from twin.studies.shadow.tolerances import SLOWER, shipped_fleet, tolerances_of
+from twin.studies.shadow.tolerances import PERIOD_FACTORS, shipped_fleet, tolerances_of
 
 EVERY = 2
 """Ticks: samples at 500 Hz, the controller's."""
@@ -58,14 +58,14 @@ def fig4_twin() -> Experiment:
 
 def robot(*settings: str) -> RobotSamples:
     """A robot of Fig. 4 with a scale, by `settings` not what its twin believes."""
-    return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY))
+    return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *settings]), EVERY))
 
 
 def alarms_of(
     samples: RobotSamples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
 ):
     ends, means = block_means(twin or fig4_twin(), samples)
-    return watched(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
+    return watch_blocks(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
 
 
 def test_robots_are_the_same_each_time_and_different_from_each_other():
@@ -97,9 +97,9 @@ def test_samples_are_lost_and_stamps_are_off_on_the_way():
     fleet = read_fleet(FLEET, FIG4, runs=1)
     whole, samples = fleet.run(1), fleet.samples(1)
     lost = 1.0 - len(samples.t) / len(whole.t)
-    assert 0.5 * LOST < lost < 1.5 * LOST
+    assert 0.5 * MAX_LOST_SHARE < lost < 1.5 * MAX_LOST_SHARE
     nearest = whole.t[np.rint(samples.t / 2e-3).astype(int)]
-    assert 0.9 * LATE < np.abs(samples.t - nearest).max() <= LATE
+    assert 0.9 * MAX_STAMP_ERROR < np.abs(samples.t - nearest).max() <= MAX_STAMP_ERROR
 
 
 def test_limits_are_the_largest_shift_and_the_spread_from_block_to_block():
@@ -108,7 +108,7 @@ def test_limits_are_the_largest_shift_and_the_spread_from_block_to_block():
     means = [shape + 0.1 * random.standard_normal(shape.shape) for shape in shapes]
     means[1][1500, 0] = means[1][:FIRST_BLOCKS, 0].mean() + 7.0
     limits = limits_of(means)
-    assert limits.tolerance["motor 1"] == pytest.approx(MARGIN * 7.0)
+    assert limits.tolerance["motor 1"] == pytest.approx(TOLERANCE_MARGIN * 7.0)
     assert limits.sigma["motor 2"] == pytest.approx(0.1, rel=0.05)
 
 
@@ -120,8 +120,8 @@ def test_runs_too_short_for_a_shift_are_refused(blocks: int):
 
 def test_a_rate_is_bounded_exactly():
     # no event in T hours: the rate is below 3/T with 95 %
-    assert Rate(0, 300.0).upper == pytest.approx(-np.log(0.05) / 300.0)
-    assert Rate(2, 10.0).upper > Rate(1, 10.0).upper > Rate(0, 10.0).upper
+    assert FalseAlarmRate(0, 300.0).upper == pytest.approx(-np.log(0.05) / 300.0)
+    assert FalseAlarmRate(2, 10.0).upper > FalseAlarmRate(1, 10.0).upper > FalseAlarmRate(0, 10.0).upper
 
 
 UNKNOWN = {
@@ -135,11 +135,11 @@ NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 @pytest.mark.slow
 @pytest.mark.parametrize("unknown", UNKNOWN)
 def test_joint_residuals_of_a_replay_alarm_on_every_healthy_robot_and_these_on_none(unknown):
-    model = loaded_model(FIG4, SCALE)
+    model = load_model(FIG4, SCALE_SETTINGS)
     rounding = angle_rounding(model.aware)
     for seed in range(8):
         settings = (UNKNOWN[unknown], *NOISY, f"seed={seed}")
-        run = run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY)
+        run = run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *settings]), EVERY)
         samples = samples_of(run)
         off = PlantModel(model).feed(samples, estimates(samples, model))["residual/joints"]
         found = [drift(samples.t, off[:, i], 1.0, *rounding) for i in range(3)]
@@ -180,7 +180,7 @@ ONSET = 10.0
 def catalogue() -> list[str]:
     """Every fault of the catalogue that leaves a robot to listen to, at each magnitude."""
     faults = []
-    for name, kind in CATALOGUE.items():
+    for name, kind in FAULT_KINDS.items():
         for magnitude in kind.magnitudes or (None,):
             own = "" if magnitude is None else f", {kind.magnitude_key} = {magnitude}"
             share = ", share = 0.02" if kind.has_share else ""
@@ -205,7 +205,7 @@ def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_foun
         if np.nanmax(shift) < 2.0:
             continue
         moved += 1
-        later = [a for a in watched(ends, means, ShadowWatch(limits, 1.0)) if a.t > ONSET]
+        later = [a for a in watch_blocks(ends, means, ShadowWatch(limits, 1.0)) if a.t > ONSET]
         found.append(bool(later) and later[0].t <= ONSET + 10.0)
     assert moved >= 25
     assert np.mean(found) >= 0.9
@@ -274,7 +274,7 @@ def test_a_dead_twin_is_noticed():
     assert spread(fig4_twin(), frozen)[:3].max() > 2.0
     assert alarms_of(frozen)
     # it believes in softer springs
-    softer = load_experiment(FIG4, [*SCALE, "plant.k_s_Nm_per_rad=0.8"])
+    softer = load_experiment(FIG4, [*SCALE_SETTINGS, "plant.k_s_Nm_per_rad=0.8"])
     assert spread(softer, healthy)[6:10].max() > 2.0
     assert alarms_of(healthy, softer)
     # it takes one joint for another
@@ -292,10 +292,12 @@ def massage_limits() -> Tolerances:
     return limits
 
 
-def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> Rate:
+def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> FalseAlarmRate:
     """Alarms of many robots."""
-    alarms = sum(len(watched(ends, means, ShadowWatch(limits, per_hour, share=share))) for ends, means in all_means)
-    return Rate(alarms, sum(len(ends) - FIRST_BLOCKS for ends, _ in all_means) / 3600.0)
+    alarms = sum(
+        len(watch_blocks(ends, means, ShadowWatch(limits, per_hour, share=share))) for ends, means in all_means
+    )
+    return FalseAlarmRate(alarms, sum(len(ends) - FIRST_BLOCKS for ends, _ in all_means) / 3600.0)
 
 
 THREE_HOURS = 184
@@ -329,7 +331,9 @@ def _counts(one: tuple[str, int, tuple[int, ...], tuple[str, ...]]) -> list[Coun
     return list(counts(*one))
 
 
-def counted_anew(experiment: str, robots: int, thinned: tuple[int, ...], *settings: str) -> list[tuple[Rate, Rate]]:
+def counted_anew(
+    experiment: str, robots: int, thinned: tuple[int, ...], *settings: str
+) -> list[tuple[FalseAlarmRate, FalseAlarmRate]]:
     """False alarms at each sampling rate."""
     asked = [(experiment, k, thinned, settings) for k in range(robots)]
     with get_context("spawn").Pool(2) as pool:
@@ -350,7 +354,7 @@ def counted_anew(experiment: str, robots: int, thinned: tuple[int, ...], *settin
 def test_at_each_rate_of_each_task_three_hours_keep_the_promise_of_one_alarm_an_hour(
     experiment: str, robots: int, settings: tuple[str, ...]
 ):
-    found = counted_anew(experiment, robots, SLOWER if not settings else (1,), *settings)
+    found = counted_anew(experiment, robots, PERIOD_FACTORS if not settings else (1,), *settings)
     assert found and all(often.hours >= 3.0 and often.upper <= 1.0 for often, _ in found)
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from tests.studies.replay.logs import EXPERIMENTS, FIG4, SCALE, ran
 from tests.studies.shadow.robots import with_inputs
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.log import MappedColumn
-from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.logs.reader import recording_log
 from twin.kernel.recording.reader import Recording
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Belief
@@ -20,7 +20,7 @@ from twin.studies.replay.parts import Rows
 from twin.studies.replay.samples import RobotSamples, robot_samples
 from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
 from twin.studies.shadow.deviations import NOT_IDENTIFIED
-from twin.studies.shadow.filter_steps import followed, shadow_of
+from twin.studies.shadow.filter_steps import filter_outputs, shadow_of
 from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
 
@@ -31,7 +31,7 @@ N = 2500
 
 def said(run: Recording, belief: Belief = MODEL.belief) -> RobotSamples:
     """What the robot of `run` says in its first 5 s, with the commands of its controller."""
-    log = recorded(run)
+    log = recording_log(run)
     robot = robot_samples(log, belief)
     speeds = log.vector("controller.omega_ref").values[:N]
     return RobotSamples(robot.t[:N], np.hstack([robot.counts[:N], speeds, np.full((N, 4), np.nan)]))
@@ -69,9 +69,9 @@ def test_the_state_is_that_of_the_filter_over_all_samples_and_a_command_holds_un
     commanded = samples.only("omega_ref").copy()
     commanded[1::2] = np.nan
     rows = fed(twin_of(EXPERIMENT, MODEL, "robot"), with_inputs(samples, omega_ref=commanded), [3, 1000])["shadow"]
-    whole = followed(shadow_of(EXPERIMENT), with_inputs(samples, omega_ref=np.repeat(commanded[::2], 2, axis=0)))
-    assert np.all(named(OUTPUTS, rows)["deviation"] >= whole.pop("deviation"))
-    for name, values in named(OUTPUTS, rows).items():
+    whole = filter_outputs(shadow_of(EXPERIMENT), with_inputs(samples, omega_ref=np.repeat(commanded[::2], 2, axis=0)))
+    assert np.all(values_by_port(OUTPUTS, rows)["deviation"] >= whole.pop("deviation"))
+    for name, values in values_by_port(OUTPUTS, rows).items():
         if name == "deviation":
             continue
         np.testing.assert_allclose(values.reshape(N, -1), whole[name].reshape(N, -1), rtol=0, atol=1e-9, err_msg=name)

@@ -14,7 +14,7 @@ from tests.studies.shadow.conftest import Start
 from tests.studies.shadow.test_live import ended
 from twin.kernel.recording.reader import read
 from twin.studies.build.study import build
-from twin.studies.command import silent
+from twin.studies.command import ignore_progress
 
 STAND_IN = ROOT / "examples" / "robot_stand_in"
 pytestmark = pytest.mark.slow
@@ -25,7 +25,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its parts."""
     folder = tmp_path_factory.mktemp("stand_in")
     for part in ("plant", "computer"):
-        build(Path(FIG4), silent, fmu=part, out=folder / f"{part}.fmu")
+        build(Path(FIG4), ignore_progress, fmu=part, out=folder / f"{part}.fmu")
     return folder
 
 

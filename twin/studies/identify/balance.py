@@ -101,19 +101,19 @@ def deflections(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.f
     return seen.motor - N * seen.joint - x[OFFSET : OFFSET + 3]
 
 
-def loaded(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
+def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
     """Deflection less the dead zone, of the shape of `w`: `sea.dead_zone` for arrays."""
     return np.sign(w) * np.maximum(np.abs(w) - half_width, 0.0)
 
 
-def clear(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
+def clear_of_edges(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
     """Windows (n,) in which no deflection comes near the edges of its dead zone, where mean and law do not swap."""
     return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
 
 
 def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
     """tau_l - b_j theta_l' (n, 3), N m: what the joints pass on to the links."""
-    d = loaded(deflections(x, seen, N), x[BACKLASH])
+    d = subtract_dead_zone(deflections(x, seen, N), x[BACKLASH])
     direction = np.sign(d) * np.tanh(seen.speed / x[RATE])
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 

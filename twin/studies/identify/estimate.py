@@ -3,7 +3,7 @@
 from math import degrees, floor, log10
 from typing import NamedTuple
 
-SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
+DISPLAY_UNITS = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
 class Estimate(NamedTuple):
@@ -14,17 +14,17 @@ class Estimate(NamedTuple):
     unit: str
 
 
-def shown(value: float, unit: str) -> float:
+def display_value(value: float, unit: str) -> float:
     """`value` (SI) in the unit that people read."""
-    return value * SHOWN.get(unit, (1.0, unit))[0]
+    return value * DISPLAY_UNITS.get(unit, (1.0, unit))[0]
 
 
-def shown_unit(unit: str) -> str:
+def display_unit(unit: str) -> str:
     """The unit that people read."""
-    return SHOWN.get(unit, (1.0, unit))[1]
+    return DISPLAY_UNITS.get(unit, (1.0, unit))[1]
 
 
 def decimals(estimate: Estimate) -> int:
     """Digits after the point that an interval with two significant digits needs."""
-    width = shown(estimate.half_width, estimate.unit)
+    width = display_value(estimate.half_width, estimate.unit)
     return 0 if not 0.0 < width < 1e6 else min(max(1 - floor(log10(width)), 0), 6)

@@ -2,7 +2,7 @@
 
 The unknowns, in units of their sizes, go through a Gauss-Newton search. At each step the singular values of the
 whitened Jacobian say how well each direction of parameter space is seen; a direction that rounding alone leaves
-uncertain by more than `BLIND` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
+uncertain by more than `BLIND_SIZE` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
 named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within one, but
 no narrower than if all errors were independent and of one size: few clusters can agree by chance.
 """
@@ -14,24 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.robot.controller.controller import Belief
-from twin.studies.identify.balance import Equations, clear, pose, rows
+from twin.studies.identify.balance import Equations, clear_of_edges, pose, rows
 from twin.studies.identify.clustered import sandwich, t_factor
-from twin.studies.identify.parameters import COUNT, JOINT_ZERO, KAPPA, RATE, Parameter, sizes, starts
+from twin.studies.identify.parameters import JOINT_ZERO, KAPPA, PARAMETER_COUNT, RATE, Parameter, sizes, starts
 from twin.studies.identify.windows import Windows, in_air, on_scale
 
-BLIND = 0.3
+BLIND_SIZE = 0.3
 """Sizes: a direction that is known to no better than this is not seen."""
-WIDEST = 0.1
+MAX_INTERVAL_SIZE = 0.1
 """Sizes: a parameter is reported if its interval and what hides in unseen directions stay within this."""
-JOINTS = slice(JOINT_ZERO, JOINT_ZERO + 3)
-DIFFERENCE = 1e-5
+JOINT_ZEROS = slice(JOINT_ZERO, JOINT_ZERO + 3)
+DIFFERENCE_STEP = 1e-5
 """Sizes."""
 STEPS = 12
-RETURNING = 6
+RETURNING_STEPS = 6
 """Steps; windows that leave later do not return: one at the edge of a dead zone would come and go for ever."""
-CONVERGED = 1e-4
+CONVERGED_STEP = 1e-4
 """Sizes: the step that ends the search; what is left after it is its square."""
-SMALLEST = 0.05
+MIN_POSITIVE_SHARE = 0.05
 """Of what is positive by nature (k_s eta, a rate) and of its start: the search goes no lower."""
 
 
@@ -75,8 +75,8 @@ class Fit:
         return float(max(scatter, independent) + hidden)
 
     def is_determined(self, direction: NDArray[np.float64], size: float) -> bool:
-        """Whether direction . x is known to `WIDEST` of `size`."""
-        return self.half_width(direction) < WIDEST * size
+        """Whether direction . x is known to `MAX_INTERVAL_SIZE` of `size`."""
+        return self.half_width(direction) < MAX_INTERVAL_SIZE * size
 
     @property
     def force_residual(self) -> NDArray[np.float64]:
@@ -95,9 +95,9 @@ class Fit:
         slope = [(quantity(self.x + e) - quantity(self.x - e)) / (2.0 * e.sum()) for e in steps]
         return self.half_width(np.array(slope))
 
-    def one(self, index: int) -> NDArray[np.float64]:
+    def direction(self, index: int) -> NDArray[np.float64]:
         """The direction of parameter `index`."""
-        return np.eye(COUNT)[index]
+        return np.eye(PARAMETER_COUNT)[index]
 
 
 def fit(
@@ -122,61 +122,63 @@ def fit(
         Unreachable: joint angles that do not close.
     """
     x, scale = starts(unknowns), sizes(unknowns)
-    scale = np.where(np.isin(np.arange(COUNT), fixed), 0.0, scale)
-    settled = seen.where(in_air(seen) | on_scale(seen))
-    used = settled.where(clear(x, settled, belief.N))
+    scale = np.where(np.isin(np.arange(PARAMETER_COUNT), fixed), 0.0, scale)
+    settled = seen.select(in_air(seen) | on_scale(seen))
+    used = settled.select(clear_of_edges(x, settled, belief.N))
     change = np.inf
     for number in range(STEPS):
-        if len(used.t) == 0 or change < CONVERGED:
+        if len(used.t) == 0 or change < CONVERGED_STEP:
             break
-        at, A = _linearised(x, scale, used, belief, resolution, surface)
-        step = _seen(A, fixed)[0] @ (-at.residual / at.sigma)
+        at, A = _linearise(x, scale, used, belief, resolution, surface)
+        step = _visible_directions(A, fixed)[0] @ (-at.residual / at.sigma)
         there = x + scale * np.clip(step, -0.5, 0.5)
         for index in (KAPPA, RATE):
-            there[index] = max(there[index], SMALLEST * unknowns[index].start)
+            there[index] = max(there[index], MIN_POSITIVE_SHARE * unknowns[index].start)
         # held back at its least, a parameter has come to rest
         change = float(np.max(np.abs(there - x)[scale > 0.0] / scale[scale > 0.0]))
         x = there
-        candidates = settled if number < RETURNING else used
-        used = candidates.where(clear(x, candidates, belief.N))
-    at, A = _linearised(x, scale, used, belief, resolution, surface)
-    inverse, unseen, singular = _seen(A, fixed)
+        candidates = settled if number < RETURNING_STEPS else used
+        used = candidates.select(clear_of_edges(x, candidates, belief.N))
+    at, A = _linearise(x, scale, used, belief, resolution, surface)
+    inverse, unseen, singular = _visible_directions(A, fixed)
     r = at.residual / at.sigma
     covariance = sandwich(A, inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
-    variance = float(r @ r) / max(len(r) - COUNT, 1)
+    variance = float(r @ r) / max(len(r) - PARAMETER_COUNT, 1)
     independent = variance * inverse @ inverse.T * np.outer(scale, scale)
     clusters = len(np.unique(used.cluster))
     factor = t_factor(clusters)
-    return Fit(unknowns, x, covariance, independent, unseen, singular, used, at, change < CONVERGED, clusters, factor)
+    return Fit(
+        unknowns, x, covariance, independent, unseen, singular, used, at, change < CONVERGED_STEP, clusters, factor
+    )
 
 
-def _linearised(x, scale, used, belief, resolution, surface) -> tuple[Equations, NDArray[np.float64]]:
+def _linearise(x, scale, used, belief, resolution, surface) -> tuple[Equations, NDArray[np.float64]]:
     """Equations at x, and d residual / d (x / scale) over their sigma (m, 17), by central differences: the equations
     are smooth away from dead zones. Kinematics are solved anew for the zeros of the joints only."""
-    here = pose(belief, used.joint - x[JOINTS])
+    here = pose(belief, used.joint - x[JOINT_ZEROS])
     at = rows(x, used, belief, resolution, here, surface)
-    A = np.zeros((len(at.residual), COUNT))
+    A = np.zeros((len(at.residual), PARAMETER_COUNT))
     for index in np.flatnonzero(scale):
         ends = []
-        for side in (DIFFERENCE, -DIFFERENCE):
+        for side in (DIFFERENCE_STEP, -DIFFERENCE_STEP):
             near = x.copy()
             near[index] += side * scale[index]
-            turned = JOINTS.start <= index < JOINTS.stop
-            there = pose(belief, used.joint - near[JOINTS]) if turned else here
+            turned = JOINT_ZEROS.start <= index < JOINT_ZEROS.stop
+            there = pose(belief, used.joint - near[JOINT_ZEROS]) if turned else here
             ends.append(rows(near, used, belief, resolution, there, surface).residual)
-        A[:, index] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE * at.sigma)
+        A[:, index] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE_STEP * at.sigma)
     return at, A
 
 
-def _seen(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _visible_directions(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Pseudo-inverse of A over the directions that it sees (17, m); those that it does not, (17, k), without the
     `fixed` parameters, which are no secret of the data; the singular values."""
-    free = np.setdiff1d(np.arange(COUNT), fixed)
+    free = np.setdiff1d(np.arange(PARAMETER_COUNT), fixed)
     n = len(free)
     U, s, Vt = np.linalg.svd(A[:, free], full_matrices=len(A) < n)
     s = np.pad(s, (0, n - len(s)))
-    good = s > 1.0 / BLIND
-    inverse, unseen = np.zeros((COUNT, len(A))), np.zeros((COUNT, int(np.sum(~good))))
+    good = s > 1.0 / BLIND_SIZE
+    inverse, unseen = np.zeros((PARAMETER_COUNT, len(A))), np.zeros((PARAMETER_COUNT, int(np.sum(~good))))
     inverse[free] = (Vt[good].T / s[good]) @ U[:, : np.sum(good)].T
     unseen[free] = Vt[~good].T
     return inverse, unseen, s

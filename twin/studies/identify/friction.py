@@ -11,11 +11,11 @@ from twin.studies.identify.fit import Fit
 from twin.studies.identify.parameters import JOINT_ZERO
 from twin.studies.identify.windows import Windows, on_scale
 
-SLIDING = 1e-3
+SLIDING_SPEED = 1e-3
 """m/s: slower is rest."""
-WIDEST_MU = 0.1
+MAX_MU_INTERVAL = 0.1
 """A coefficient less sure than this is no number."""
-SETTLED = 0.35
+SETTLED_TIME = 0.35
 """s in one direction, in which even the slowest sweep is past the 0.3 mm that bristles stretch."""
 
 
@@ -32,7 +32,7 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
     sliding = _sliding(seen, v[:, :2])
     if not np.any(sliding):
         return None
-    swept = seen.where(sliding)
+    swept = seen.select(sliding)
     along = v[sliding, :2] / np.linalg.norm(v[sliding, :2], axis=1, keepdims=True)
     A = _equations(swept.force, along)
 
@@ -45,7 +45,7 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
     mu = np.linalg.pinv(A)[0]
     through = springs.half_width_through(lambda x: float(mu @ sideways(x)))
     width = float(np.hypot(found.half_widths[0], through))
-    return Estimate(float(found.coefficients[0]), width, "1") if width < WIDEST_MU else None
+    return Estimate(float(found.coefficients[0]), width, "1") if width < MAX_MU_INTERVAL else None
 
 
 def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,13 +59,13 @@ def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArra
 
 
 def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Windows (n,) on the scale that have gone on in one direction for `SETTLED` already; v (n, 2), m/s."""
+    """Windows (n,) on the scale that have gone on in one direction for `SETTLED_TIME` already; v (n, 2), m/s."""
     speed = np.linalg.norm(v, axis=1)
-    moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING))
+    moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING_SPEED))
     heading = v[moving] / speed[moving, None]
     straight = np.sum(heading[1:] * heading[:-1], axis=1) > 0.9
     sliding = np.zeros(len(seen.t), dtype=bool)
     if len(moving):
         for run in seen.runs(moving, straight):
-            sliding[run[seen.t[run] > seen.t[run[0]] + SETTLED]] = True
+            sliding[run[seen.t[run] > seen.t[run[0]] + SETTLED_TIME]] = True
     return sliding

@@ -7,29 +7,29 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from twin.kernel.errors import TwinError
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.studies.command import Say, Steps, silent
+from twin.studies.command import Say, Steps, ignore_progress
 from twin.studies.identify.estimate import Estimate
-from twin.studies.identify.fit import WIDEST, Fit, fit
+from twin.studies.identify.fit import MAX_INTERVAL_SIZE, Fit, fit
 from twin.studies.identify.friction import friction
 from twin.studies.identify.motor_torque import spring_stiffness
 from twin.studies.identify.one_pose import OnePose, one_pose
 from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
-from twin.studies.identify.windows import CONTACT, COUNTS, Windows, in_air, on_scale, windows
+from twin.studies.identify.windows import MIN_CONTACT_FORCE, MIN_COUNTS, Windows, in_air, on_scale, windows
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.replay import estimates
 from twin.studies.replay.samples import robot_samples
 
-PLAUSIBLE = 5.0
+PLAUSIBLE_FACTOR = 5.0
 """k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
-LEVEL = (HEIGHT, SLOPE, SLOPE + 1)
+LEVEL_PARAMETERS = (HEIGHT, SLOPE, SLOPE + 1)
 """What is known of a level scale whose height was measured."""
-NO_SPRING = 2.0
+MAX_DEPTH_MISFIT = 2.0
 """Depths under load this many times farther from the scale's law than all else, or than rounding explains (it leaves 4
 micrometres), say less than they spoil: what was pressed is skin, or no plane."""
-LOSS_SEEN = 0.02
+MIN_LOSS = 0.02
 """A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
 
 
@@ -68,7 +68,7 @@ class Identification:
     seen: Windows
     quantities: Mapping[str, Quantity]
     one_pose: OnePose | None
-    alike: tuple[tuple[str, ...], ...]
+    inseparable: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
 
     @property
@@ -80,7 +80,7 @@ class Identification:
         return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)
 
     @property
-    def apart(self) -> bool:
+    def separates_eta(self) -> bool:
         """Whether k_s and eta are known one by one."""
         return self.quantities["k_s"].found is not None
 
@@ -96,8 +96,8 @@ class Identification:
         return found
 
 
-def identified(
-    log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False, say: Say = silent
+def identify_log(
+    log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False, say: Say = ignore_progress
 ) -> Identification:
     """Estimates from the encoders and the scale of `log`.
 
@@ -119,29 +119,29 @@ def identified(
     estimates(taken, model)
     seen = windows(taken, belief)
     path = log.path
-    if len(seen.t) and np.min(seen.lowest) < -CONTACT:
-        raise LogRefused(
+    if len(seen.t) and np.min(seen.lowest) < -MIN_CONTACT_FORCE:
+        raise LogError(
             f"{path}: scale.F_z goes down to {np.min(seen.lowest):.2f} N, but a press is positive and no scale is "
             "pulled; turn its sign with --map scale.F_z=-COLUMN[N], or tare it"
         )
     if not len(seen.t):
         raise NotIdentifiable(
             f"{path}: the robot never moves slowly and evenly: no {seen.length:g} s in which the motors cross "
-            f"{COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
+            f"{MIN_COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
         )
     if not np.any(in_air(seen)):
-        raise LogRefused(
+        raise LogError(
             f"{path}: scale.F_z never shows free air, its least is {np.min(seen.lowest):.2f} N; tare the scale, and "
             "record motion off it as well"
         )
     unknowns = parameters(belief, model.plant.z_s if height is None else height)
-    fixed = () if height is None else LEVEL
+    fixed = () if height is None else LEVEL_PARAMETERS
     notes = taken.notes
     steps.next("fitting springs and scale")
     try:
         found = fit(seen, belief, unknowns, model.resolution, fixed)
         springs, depth = found.misfit(0, 1), found.misfit(2)
-        if depth > NO_SPRING * max(springs, 1.0):
+        if depth > MAX_DEPTH_MISFIT * max(springs, 1.0):
             notes += (
                 f"the depths under load are {depth:.0f} times farther from those of a spring on a plane, "
                 "F = K d (1 + c d'), than rounding explains: that law was left out, and with it what it says of "
@@ -150,24 +150,24 @@ def identified(
             steps.share("fitting without the surface", 0.5)
             found = fit(seen, belief, unknowns, model.resolution, fixed, surface=False)
     except Unreachable as problem:
-        raise LogRefused(
+        raise LogError(
             f"{path}: {problem}; are units, signs and zeros of the joint encoders those of the experiment?"
         ) from None
     _refuse_nonsense(found, belief, log)
-    split = _split(found, belief, log, motor_torque)
+    split = _stiffness_quantities(found, belief, log, motor_torque)
     quantities = {**split, **_quantities(found, height)}
     steps.next("friction")
     quantities["friction"] = Quantity("friction under the head", None, friction(found, seen, belief))
     steps.next("one pose")
     press = one_pose(seen, belief, found.x)
-    return Identification(model, found, seen, quantities, press, _alike(found), notes)
+    return Identification(model, found, seen, quantities, press, _inseparable_groups(found), notes)
 
 
 def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     """Raise if there is no k_s eta in the log that could be believed."""
-    k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
+    k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.direction(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
-    plausible = 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE
+    plausible = 1.0 / PLAUSIBLE_FACTOR < k / believed < PLAUSIBLE_FACTOR
     determined = found.is_determined(axis, found.unknowns[KAPPA].size)
     if determined and plausible and found.converged:
         return
@@ -176,12 +176,12 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
         "sense?"
     )
     if not plausible and (found.is_determined(axis, k) or pressing > 10):
-        raise LogRefused(
-            f"{log.path}: k_s eta comes out more than {PLAUSIBLE:g} times away from the believed {believed:g} N m/rad; "
+        raise LogError(
+            f"{log.path}: k_s eta comes out more than {PLAUSIBLE_FACTOR:g} times away from the believed {believed:g} N m/rad; "
             f"{doubt}"
         )
     if not found.converged or not len(found.seen.t):
-        raise LogRefused(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
+        raise LogError(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
     share = found.half_width(axis) / believed
     left = f"{100.0 * share:.0f} % of it" if share < 1.0 else "it"
     raise NotIdentifiable(
@@ -190,11 +190,11 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     )
 
 
-def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
+def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
     """k_s eta, and both apart if motor torque or the direction of the losses says so."""
-    product = Estimate(float(found.x[KAPPA]), found.half_width(found.one(KAPPA)), "N m/rad")
+    product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
-    loss, width = float(found.x[LOSS]), found.half_width(found.one(LOSS))
+    loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))
     if motor_torque:
         k_s = spring_stiffness(found, belief, log)
         if k_s is not None:
@@ -202,7 +202,7 @@ def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str
             eta = Estimate(
                 ratio, ratio * float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value)), "1"
             )
-    elif found.is_determined(found.one(LOSS), found.unknowns[LOSS].size) and loss + width < -LOSS_SEEN:
+    elif found.is_determined(found.direction(LOSS), found.unknowns[LOSS].size) and loss + width < -MIN_LOSS:
         # with losses by direction (P1) the geometric mean of both, e^(+loss) and e^(-loss), has no eta in it
         meaning = "k_s eta, mean of directions"
         k_s, eta = product, Estimate(float(np.exp(loss)), float(np.exp(loss)) * width, "1")
@@ -217,26 +217,26 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
     """The other unknowns of the fit, with the scale's stiffness for its compliance."""
     reported: dict[str, Quantity] = {}
     for index, one in enumerate(found.unknowns):
-        if index in (KAPPA, LOSS, RATE) or (index in LEVEL and height is not None):
+        if index in (KAPPA, LOSS, RATE) or (index in LEVEL_PARAMETERS and height is not None):
             continue
-        axis, x = found.one(index), float(found.x[index])
+        axis, x = found.direction(index), float(found.x[index])
         estimate = Estimate(x, found.half_width(axis), one.unit) if found.is_determined(axis, one.size) else None
         if index == COMPLIANCE:
             if estimate is not None:
                 estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")
             reported["stiffness"] = Quantity("stiffness of the scale", None, estimate)
             continue
-        believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL) else None
+        believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL_PARAMETERS) else None
         reported[one.name] = Quantity(one.meaning, believed, estimate)
     return reported
 
 
-def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
+def _inseparable_groups(found: Fit) -> tuple[tuple[str, ...], ...]:
     """The unknowns that stand in unseen directions, in groups that share one."""
     hidden = np.abs(found.unseen @ found.unseen.T)
     # how fast a loss turns over means nothing where there is none
-    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > WIDEST), RATE)
-    _, group = connected_components(hidden[np.ix_(members, members)] > WIDEST**2, directed=False)
+    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > MAX_INTERVAL_SIZE), RATE)
+    _, group = connected_components(hidden[np.ix_(members, members)] > MAX_INTERVAL_SIZE**2, directed=False)
     return tuple(
         tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
     )

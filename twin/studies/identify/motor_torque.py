@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.robot.controller.controller import Belief
-from twin.studies.identify.balance import deflections, loaded
+from twin.studies.identify.balance import deflections, subtract_dead_zone
 from twin.studies.identify.clustered import line
 from twin.studies.identify.estimate import Estimate
 from twin.studies.identify.fit import Fit
@@ -28,7 +28,7 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
     def equations(x: NDArray[np.float64]) -> NDArray[np.float64]:
         A = np.zeros((3 * len(seen.t), 7))
-        A[:, 0] = loaded(deflections(x, seen, belief.N), x[BACKLASH]).ravel()
+        A[:, 0] = subtract_dead_zone(deflections(x, seen, belief.N), x[BACKLASH]).ravel()
         for i in range(3):
             A[i::3, 1 + i] = np.sign(seen.speed[:, i])
             A[i::3, 4 + i] = 1.0
@@ -44,13 +44,13 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 def _mean(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:
     """Means of a torque over the windows."""
     if name not in log.series:
-        raise LogRefused(
+        raise LogError(
             f"{log.path}: '{name}' is not there; --motor-torque needs the torques of all three motors: choose with "
             f"--map {name}=COLUMN[N m]"
         )
     series = log.series[name]
     if series.unit != "N m":
-        raise LogRefused(f"{log.path}: {name} is in '{series.unit}', expected 'N m'; a current is not a torque")
+        raise LogError(f"{log.path}: {name} is in '{series.unit}', expected 'N m'; a current is not a torque")
     total = np.concatenate([[0.0], np.cumsum(series.values)])
     first = np.searchsorted(series.t, seen.t - 0.5 * seen.length)
     last = np.maximum(np.searchsorted(series.t, seen.t + 0.5 * seen.length), first + 1)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.statics import platform_weight
-from twin.studies.identify.balance import loaded, pose
+from twin.studies.identify.balance import pose, subtract_dead_zone
 from twin.studies.identify.parameters import BACKLASH, JOINT_ZERO, OFFSET
 from twin.studies.identify.windows import Windows, on_scale
 
-RISE = 1.0
+MIN_PRESS_RISE = 1.0
 """N: a press that gains less says nothing."""
-PLACE = 2e-3
+MAX_PRESS_WIDTH = 2e-3
 """m: a press that moves farther sideways is a sweep."""
 
 
@@ -66,7 +66,7 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
     k, F = belief.k_s * belief.eta, press.force
     printed, weight = _pressing(k, w - offset, belief, press, np.array(belief.joint_zero))
     zeroed, own_weight = _pressing(k, w - x[OFFSET : OFFSET + 3], belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
-    d = loaded(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
+    d = subtract_dead_zone(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
     freed, _ = _pressing(k, d, belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
     steps = (
         OnePoseStep("as printed", k * _through_origin(printed, F)),
@@ -87,7 +87,11 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
     p_B = pose(belief, seen.joint - np.array(belief.joint_zero)).p_B[:, :2]
     found = []
     for part in seen.runs(chosen, np.diff(F) > 0.0):
-        if np.ptp(seen.force[part]) >= RISE and np.max(np.ptp(p_B[part], axis=0)) <= PLACE and len(part) >= 3:
+        if (
+            np.ptp(seen.force[part]) >= MIN_PRESS_RISE
+            and np.max(np.ptp(p_B[part], axis=0)) <= MAX_PRESS_WIDTH
+            and len(part) >= 3
+        ):
             # to 5 mm: repeated presses of one place are the same place
             distance = round(float(np.linalg.norm(p_B[part].mean(axis=0))) / 5e-3)
             found.append((distance, -float(np.ptp(seen.force[part])), part))
@@ -95,7 +99,7 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
         return None
     mask = np.zeros(len(seen.t), dtype=bool)
     mask[min(found, key=lambda one: one[:2])[2]] = True
-    return seen.where(mask)
+    return seen.select(mask)
 
 
 def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

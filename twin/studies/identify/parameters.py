@@ -11,7 +11,7 @@ KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLI
     0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15, 16
 )  # fmt: skip
 """Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
-COUNT = 17
+PARAMETER_COUNT = 17
 
 
 @dataclass(frozen=True)

@@ -10,25 +10,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.recording.logs.log import LogRefused, in_gap
+from twin.kernel.recording.logs.log import LogError, in_gap
 from twin.robot.controller.controller import Belief
 from twin.studies.replay.samples import RobotSamples
 
-LENGTH = 0.1
+WINDOW_LENGTH = 0.1
 """s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (75 rad/s)."""
-COUNTS = 4.0
+MIN_COUNTS = 4.0
 """Motor counts that have to be crossed in a window, on average over the joints."""
-ACCELERATION = 0.05
+MAX_ACCELERATION = 0.05
 """m/s2: with 0.3 kg, 0.015 N of inertia, a third of a step of the paper's scale; the balance knows of nine tenths."""
 JOINTS_PER_METRE = 17.0
 """rad/m: d theta_l / d p_z at home."""
-GUARD = 0.1
+GUARD_TIME = 0.1
 """s: a scale may show what it carries this late; until then it is open whether the robot still touches it."""
-CLUSTER = 2.0
+CLUSTER_TIME = 2.0
 """s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
-AIR = 0.05
+MAX_AIR_FORCE = 0.05
 """N: less is free air; twice the step of the paper's scale."""
-CONTACT = 0.15
+MIN_CONTACT_FORCE = 0.15
 """N: more, all through a window, is contact."""
 
 
@@ -43,7 +43,7 @@ class Windows(NamedTuple):
         spread: half of the range that the deflection motor - N joint runs through (n, 3), rad.
         force: of the scale, pressing positive (n,), N.
         force_rate: its slope (n,), N/s.
-        lowest, highest: force in the window and for `GUARD` after it (n,), N.
+        lowest, highest: force in the window and for `GUARD_TIME` after it (n,), N.
         cluster: number of the group of windows each belongs to (n,), for the covariance.
         length: of each, s.
     """
@@ -61,7 +61,7 @@ class Windows(NamedTuple):
     cluster: NDArray[np.int64]
     length: float
 
-    def where(self, chosen: NDArray[np.bool_]) -> "Windows":
+    def select(self, chosen: NDArray[np.bool_]) -> "Windows":
         """The `chosen` (n,) ones."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
         return self._replace(**columns)
@@ -86,21 +86,21 @@ def windows(log: RobotSamples, belief: Belief) -> Windows:
         LogRefused: no force was measured, or never together with the encoders.
     """
     if log.force is None:
-        raise LogRefused(
+        raise LogError(
             f"{log.path}: no measured force: without it nothing ties the springs to a newton; name the scale's "
             "column with --map scale.F_z=COLUMN[N], pressing positive"
         )
     force = log.force
-    length = max(LENGTH, 10.0 * log.sampling.period, 2.0 * float(np.median(np.diff(force.t))))
+    length = max(WINDOW_LENGTH, 10.0 * log.sampling.period, 2.0 * float(np.median(np.diff(force.t))))
     bins = np.floor((log.t - log.t[0]) / length).astype(np.int64)
     known = (log.t >= force.t[0]) & (log.t <= force.t[-1]) & ~in_gap(log.t, force.sampling.gaps)
     F = np.interp(log.t, force.t, force.values)
     known &= np.isfinite(F) & np.all(np.isfinite(log.counts), axis=1)
     if not np.any(known):
-        raise LogRefused(f"{log.path}: encoders and scale were never recorded at the same time")
+        raise LogError(f"{log.path}: encoders and scale were never recorded at the same time")
     motor = log.only("count_m") * (2.0 * np.pi / belief.motor_counts)
     joint = log.only("count_l") * (2.0 * np.pi / belief.joint_counts)
-    full, late = 0.8 * length / log.sampling.period, round(GUARD / log.sampling.period)
+    full, late = 0.8 * length / log.sampling.period, round(GUARD_TIME / log.sampling.period)
     rows = [
         _window(log.t[a:b], motor[a:b], joint[a:b], F[a:b], F[a : b + late], belief.N)
         for a, b in zip(*_edges(bins), strict=True)
@@ -110,10 +110,10 @@ def windows(log: RobotSamples, belief: Belief) -> Windows:
         np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 1)
     ]
     *means, travel = columns
-    every = Windows._make([*means, np.floor(means[0] / CLUSTER).astype(np.int64), length])
+    every = Windows._make([*means, np.floor(means[0] / CLUSTER_TIME).astype(np.int64), length])
     counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
-    calm = np.all(np.abs(every.acceleration) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
-    return every.where((counts >= COUNTS) & calm)
+    calm = np.all(np.abs(every.acceleration) <= MAX_ACCELERATION * JOINTS_PER_METRE, axis=1)
+    return every.select((counts >= MIN_COUNTS) & calm)
 
 
 def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -143,9 +143,9 @@ def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64
 
 def in_air(seen: Windows) -> NDArray[np.bool_]:
     """Windows (n,) that touch nothing."""
-    return (seen.highest < AIR) & (seen.lowest > -AIR)
+    return (seen.highest < MAX_AIR_FORCE) & (seen.lowest > -MAX_AIR_FORCE)
 
 
 def on_scale(seen: Windows) -> NDArray[np.bool_]:
     """Windows (n,) in contact all through."""
-    return seen.lowest > CONTACT
+    return seen.lowest > MIN_CONTACT_FORCE

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 SHORTEST_BLOCK = 1.0
 """s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
 motion that returns to where it began."""
-DECISION = 5.0
+DECISION_FACTOR = 5.0
 """H / sigma."""
 
 
@@ -69,7 +69,7 @@ class Drift:
     @property
     def threshold(self) -> float:
         """H."""
-        return DECISION * self.sigma
+        return DECISION_FACTOR * self.sigma
 
 
 def drift(
@@ -91,7 +91,7 @@ def drift(
     ends, mean = _block_means(t[~first], r[~first], block)
     if not len(ends):
         return None
-    K, H = tolerance + 0.5 * sigma, DECISION * sigma
+    K, H = tolerance + 0.5 * sigma, DECISION_FACTOR * sigma
     up, low = _sum(mean - r_0 - K), _sum(r_0 - mean - K)
     over = np.flatnonzero((up > H) | (low > H))
     alarm = since = size = np.nan

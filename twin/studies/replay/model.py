@@ -11,28 +11,28 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import is_recording
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.build import plant_parameters, surface_motions
-from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.controller.controller import Belief
 from twin.robot.controller.task_controller import Computer
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.mistakes import sentences, unknown
+from twin.robot.experiment.mistakes import error_messages, unknown_key
 from twin.robot.experiment.recorded import recorded_name, recorded_values
 from twin.robot.experiment.schema import Cosim
-from twin.robot.experiment.source import Source, override
-from twin.robot.experiment.stand_in import rest_of, role_named
+from twin.robot.experiment.source import Source, apply_overrides
+from twin.robot.experiment.stand_in import find_stand_in_table, retained_settings
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, TrueRobot
 from twin.robot.plant.encoder import Display
 from twin.robot.plant.surface_motion import Motion
 
-TABLES = {name: DECLARED.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
+MODEL_TABLES = {name: DECLARED_TABLES.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
 """What is read of a recorded experiment; it may lack a scale."""
 
 
-OWN = ("estimator", "body")
+OWN_PARTS = ("estimator", "body")
 """Parts that a replay has to know."""
 
 
@@ -59,12 +59,12 @@ class RobotModel:
     resolution: float
 
     @property
-    def aware(self) -> Belief:
+    def belief_with_dead_zone(self) -> Belief:
         """The controller's belief, with the dead zone that the plant has: what can be made of the counts at best."""
         return self.belief._replace(backlash=self.plant.backlash)
 
 
-def loaded_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
+def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
     """What a replay needs of the experiment file at `path`, with `settings` as of `twin run --set`.
 
     Raises:
@@ -79,19 +79,19 @@ def model_of(experiment: Experiment) -> RobotModel:
     Raises:
         InputRefused: a part of it is third-party.
     """
-    refuse_other_parts(experiment, "a replay", OWN)
-    values = {name: experiment.values[name] for name in TABLES if name in experiment.values}
-    return _model(experiment.name, values, **{name: getattr(experiment, name) for name in TABLES})
+    refuse_third_party_parts(experiment, "a replay", OWN_PARTS)
+    values = {name: experiment.values[name] for name in MODEL_TABLES if name in experiment.values}
+    return _model(experiment.name, values, **{name: getattr(experiment, name) for name in MODEL_TABLES})
 
 
 def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
     """What a replay needs of the robot whose log is the file `log`: of `experiment`, or else as the log itself tells.
 
     Raises:
-        InputRefused: it does not tell, or as `loaded_model` and `recorded_model`.
+        InputRefused: it does not tell, or as `load_model` and `recorded_model`.
     """
     if experiment is not None:
-        return loaded_model(experiment, settings)
+        return load_model(experiment, settings)
     if is_recording(log):
         return recorded_model(read(log).metadata, log, settings)
     raise InputRefused(f"{log}: does not name its robot; give its experiment with --experiment FILE")
@@ -109,26 +109,32 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     Raises:
         InputRefused: the recording has no experiment, or a setting does not fit.
     """
-    name, values = recorded_name(metadata, where), recorded_values(DECLARED, metadata, where)
+    name, values = recorded_name(metadata, where), recorded_values(DECLARED_TABLES, metadata, where)
     if not values:
         raise InputRefused(f"{where}: carries no experiment; name the robot's with --experiment FILE")
     source = Source()
-    source.put({table: values[table] for table in TABLES if table in values}, "recorded")
-    override(source, settings)
-    mistakes = [f"[{table}] {unknown(table, list(TABLES))}" for table in source.values if table not in TABLES]
+    source.merge({table: values[table] for table in MODEL_TABLES if table in values}, "recorded")
+    apply_overrides(source, settings)
+    mistakes = [
+        f"[{table}] {unknown_key(table, list(MODEL_TABLES))}" for table in source.values if table not in MODEL_TABLES
+    ]
     checked: dict[str, Any] = {}
     mistakes += [
-        f"[{role}] is third-party; only the twin's own can be replayed" for role in OWN if role_named(values, role)
+        f"[{role}] is third-party; only the twin's own can be replayed"
+        for role in OWN_PARTS
+        if find_stand_in_table(values, role)
     ]
-    for table, schema in TABLES.items():
+    for table, schema in MODEL_TABLES.items():
         if table in source.values or table != "scale":
             try:
-                other = role_named(source.values, table)
+                other = find_stand_in_table(source.values, table)
                 checked[table] = (
-                    rest_of(DECLARED, table, other) if other else schema.model_validate(source.values.get(table, {}))
+                    retained_settings(DECLARED_TABLES, table, other)
+                    if other
+                    else schema.model_validate(source.values.get(table, {}))
                 )
             except ValidationError as error:
-                mistakes += sentences(error, schema, table)
+                mistakes += error_messages(error, schema, table)
     if mistakes:
         raise InputRefused(f"{where}, its experiment: {'; '.join(mistakes)}")
     return _model(name, source.values, **checked)
@@ -141,7 +147,7 @@ def _model(
     return RobotModel(
         name=name,
         values=values,
-        belief=Belief.made(controller, controller.model),
+        belief=Belief.from_tables(controller, controller.model),
         gravity_compensation=controller.gravity_compensation,
         plant=plant_parameters(plant, contact),
         substeps=plant.substeps,

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component, Pieces
-from twin.kernel.cosim.delay import NOTHING, named, play
+from twin.kernel.cosim.delay import NO_PIECES, play, values_by_port
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.errors import ComponentFailed
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, Belief, Estimator
-from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.robot.plant.component import Plant
-from twin.robot.plant.dynamics import LONGEST_GAP, STATES, PlantParameters
+from twin.robot.plant.dynamics import LONGEST_GAP, STATE_SIZE, PlantParameters
 from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.robot.plant.surface_motion import Body
 from twin.studies.replay.model import RobotModel
@@ -29,13 +29,13 @@ from twin.studies.replay.plausible import MapCheck
 from twin.studies.replay.sample_columns import COUNT_L, COUNT_M, F_Z
 from twin.studies.replay.samples import RobotSamples
 
-ENCODER = (
+ENCODER_PORTS = (
     Port("count_m", 3, "1", "motor encoder counts as the estimator took them"),
     Port("count_l", 3, "1", "joint encoder counts as the estimator took them"),
 )
 FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
 JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
-SETTLING = 1.0
+SETTLING_TIME = 1.0
 """s, before each start, with the motors where the first sample has them: 20 time constants of the springs' swing with
 the robot's joint friction, and 5 of a robot with a quarter of it."""
 
@@ -85,9 +85,9 @@ class SampledSteps:
         copies: of the pieces, before the last rows and after each of them (n + 1, pieces.size).
     """
 
-    def __init__(self, component: Component, first: float = 0.0, pieces: Pieces = NOTHING):
+    def __init__(self, component: Component, first: float = 0.0, pieces: Pieces = NO_PIECES):
         self.component, self._first, self._pieces = component, first, pieces
-        self._outputs, self.copies = component.initial_outputs, pieces.take()[None]
+        self._outputs, self.copies = component.initial_outputs, pieces.save()[None]
         self._last: float | None = None
 
     def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,7 +97,7 @@ class SampledSteps:
         copies[0] = self.copies[-1]
         rows, _ = play(self.component, t, h, inputs, before=self._outputs, pieces=self._pieces, copies=copies[1:])
         # a step that failed has left what is there now
-        copies[len(rows) + 1 :] = self._pieces.take()
+        copies[len(rows) + 1 :] = self._pieces.save()
         self.copies = copies
         if len(rows):
             self._outputs, self._last = rows[-1], float(t[len(rows) - 1])
@@ -118,13 +118,13 @@ class Estimates:
     def __init__(self, model: RobotModel, check: MapCheck):
         self._check = check
         beliefs: dict[str, Belief] = {"estimator": model.belief}
-        if model.aware != model.belief:
-            beliefs["twin"] = model.aware
+        if model.belief_with_dead_zone != model.belief:
+            beliefs["twin"] = model.belief_with_dead_zone
         self._steps = {
             name: SampledSteps(Estimator(belief, model.gravity_compensation)) for name, belief in beliefs.items()
         }
         self.topics: dict[str, tuple[Port, ...]] = {
-            "encoder": ENCODER, **dict.fromkeys(beliefs, ESTIMATOR_OUTPUTS), "scale": SCALE_OUTPUTS,
+            "encoder": ENCODER_PORTS, **dict.fromkeys(beliefs, ESTIMATOR_OUTPUTS), "scale": SCALE_OUTPUTS,
             "residual/force": FORCE_RESIDUAL,
         }  # fmt: skip
         self.happenings: list[Happening] = []
@@ -138,8 +138,8 @@ class Estimates:
         if not self._begun:
             # without a first pose the estimator has nothing to hold
             failed = len(found["estimator"]) < len(counts)
-            if mistake := self._check.first(counts[0, COUNT_M], counts[0, COUNT_L], failed):
-                raise LogRefused(mistake)
+            if mistake := self._check.check_first(counts[0, COUNT_M], counts[0, COUNT_L], failed):
+                raise LogError(mistake)
             self._begun = True
         best = best_estimate(found)
         F_z = pressing(best)
@@ -151,7 +151,7 @@ class Estimates:
 
 def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
     """The estimate that knows the dead zone, by port."""
-    return named(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
+    return values_by_port(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
 
 
 def pressing(outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -183,19 +183,19 @@ class PlantRun:
         """
         model, begins = self._model, self._plant is None
         if begins:
-            x = np.zeros(STATES)
+            x = np.zeros(STATE_SIZE)
             x[:3] = self._p_B
             self._plant = Plant(model.plant, x, theta_m[0], model.substeps, bool(model.motions))
-            self._start, self._elapsed = t[0] - SETTLING, 0.0
+            self._start, self._elapsed = t[0] - SETTLING_TIME, 0.0
             self._outputs = self._plant.initial_outputs
-            settling = [int(np.ceil(SETTLING / model.tick))]
+            settling = [int(np.ceil(SETTLING_TIME / model.tick))]
             known, angles = t, theta_m
         else:
             settling = []
             known, angles = np.concatenate([[self._t], t]), np.vstack([self._theta_m, theta_m])
         assert self._plant is not None
         steps = np.array([*settling, *np.maximum(1, np.ceil(np.diff(known) / model.tick - 1e-6))], dtype=np.int64)
-        lengths = np.array([*([SETTLING] if begins else []), *np.diff(known)])
+        lengths = np.array([*([SETTLING_TIME] if begins else []), *np.diff(known)])
         h = np.repeat(lengths / steps, steps)
         elapsed = np.cumsum([self._elapsed, *h])[1:]
         ends = self._start + elapsed
@@ -265,7 +265,7 @@ class PlantModel:
                     # what it cannot start from is passed over
                     begin += not len(made)
         self._last = float(samples.t[-1])
-        theta_l = named(MOTION, found)["theta_l"]
+        theta_l = values_by_port(MOTION, found)["theta_l"]
         return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
 
     def accept(self, plant: PlantParameters) -> None:

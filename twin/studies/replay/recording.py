@@ -14,16 +14,16 @@ from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.recorder import port_fields
 from twin.kernel.recording.writer import Writer
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
-from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
-from twin.studies.replay.parts import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
+from twin.studies.replay.parts import ENCODER_PORTS, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.replay.replay import Outputs, Replay
 
-TICK = 1e-9
+NANOSECOND_TICK = 1e-9
 """s: a robot's clock keeps to no tick of ours, so that every time is its own number of nanoseconds."""
-SPAN = 10**8
+SPAN_TICKS = 10**8
 """Ticks of log that are written together (0.1 s), so that topics lie side by side in the file."""
-SUMS = {
+SUM_MEANINGS = {
     "mean": "mean residual of the block that ends here",
     "up": "Page's cumulative sum against an increase",
     "low": "Page's cumulative sum against a decrease",
@@ -45,12 +45,12 @@ def record(replay: Replay, path: Path) -> Path:
         RecordingFailed: it cannot be written.
     """
     tracks = _tracks(replay)
-    with Writer(path, [track.topic for track in tracks], TICK, _metadata(replay)) as writer:
+    with Writer(path, [track.topic for track in tracks], NANOSECOND_TICK, _metadata(replay)) as writer:
         # a log may have hours without a sample
-        spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN)
-        for start in (spans * SPAN).tolist():
+        spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN_TICKS)
+        for start in (spans * SPAN_TICKS).tolist():
             for topic, ticks, rows in tracks:
-                first, last = np.searchsorted(ticks, (start, start + SPAN))
+                first, last = np.searchsorted(ticks, (start, start + SPAN_TICKS))
                 # as many rows at once as are evenly spaced
                 uneven = np.flatnonzero(np.diff(ticks[first:last]) != topic.period) + 1
                 for a, b in pairwise([first, *(first + uneven), last]):
@@ -65,7 +65,7 @@ def record(replay: Replay, path: Path) -> Path:
 def _tracks(replay: Replay) -> list[Track]:
     t = replay.log.t
     tracks = [
-        _track("encoder", ENCODER, t, {name: replay.log.only(name) for name in ("count_m", "count_l")}),
+        _track("encoder", ENCODER_PORTS, t, {name: replay.log.only(name) for name in ("count_m", "count_l")}),
         _track("estimator", ESTIMATES, t, replay.estimator),
     ]
     if replay.twin is not replay.estimator:
@@ -81,7 +81,7 @@ def _tracks(replay: Replay) -> list[Track]:
     for name, residual in replay.forces.items():
         tracks.append(_track(f"residual/{name}", FORCE_RESIDUAL, residual.t, {"F_z": residual.r}))
     for one in replay.indicators:
-        ports = tuple(Port(name, 1, one.unit, meaning) for name, meaning in SUMS.items())
+        ports = tuple(Port(name, 1, one.unit, meaning) for name, meaning in SUM_MEANINGS.items())
         values = {"mean": one.drift.mean, "up": one.drift.up, "low": one.drift.low}
         tracks.append(_track(f"drift/{one.name.replace(' ', '_')}", ports, one.drift.t, values))
     return tracks
@@ -89,9 +89,9 @@ def _tracks(replay: Replay) -> list[Track]:
 
 def _track(name: str, ports: tuple[Port, ...], t: NDArray[np.float64], outputs: Outputs) -> Track:
     fields = port_fields(ports)
-    ticks = np.rint(t / TICK).astype(np.int64)
+    ticks = np.rint(t / NANOSECOND_TICK).astype(np.int64)
     # no row follows sooner than this
-    period = int(np.min(np.diff(ticks), initial=SPAN))
+    period = int(np.min(np.diff(ticks), initial=SPAN_TICKS))
     return Track(Topic(name, fields, period), ticks, np.column_stack([outputs[p.name] for p in ports]).astype(float))
 
 
@@ -113,4 +113,4 @@ def _events(replay: Replay) -> list[tuple[int, str]]:
         for one in replay.indicators
         if not one.drift.matches
     ]
-    return [(round(t / TICK), text) for t, text in sorted(found)]
+    return [(round(t / NANOSECOND_TICK), text) for t, text in sorted(found)]

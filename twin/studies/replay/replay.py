@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
-from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.drift import Drift, drift
 from twin.studies.replay.model import RobotModel
@@ -19,7 +19,7 @@ from twin.studies.replay.plausible import MapCheck
 from twin.studies.replay.residual import Residual, Statistics, angle_rounding, force_rounding, residual, statistics
 from twin.studies.replay.samples import RobotSamples, robot_samples
 
-FEWEST = 20
+MIN_BASELINE_SAMPLES = 20
 """Samples of the beginning that tell what is normal."""
 
 Outputs = dict[str, NDArray[np.float64]]
@@ -95,7 +95,7 @@ def normal_time(text: str) -> tuple[float, float]:
     return begin, end
 
 
-def replayed(
+def replay_log(
     log: Log,
     model: RobotModel,
     plant: bool = False,
@@ -122,14 +122,14 @@ def replayed(
     robot = robot_samples(log, model.belief)
     _refuse_lengths(robot, baseline, tolerance)
     if plant and robot.sampling.period > LONGEST_GAP:
-        raise LogRefused(
+        raise LogError(
             f"a sample every {robot.sampling.period:.3g} s; the plant model needs one every {LONGEST_GAP:g} s or sooner"
         )
     rows = estimates(robot, model)
-    estimator = named(ESTIMATOR_OUTPUTS, rows["estimator"])
+    estimator = values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])
     best = best_estimate(rows) if "twin" in rows else estimator
     followed = PlantModel(model, restarts=False)
-    motion = named(MOTION, followed.feed(robot, rows)["plant"]) if plant else None
+    motion = values_by_port(MOTION, followed.feed(robot, rows)["plant"]) if plant else None
     forces, indicators = {}, []
     if robot.force is not None:
         courses = {"estimator": estimator} | ({} if best is estimator else {"twin": best})
@@ -139,13 +139,13 @@ def replayed(
             name: residual(robot.t, pressing(one), robot.sampling.gaps, t, measured) for name, one in courses.items()
         }
         judged = forces.get("twin", forces["estimator"])
-        if len(judged.t) < FEWEST:
+        if len(judged.t) < MIN_BASELINE_SAMPLES:
             raise InputRefused(f"{robot.path}: {len(judged.t)} measured forces while the encoders were there; too few")
-        rounding = force_rounding(model.aware, best["J"], model.resolution)
+        rounding = force_rounding(model.belief_with_dead_zone, best["J"], model.resolution)
         bound = rounding.bound if tolerance is None else tolerance
         indicators += _indicator("force", "N", judged.t, judged.r, baseline, bound, rounding.deviation)
     if motion:
-        angle = angle_rounding(model.aware)
+        angle = angle_rounding(model.belief_with_dead_zone)
         for i in range(3):
             r = motion["theta_l"][:, i] - best["theta_l"][:, i]
             indicators += _indicator(f"joint {i + 1}", "rad", robot.t, r, baseline, angle.bound, angle.deviation)
@@ -160,8 +160,8 @@ def estimates(robot: RobotSamples, model: RobotModel) -> Rows:
     """
     check = MapCheck(str(robot.path), model.belief, robot.columns)
     rows = Estimates(model, check).feed(robot, {})
-    if check.mistake:
-        raise LogRefused(check.mistake)
+    if check.map_error:
+        raise LogError(check.map_error)
     return rows
 
 
@@ -182,9 +182,9 @@ def _refuse_lengths(robot: RobotSamples, baseline: tuple[float, float], toleranc
     begin, end = baseline
     after = robot.t - robot.t[0]
     within = int(np.sum((after >= begin) & (after < end)))
-    if span <= end or within < FEWEST:
+    if span <= end or within < MIN_BASELINE_SAMPLES:
         which = f"from {begin:g} to {end:g} s" if begin else f"in the first {end:g} s"
         raise InputRefused(
-            f"{robot.path}: {span:.3g} s with {within} samples {which}; expected at least {FEWEST} "
+            f"{robot.path}: {span:.3g} s with {within} samples {which}; expected at least {MIN_BASELINE_SAMPLES} "
             "there and more after them; choose with --baseline S or --baseline FROM:TO"
         )

@@ -11,13 +11,13 @@ from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.statics import load_torque
 from twin.robot.run.view import held_samples
 
-LONGEST_LAG = 0.5
+MAX_LAG = 0.5
 """s. Beyond that two courses of a repeated motion match by mistake."""
-FINEST_LAG = 5e-3
+MIN_LAG_STEP = 5e-3
 """s. What a force that changes within tenths of a second, with noise on it, can tell at best."""
-MOST_LAGGED = 2_000_000
+MAX_LAG_PERIODS = 2_000_000
 """Sample periods over which a lag is looked for: some hours."""
-STALE = 1.5
+STALE_PERIODS = 1.5
 """Sample periods after which an estimate is no longer the newest: one was lost."""
 ROUNDING = 1e-9
 """Maximum rounding of recorded times (s)."""
@@ -79,7 +79,7 @@ def residual(
     """
     newest = held_samples(t, t_measured)
     age = t_measured - t[newest]
-    use = (age > -ROUNDING) & (age < STALE * np.median(np.diff(t))) & ~in_gap(t_measured, gaps)
+    use = (age > -ROUNDING) & (age < STALE_PERIODS * np.median(np.diff(t))) & ~in_gap(t_measured, gaps)
     return Residual(t_measured[use], values[newest[use]], measured[use])
 
 
@@ -102,13 +102,13 @@ def statistics(residual: Residual) -> Statistics:
 def _lag(residual: Residual) -> float:
     """The shift (s) under which value and measurement spread least about each other; NaN: not known, because most of
     what would be looked at is missing."""
-    period = max(float(np.median(np.diff(residual.t))), FINEST_LAG)
-    if np.ptp(residual.t) > MOST_LAGGED * period:
+    period = max(float(np.median(np.diff(residual.t))), MIN_LAG_STEP)
+    if np.ptp(residual.t) > MAX_LAG_PERIODS * period:
         return np.nan
     grid = np.arange(residual.t[0], residual.t[-1] + 0.5 * period, period)
     value = np.interp(grid, residual.t, residual.value)
     measured = np.interp(grid, residual.t, residual.measured)
-    most = min(int(LONGEST_LAG / period), len(grid) // 4)
+    most = min(int(MAX_LAG / period), len(grid) // 4)
     # the same stretch of the measurement for every shift, so that none has an easier one
     core = measured[most : len(measured) - most]
     spread = [np.std(value[most + k : most + k + len(core)] - core) for k in range(-most, most + 1)]

@@ -1,6 +1,6 @@
 """Signals of a robot's sample, in the order of its columns."""
 
-from twin.kernel.cosim.port import Port, places
+from twin.kernel.cosim.port import Port, port_slices
 
 INPUTS = (
     Port("count_m", 3, "1", "motor encoder counts; NaN: none came"),
@@ -10,7 +10,7 @@ INPUTS = (
     Port("tau_motor", 3, "N m", "torque of the motors, by their currents; NaN: none"),
 )
 """Signals of a sample, in the order of its columns."""
-COUNT_M, COUNT_L, OMEGA_REF, F_Z, TAU = (places(INPUTS)[port.name] for port in INPUTS)
+COUNT_M, COUNT_L, OMEGA_REF, F_Z, TAU = (port_slices(INPUTS)[port.name] for port in INPUTS)
 """Columns of a sample."""
 ENCODERS = slice(COUNT_M.start, COUNT_L.stop)
 """Columns of the six encoder counts, without which a row is no sample."""

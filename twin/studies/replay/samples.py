@@ -9,27 +9,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.port import places, width
+from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import refuse_unit
 from twin.kernel.recording.logs.log import (
     Log,
-    LogRefused,
+    LogError,
     LogSeries,
     MappedColumn,
     Sampling,
+    join_rows,
     refuse_invalid,
-    rows_of,
     sampling,
 )
 from twin.robot.controller.controller import Belief
 from twin.robot.run.view import RunView, sample_and_hold
-from twin.studies.replay.plausible import COUNTS, SCALE, as_counts
+from twin.studies.replay.plausible import ANGLE_OF_COUNT, FORCE_SIGNAL, count_conversion
 from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
 
-LONGEST = 1e8
+MAX_LOG_TIME = 1e8
 """s; three years, the longest log."""
-MANY = 12
+MAX_LISTED_NAMES = 12
 """So many names are not listed in a sentence."""
 
 
@@ -68,7 +68,7 @@ class RobotSamples:
 
     def only(self, name: str) -> NDArray[np.float64]:
         """The columns of the input `name`, (n, size), a view."""
-        return self.u[:, places(INPUTS)[name]]
+        return self.u[:, port_slices(INPUTS)[name]]
 
     @property
     def counts(self) -> NDArray[np.float64]:
@@ -100,7 +100,7 @@ def samples_of(run: RunView) -> RobotSamples:
     t = run.time("encoder")
     u = np.full((len(t), width(INPUTS)), np.nan)
     taken = RobotSamples(t, u)
-    for name in COUNTS:
+    for name in ANGLE_OF_COUNT:
         taken.only(name)[:] = sample_and_hold(run, _received(name, has), t)
     if "controller.omega_ref" in has:
         taken.only("omega_ref")[:] = sample_and_hold(run, "controller.omega_ref", t)
@@ -108,8 +108,8 @@ def samples_of(run: RunView) -> RobotSamples:
         key = f"drive/{leg + 1}.tau_motor"
         if key in has:
             taken.only("tau_motor")[:, leg] = sample_and_hold(run, key, t)
-    if SCALE in has:
-        hold_until_sampled(taken, F_Z.start, run.time("scale"), run[SCALE])
+    if FORCE_SIGNAL in has:
+        hold_until_sampled(taken, F_Z.start, run.time("scale"), run[FORCE_SIGNAL])
     return taken
 
 
@@ -119,7 +119,7 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
     Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
     in the place of either. Of a recording with faulty encoders, what the computer received: the last /fault/n that
     carries counts. Measured force: `scale.F_z` (N), pressing positive. Samples of the encoders belong together as
-    `rows_of` has it; a time at which one of the six has none is left out.
+    `join_rows` has it; a time at which one of the six has none is left out.
 
     Args:
         log: as `read_log` gives it.
@@ -129,25 +129,27 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
         LogRefused: no encoders, other units, motor and joint encoders at different times, times before 0, or more than
             `MAX_INVALID` of the samples of an encoder are invalid.
     """
-    sides = [_counts_in(log, name, belief) for name in COUNTS]
-    counts = rows_of(sides)
+    sides = [_counts_in(log, name, belief) for name in ANGLE_OF_COUNT]
+    counts = join_rows(sides)
     if 2 * len(counts.t) < min(len(one.t) for one in sides) or len(counts.t) < 2:
-        raise LogRefused(
+        raise LogError(
             f"{log.path}: motor and joint encoders have different times; expected one sample of both at each, less "
             "than half a period apart"
         )
     refuse_invalid(log.path, "an encoder", len(counts.invalid), len(counts.invalid) + len(counts.t))
     lost = max(len(one.t) for one in sides) - len(counts.t)
     notes = (*log.notes, f"{lost} samples without all six encoders are left out") if lost else log.notes
-    measured = _in_unit(log, SCALE, log[SCALE], "N") if SCALE in log.series else None
+    measured = _in_unit(log, FORCE_SIGNAL, log[FORCE_SIGNAL], "N") if FORCE_SIGNAL in log.series else None
     if counts.t[0] < 0.0:
-        raise LogRefused(f"{log.path}: begins at {counts.t[0]:g} s, before 0; count its time from its first sample")
-    if counts.t[-1] > LONGEST:
-        raise LogRefused(f"{log.path}: ends at {counts.t[-1]:g} s, expected at most {LONGEST:g} s; is its unit right?")
+        raise LogError(f"{log.path}: begins at {counts.t[0]:g} s, before 0; count its time from its first sample")
+    if counts.t[-1] > MAX_LOG_TIME:
+        raise LogError(
+            f"{log.path}: ends at {counts.t[-1]:g} s, expected at most {MAX_LOG_TIME:g} s; is its unit right?"
+        )
     # a count that never came is the estimator's business; before the first there is nothing to hold
     there = np.all(np.isfinite(counts.values), axis=1)
     if np.sum(there) < 2:
-        raise LogRefused(f"{log.path}: fewer than two samples have all six counts")
+        raise LogError(f"{log.path}: fewer than two samples have all six counts")
     first = int(np.argmax(there))
     t, u = counts.t[first:], np.full((len(counts.t) - first, width(INPUTS)), np.nan)
     u[:, ENCODERS] = counts.values[first:]
@@ -175,27 +177,27 @@ def _received(name: str, keys: Iterable[str]) -> str:
 
 def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
     """Counts (n, 3) of the motor or the joint encoders."""
-    angle = f"estimator.{COUNTS[name]}"
+    angle = f"estimator.{ANGLE_OF_COUNT[name]}"
     counts = _received(name, log.series)
     there = {name.rpartition("[")[0] for name in (*log.series, *log.left_out)}
     if counts in there:
-        return _three(log, counts, "1")
+        return _joint_series(log, counts, "1")
     if angle not in there:
         has = list(log.series)
-        raise LogRefused(
-            f"{log.path}: neither {counts}[0..2] nor {angle}[0..2] is there; it has {', '.join(has[:MANY])}"
-            f"{' ...' if len(has) > MANY else ''}; choose with --map '{angle}[0]=COLUMN[deg]' and so on"
+        raise LogError(
+            f"{log.path}: neither {counts}[0..2] nor {angle}[0..2] is there; it has {', '.join(has[:MAX_LISTED_NAMES])}"
+            f"{' ...' if len(has) > MAX_LISTED_NAMES else ''}; choose with --map '{angle}[0]=COLUMN[deg]' and so on"
         )
-    series = _three(log, angle, "rad")
+    series = _joint_series(log, angle, "rad")
     # what `estimator.angle` takes off again
-    zero, per_rad = as_counts(name, belief)
+    zero, per_rad = count_conversion(name, belief)
     return replace(series, values=(series.values + np.array(zero)) * per_rad, unit="1")
 
 
-def _three(log: Log, name: str, unit: str) -> LogSeries:
+def _joint_series(log: Log, name: str, unit: str) -> LogSeries:
     series = log.vector(name)
     if series.values.shape[1] != 3:
-        raise LogRefused(f"{log.path}: {name} has {series.values.shape[1]} components, expected 3, one per joint")
+        raise LogError(f"{log.path}: {name} has {series.values.shape[1]} components, expected 3, one per joint")
     return _in_unit(log, name, series, unit)
 
 

@@ -8,20 +8,20 @@ import numpy as np
 
 from twin.kernel.serialise import to_dict
 from twin.robot.run.measures import Values, with_units
-from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
-from twin.studies.replay.held import text_of
+from twin.studies.figure import INK, JOINT_COLORS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
+from twin.studies.replay.held import measures_text
 from twin.studies.replay.parts import pressing
 from twin.studies.replay.replay import Indicator, Replay
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
-ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
-INDICATORS = (
+FORCE_ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
+INDICATOR_COLUMNS = (
     Column("block means", 11, left=True),
     Column("seen above", 11),
     Column("largest", 11),
     Column("verdict", left=True, gap=3),
 )
-STATISTICS = (
+STATISTICS_COLUMNS = (
     Column("F_z less measured", 17, left=True),
     Column("bias", 8, "+.3f", "N"),
     Column("std", 7, ".3f", "N"),
@@ -31,7 +31,7 @@ STATISTICS = (
     Column("corr.", 7, ".4f", "1"),
     Column("lag", 6, ".0f", "ms"),
 )
-MEASURED, ESTIMATE, TWIN, PLANT, ALARM = INK, PAPER_YELLOW, PAPER_ORANGE, PAPER_BLUE, RED
+MEASURED_COLOR, ESTIMATE_COLOR, TWIN_COLOR, PLANT_COLOR, ALARM_COLOR = INK, PAPER_YELLOW, PAPER_ORANGE, PAPER_BLUE, RED
 
 
 class ReplayVerdict(StrEnum):
@@ -59,7 +59,7 @@ def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str]
         following: the command that comes next, or "".
     """
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
-    parts = [*_reasons(replay), "", *forces, note("held", text_of(held)), *_samples(replay)]
+    parts = [*_reasons(replay), "", *forces, note("held", measures_text(held)), *_samples(replay)]
     shown = {**files, **({"next": following} if following else {})}
     facts = replay_facts(replay, held) | files | {"next": following}
     return Result(_headline(replay, name), parts, facts, shown, exit_code=1 if replay.first_alarm else 0)
@@ -86,7 +86,7 @@ def _change(one: Indicator) -> str:
 def _reasons(replay: Replay) -> list[Block]:
     blocks: list[Block] = []
     if replay.indicators:
-        blocks += ["", Table(INDICATORS, [_indicator(one) for one in replay.indicators])]
+        blocks += ["", Table(INDICATOR_COLUMNS, [_indicator(one) for one in replay.indicators])]
     if replay.first_alarm:
         blocks.append(
             Note("A spring, belt, encoder, the body or the force sensor has changed; this cannot tell which.", "  ")
@@ -112,10 +112,10 @@ def _indicator(one: Indicator) -> list[str]:
 
 def _table(replay: Replay) -> Table:
     rows = [
-        (ROWS[name], s.bias, s.std, s.rms, s.largest, s.at, s.correlation, 1e3 * s.lag)
+        (FORCE_ROWS[name], s.bias, s.std, s.rms, s.largest, s.at, s.correlation, 1e3 * s.lag)
         for name, s in replay.statistics.items()
     ]
-    return Table(STATISTICS, rows)
+    return Table(STATISTICS_COLUMNS, rows)
 
 
 def _samples(replay: Replay) -> list[Block]:
@@ -189,8 +189,8 @@ def draw_replay(replay: Replay, name: str, path: Path) -> None:
             for start, end in replay.log.sampling.gaps:
                 panel.axvspan(start, end, color="0.9")
             if first is not None:
-                panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM, alpha=0.06)
-                panel.axvline(first.drift.alarm, color=ALARM, lw=1.0)
+                panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM_COLOR, alpha=0.06)
+                panel.axvline(first.drift.alarm, color=ALARM_COLOR, lw=1.0)
         axes[0].set_title(_title(replay, name), loc="left", fontweight="bold")
         axes[-1].set_xlabel("time (s)")
 
@@ -204,26 +204,26 @@ def _title(replay: Replay, name: str) -> str:
 
 def _draw_forces(axes: Axes, replay: Replay) -> None:
     t = replay.log.t
-    axes.plot(t, pressing(replay.estimator), color=ESTIMATE, lw=0.9, label="estimate")
+    axes.plot(t, pressing(replay.estimator), color=ESTIMATE_COLOR, lw=0.9, label="estimate")
     if replay.twin is not replay.estimator:
-        axes.plot(t, pressing(replay.twin), color=TWIN, lw=0.9, label="estimate, dead zone taken off")
+        axes.plot(t, pressing(replay.twin), color=TWIN_COLOR, lw=0.9, label="estimate, dead zone taken off")
     if replay.plant is not None:
-        axes.plot(t, pressing(replay.plant), color=PLANT, lw=1.2, label="plant model")
+        axes.plot(t, pressing(replay.plant), color=PLANT_COLOR, lw=1.2, label="plant model")
     if replay.log.force is not None:
         force = replay.log.force
-        axes.step(force.t, force.values, where="post", color=MEASURED, lw=1.0, label="measured")
+        axes.step(force.t, force.values, where="post", color=MEASURED_COLOR, lw=1.0, label="measured")
     axes.set_ylabel("F_z, pressing (N)")
     axes.legend(loc="best", fontsize="small")
 
 
 def _draw_force_residual(axes: Axes, one: Indicator) -> None:
-    _draw_residual(axes, one, 1.0, TWIN, "estimate, dead zone taken off, less measured: means of blocks")
+    _draw_residual(axes, one, 1.0, TWIN_COLOR, "estimate, dead zone taken off, less measured: means of blocks")
     axes.set_ylabel("force residual (N)")
     axes.legend(loc="best", fontsize="small")
 
 
 def _draw_joint_residuals(axes: Axes, joints: list[Indicator]) -> None:
-    for one, color in zip(joints, JOINTS, strict=True):
+    for one, color in zip(joints, JOINT_COLORS, strict=True):
         _draw_residual(axes, one, float(np.degrees(1.0)), color, f"{one.name}, model less robot")
     axes.set_ylabel("joint residual (deg)")
     axes.legend(loc="best", fontsize="small", ncols=3)
@@ -256,10 +256,10 @@ def _draw_sums(axes: Axes, indicators: tuple[Indicator, ...]) -> None:
     for one in indicators:
         d = one.drift
         worst = np.where(d.up >= d.low, d.up, -d.low) / d.threshold
-        color = TWIN if one.unit == "N" else JOINTS[int(one.name[-1]) - 1]
+        color = TWIN_COLOR if one.unit == "N" else JOINT_COLORS[int(one.name[-1]) - 1]
         axes.plot(d.t, worst, marker=".", lw=1.2, color=color, label=one.name)
     for side in (-1.0, 1.0):
-        axes.axhline(side, color=ALARM, lw=0.9, ls="--", label="alarm" if side > 0 else None)
+        axes.axhline(side, color=ALARM_COLOR, lw=0.9, ls="--", label="alarm" if side > 0 else None)
     axes.set_ylabel("cumulative sum / H")
     low, high = axes.get_ylim()
     axes.set_ylim(max(min(low, -1.4), -4.0), min(max(high, 1.4), 4.0))

@@ -66,7 +66,7 @@ class FilterFeed:
     def __init__(self, shadow: Shadow):
         self._shadow, self._last = shadow, -np.inf
         self.u, self.y = np.full(width(INPUTS), np.nan), np.zeros(width(OUTPUTS))
-        self._step, self._at = shadow.step.called_at_once, (self.u.ctypes.data, self.y.ctypes.data)
+        self._step, self._at = shadow.step.c_function_with_gil, (self.u.ctypes.data, self.y.ctypes.data)
         self.inputs, self.outputs = by_port(INPUTS, self.u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
@@ -81,7 +81,7 @@ class FilterFeed:
         self._last = t
 
 
-def followed(shadow: Shadow, samples: RobotSamples) -> Columns:
+def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
     """What the filter says at each of `samples`, by `layout.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
 
     Raises:

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Pieces
-from twin.kernel.cosim.delay import named
-from twin.kernel.cosim.port import Port, places, width
+from twin.kernel.cosim.delay import values_by_port
+from twin.kernel.cosim.port import Port, port_slices, width
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.recording.logs.log import MappedColumn
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
-from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE_PORT
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.studies.replay.model import RobotModel
@@ -43,18 +43,18 @@ from twin.studies.shadow.alarm import (
 from twin.studies.shadow.deviations import HealthyDeviation
 from twin.studies.shadow.filter_steps import FilterFeed, shadow_of
 from twin.studies.shadow.layout import OUTPUTS, STATES
-from twin.studies.shadow.mapping import NANOSECONDS
+from twin.studies.shadow.mapping import NS_PER_SECOND
 from twin.studies.shadow.reidentification import Adaptation, Reidentifier
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 
-DEVIATION = places(OUTPUTS)["deviation"]
-RARE = ("ahead", "what_if", "scale")
+DEVIATION_COLUMNS = port_slices(OUTPUTS)["deviation"]
+RARE_TOPICS = ("ahead", "what_if", "scale")
 """Topics with fewer rows than samples."""
 
 
-class OnPlant(Part, Protocol):
+class PlantPart(Part, Protocol):
     """A part that is made of a plant."""
 
     def accept(self, plant: PlantParameters) -> None:
@@ -69,7 +69,7 @@ class StateEstimate(NamedTuple):
     J: NDArray[np.float64]
 
 
-class OwnLaw:
+class OwnController:
     """The twin's own controller on the robot's counts; beside the robot's commands, if those are known.
 
     It begins with the first sample. One that joins a program under way is not where the robot's is.
@@ -94,25 +94,25 @@ class OwnLaw:
         self.happenings: list[Happening] = []
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        estimate = named(ESTIMATOR_OUTPUTS, rows["estimator"])
+        estimate = values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])
         n = len(samples.t)
         inputs = np.hstack(
-            [np.ones((n, 1)) if port == SHARE else estimate[port.name].reshape(n, -1) for port in self._inputs]
+            [np.ones((n, 1)) if port == SHARE_PORT else estimate[port.name].reshape(n, -1) for port in self._inputs]
         )
-        called = self._calls = self._called(samples.t)
+        called = self._calls = self._call_samples(samples.t)
         found = np.full((n, width(self.controller.outputs)), np.nan)
         if len(called):
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
-        omega_ref = named(self.controller.outputs, found)[OMEGA_REF.name]
+        omega_ref = values_by_port(self.controller.outputs, found)[OMEGA_REF.name]
         return {"controller": found, "residual/command": omega_ref - samples.u[:, COMMANDS]}
 
-    def held(self, sample: int) -> NDArray[np.uint8]:
+    def controller_state(self, sample: int) -> NDArray[np.uint8]:
         """All that the controller held after this one of the last samples, its pieces one after the other."""
         calls = int(np.searchsorted(self._calls, sample, side="right"))
         held: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
         return held
 
-    def _called(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
+    def _call_samples(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
         """Which of the samples at `t` (n,), s, are those of a call; one that is a little early still is."""
         T, number = self._period, np.arange(-1, len(t))
         # when the next one is due if each sample so far was one
@@ -155,7 +155,7 @@ class RobotState:
         with self._stepping:
             self._shadow.accept(plant)
 
-    def at_once(self, sample: Sample) -> None:
+    def estimate_at_once(self, sample: Sample) -> None:
         """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
@@ -166,12 +166,12 @@ class RobotState:
                 commands[k] = command
         try:
             with self._stepping:
-                self._one(sample.t / NANOSECONDS)
+                self._one(sample.t / NS_PER_SECOND)
             y = self._one.y.copy()
         except ComponentFailed:
             # of counts without a pose `Estimates` has more to say
             y = np.full(width(OUTPUTS), np.nan)
-        self._made.append((y, self._estimated.take()))
+        self._made.append((y, self._estimated.save()))
 
     def estimate(self, sample: int) -> StateEstimate:
         """After this one of the last samples."""
@@ -182,26 +182,28 @@ class RobotState:
         if self._made:
             made = [self._made.popleft() for _ in samples.t]
             self._estimates = np.array([estimated for _, estimated in made])
-            return {"shadow": self._widened(np.array([y for y, _ in made]), self._estimates, rows)}
+            return {"shadow": self._widen_deviations(np.array([y for y, _ in made]), self._estimates, rows)}
         u = samples.held_commands(self._omega_ref).u
         self._omega_ref = u[-1, COMMANDS]
         found = np.full((len(u), width(OUTPUTS)), np.nan)
         rows_made = self._stepped.rows(samples.t, u)
         found[: len(rows_made)] = rows_made
         self._estimates = self._stepped.copies[1:]
-        return {"shadow": self._widened(found, self._estimates, rows)}
+        return {"shadow": self._widen_deviations(found, self._estimates, rows)}
 
-    def _widened(self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows) -> NDArray[np.float64]:
+    def _widen_deviations(
+        self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
+    ) -> NDArray[np.float64]:
         """Rows of the filter with the deviations of a healthy robot."""
-        y, tau_l = named(OUTPUTS, found), named(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
+        y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
         J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
-        found[:, DEVIATION] = self._healthy.widened(y["deviation"], y["NIS"], y["used"], J, tau_l)
+        found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
         return found
 
 
-def own_law(experiment: Experiment) -> list[OwnLaw]:
+def own_controllers(experiment: Experiment) -> list[OwnController]:
     """The twin's own controller, if it has one of its own."""
-    return [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
+    return [] if "controller" in experiment.stand_ins else [OwnController(experiment)]
 
 
 def farthest_command(rows: Rows) -> Rows:
@@ -269,7 +271,7 @@ class AlarmWatch:
         if self._watch is None:
             self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
         else:
-            self._watch.use(t, limits)
+            self._watch.change_tolerances(t, limits)
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self.reidentifier is not None:
@@ -277,8 +279,8 @@ class AlarmWatch:
         levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
         if not self._count:
             self._first.append(samples.t)
-        residuals = named(OUTPUTS, rows["shadow"]) | farthest_command(rows)
-        for end, means in self._blocks.take(samples.t, residuals):
+        residuals = values_by_port(OUTPUTS, rows["shadow"]) | farthest_command(rows)
+        for end, means in self._blocks.add_samples(samples.t, residuals):
             at = int(np.searchsorted(samples.t, end))
             levels[begin:at], begin = self._level, at
             if not self._count:
@@ -289,7 +291,7 @@ class AlarmWatch:
             if self._watch is None or not self._is_known:
                 continue
             self.why_not = "" if self._count > FIRST_BLOCKS else self.why_not
-            for change in self._watch.take(end, means):
+            for change in self._watch.add_block(end, means):
                 self.happenings.append(Happening(end, f"{self._caution if change.alarm else ''}{change}"))
                 self.alarms += [change] if change.alarm else []
             self._level = max(self._watch.levels.values())
@@ -314,7 +316,7 @@ class AlarmWatch:
         """What the robot is believed to be from now on; the alarm listens anew after cooling down."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
-        self._watch.listen_anew(self._t)
+        self._watch.restart(self._t)
         self.happenings.append(Happening(self._t, f"accepted: {proposal}"))
         return self.reidentifier.plant
 
@@ -335,7 +337,7 @@ class Twin:
     parts: Sequence[Part]
     state: RobotState
     check: MapCheck
-    on_plant: Sequence[OnPlant] = ()
+    plant_parts: Sequence[PlantPart] = ()
     adapts: bool = False
     records_calls: bool = False
 
@@ -353,18 +355,19 @@ class Twin:
             self.accept(self.proposal)
         return rows
 
-    def recorded(self, rows: Rows) -> Rows:
+    def rows_to_record(self, rows: Rows) -> Rows:
         """Those of `rows` that are recorded."""
         if not self.records_calls or "controller" not in rows:
             return rows
         called = np.isfinite(rows["controller"]).any(axis=1, keepdims=True)
         return {
-            topic: own if topic.startswith(RARE) else np.where(called, own, math.nan) for topic, own in rows.items()
+            topic: own if topic.startswith(RARE_TOPICS) else np.where(called, own, math.nan)
+            for topic, own in rows.items()
         }
 
-    def at_once(self, sample: Sample) -> None:
+    def estimate_at_once(self, sample: Sample) -> None:
         """What does not wait for a slice."""
-        self.state.at_once(sample)
+        self.state.estimate_at_once(sample)
 
     @property
     def _reidentifier(self) -> Reidentifier | None:
@@ -376,7 +379,7 @@ class Twin:
         return self._reidentifier.proposal if self._reidentifier else None
 
     @property
-    def accepted(self) -> Sequence[Adaptation]:
+    def adaptations(self) -> Sequence[Adaptation]:
         """What it goes on with."""
         return self._reidentifier.accepted if self._reidentifier else ()
 
@@ -393,7 +396,7 @@ class Twin:
             return False
         (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))
         plant = watched.accept(proposal)
-        for part in self.on_plant:
+        for part in self.plant_parts:
             part.accept(plant)
         return True
 
@@ -411,7 +414,7 @@ def twin_of(
     where: str,
     watched: AlarmWatch | None = None,
     adapts: bool = False,
-    ahead: Callable[[OwnLaw, RobotState], OnPlant] | None = None,
+    ahead: Callable[[OwnController, RobotState], PlantPart] | None = None,
     columns: Mapping[str, MappedColumn] = {},
 ) -> Twin:
     """The twin of the robot that `experiment` describes.
@@ -423,9 +426,9 @@ def twin_of(
         ahead: makes of controller and state one part that has them and predicts; None: nothing is predicted.
         columns: column map of the robot; empty for a recording of twin.
     """
-    check = MapCheck(where, model.aware, columns)
-    laws, state, plant = own_law(experiment), RobotState(experiment), PlantModel(model)
-    followed: list[OnPlant] = [ahead(law, state) for law in laws] if ahead else []
+    check = MapCheck(where, model.belief_with_dead_zone, columns)
+    laws, state, plant = own_controllers(experiment), RobotState(experiment), PlantModel(model)
+    followed: list[PlantPart] = [ahead(law, state) for law in laws] if ahead else []
     rest: list[Part] = [*followed] if followed else [*laws, state]
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))

@@ -10,7 +10,7 @@ from tests.kernel.recording import samples
 from tests.kernel.recording.export.readers import csv_columns
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.kernel.recording.export.export import export_recording
-from twin.kernel.recording.export.table import NANOSECONDS, SignalColumn, SignalTable, row_times, write_csv
+from twin.kernel.recording.export.table import NS_PER_S, SignalColumn, SignalTable, row_times, write_csv
 from twin.kernel.recording.reader import read
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -120,11 +120,11 @@ def test_an_unfinished_recording_is_exported_as_far_as_it_goes_and_says_so(tmp_p
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"patterns": ["plnt.p_B"]}, r"--signals plnt.p_B: no such signal; did you mean 'plant.p_B'"),
+        ({"patterns": ["plnt.p_B"]}, r"no signal is called plnt.p_B; did you mean 'plant.p_B'"),
         ({"patterns": ["plant.p_C*"]}, r"did you mean 'plant.p_B'"),
         ({"patterns": ["xyz"]}, r"there are plant.\*, drive/1.\*"),
-        ({"rate": 0.0}, "--rate 0: expected rows per second, more than 0"),
-        ({"rate": float("nan")}, "--rate nan: expected rows per second"),
+        ({"rate": 0.0}, "rate 0 Hz: expected more than 0"),
+        ({"rate": float("nan")}, "rate nan Hz: expected more than 0"),
         ({"rate": 1e9}, "at most 1e\\+06 Hz"),
     ],
 )
@@ -139,15 +139,17 @@ def test_a_rate_that_only_repeats_samples_is_refused():
     # 101 samples, a wrong time in the last: 10 Hz would make 5 million rows of them
     times = 1_000_000 * np.arange(101)
     assert len(row_times([times], 100_000.0)) == 10_001
-    times[-1] = 500_000 * NANOSECONDS
-    with pytest.raises(InputRefused, match=r"^--rate 10: makes 5000001 rows out of 101 samples, over 500000 s; choose"):
+    times[-1] = 500_000 * NS_PER_S
+    with pytest.raises(
+        InputRefused, match=r"^rate 10 Hz: makes 5000001 rows out of 101 samples, over 500000 s; choose"
+    ):
         row_times([times], 10.0)
 
 
 def test_a_rate_that_fills_the_memory_is_refused():
     # 20 s at 1 kHz, all of it at 1 MHz
     times = 1_000_000 * np.arange(20_001)
-    said = r"^--rate 1e\+06: makes 20000001 rows of 150 numbers, 24 GB; choose a lower one, or fewer signals"
+    said = r"^rate 1e\+06 Hz: makes 20000001 rows of 150 numbers, 24 GB; choose a lower one, or fewer signals"
     with pytest.raises(InputRefused, match=said):
         row_times([times], 1e6, 150)
     assert len(row_times([times], 1e6, 3)) == 20_000_001
@@ -158,7 +160,7 @@ def test_rows_are_written_in_blocks_as_in_one(tmp_path: Path, monkeypatch: pytes
         np.arange(7.0), (SignalColumn("a", "1", "", np.arange(7) > 3), SignalColumn("b", "m", "", np.arange(7) / 3))
     )
     write_csv(tmp_path / "whole.csv", table)
-    monkeypatch.setattr("twin.kernel.recording.export.table.ROWS_AT_ONCE", 3)
+    monkeypatch.setattr("twin.kernel.recording.export.table.BLOCK_ROWS", 3)
     write_csv(tmp_path / "blocks.csv", table)
     assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 

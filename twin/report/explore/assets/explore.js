@@ -30,6 +30,7 @@ let shown = 0;
 let waiting = null;
 let listed = false;
 let tab = null;
+let recording = false;
 let events = [];
 
 const LOST = "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
@@ -43,6 +44,7 @@ const link = new Link(hear, (there, strange) => {
   if (!there) {
     loops.lost();
     robot.waiting = false;
+    if (recording) tellRecorded({ failed: "The server ended while the run was being recorded." });
   }
 });
 const picture = new Picture(() => askAll(), () => {
@@ -356,7 +358,7 @@ function say(sentence, bad = false) {
 }
 
 function tellRecorded(answer) {
-  element("record").disabled = false;
+  element("record").disabled = recording = false;
   if (!answer.recorded) {
     tab?.close();
     say(answer.refused ?? answer.failed, true);
@@ -391,7 +393,7 @@ function hearButtons() {
     if (name) link.ask({ op: "save", state: history.now, name });
   });
   by("record", () => {
-    element("record").disabled = true;
+    element("record").disabled = recording = true;
     say("Recording.");
     // now: a browser lets nothing open later, when the run is over
     tab = window.open("about:blank");
@@ -440,3 +442,5 @@ function settle() {
 }
 
 hearButtons();
+// where there is room beside the curves
+element("player").open = window.matchMedia("(min-width: 1100px)").matches;

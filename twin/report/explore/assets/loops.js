@@ -15,7 +15,7 @@ export class Loops {
     Object.assign(this, { box, ask, redraw, margin: null, reason: "not there yet" });
     this.point = made("select", {});
     this.point.setAttribute("aria-label", "Operating point");
-    this.table = made("div", { className: "scroll" });
+    this.table = made("div", { className: "scroll", tabIndex: 0, role: "region", ariaLabel: "Loops" });
     this.canvases = ["Gain (dB) over frequency (Hz)", "Phase (deg) over frequency (Hz)", "Nyquist diagram of the open loops; the cross is -1"].map((text) => {
       const canvas = made("canvas", { role: "img" });
       canvas.setAttribute("aria-label", text);

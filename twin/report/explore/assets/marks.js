@@ -44,6 +44,8 @@ export class FaultMarks {
     node.setAttribute("role", "slider");
     node.addEventListener("pointerdown", (event) => this.grab(event, plot, number));
     node.addEventListener("keydown", (event) => this.key(event, number));
+    // keys that are held are one movement
+    for (const end of ["keyup", "blur"]) node.addEventListener(end, () => this.release());
     plot.stage.append(node);
     return node;
   }
@@ -82,7 +84,13 @@ export class FaultMarks {
     if (later === undefined) return;
     event.preventDefault();
     event.stopPropagation();
-    this.change(number, onset + later, range && magnitude + more, true);
+    this.moving = true;
+    this.change(number, onset + later, range && magnitude + more, false);
+  }
+
+  release() {
+    if (this.moving) this.faults.changed(this.faults.list, true);
+    this.moving = false;
   }
 
   change(number, onset, magnitude, over) {

@@ -14,7 +14,7 @@ export class Score {
     this.ask = ask;
     this.judged = "";
     this.note = made("p", { className: "hint", role: "status" });
-    this.table = made("div", { className: "scroll" });
+    this.table = made("div", { className: "scroll", tabIndex: 0, role: "region", ariaLabel: "Claims" });
     box.append(this.note, this.table);
     box.addEventListener("toggle", () => this.changed());
   }

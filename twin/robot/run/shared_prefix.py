@@ -16,29 +16,29 @@ from dataclasses import replace
 import numpy as np
 
 from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.observers import LONG_SLICE, Observer, Simulated, simulate, stepped
+from twin.kernel.cosim.observers import MAX_SLICE, Observer, SimulationResult, simulate, step_until
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SystemState, stateless
+from twin.kernel.cosim.state import SystemState, stateless_reasons
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
-from twin.robot.assembly.assemble import Assembly, assemble, joined
+from twin.robot.assembly.assemble import Assembly, assemble, assemble_system
 from twin.robot.assembly.build import motions
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault
+from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault
 from twin.robot.plant.surface_motion import Body
-from twin.robot.run.branch import bring_in
+from twin.robot.run.branch import add_components
 from twin.robot.run.trace import Trace
 
-STATES = 64
+MAX_STATES = 64
 """So many of a run are kept in memory, some kilobytes each, evenly over it: the way from one to a tick is short."""
-NOT_WANTED = "sharing is switched off"
+SHARING_DISABLED = "sharing is switched off"
 
 
-SEEN_BEFORE = {"body": "surface_jump", "drive": "drive_runaway"}
+IDLE_FAULT_KINDS = {"body": "surface_jump", "drive": "drive_runaway"}
 """By the mechanism of faults that are seen before they act, one of them."""
 
 
-def before_fault(experiment: Experiment) -> Experiment:
+def prefix_experiment(experiment: Experiment) -> Experiment:
     """The run whose past `experiment` has: without its faults, or with such as never act.
 
     A surface that will move has a body from the start. A shaft behind a drive is a continuous component more: where
@@ -48,17 +48,17 @@ def before_fault(experiment: Experiment) -> Experiment:
     passed_on = cosim.scheme == "gauss_seidel" and cosim.inputs == "hold" and cosim.iterations == 1
     idle = []
     for fault in experiment.faults:
-        mechanism = CATALOGUE[fault.kind].mechanism
+        mechanism = FAULT_KINDS[fault.kind].mechanism
         if mechanism == "body" or (mechanism == "drive" and not passed_on):
-            idle.append(Fault(SEEN_BEFORE[mechanism], fault.target, onset=NEVER))
+            idle.append(Fault(IDLE_FAULT_KINDS[mechanism], fault.target, onset=NO_END_TICK))
     return replace(experiment, faults=tuple(idle))
 
 
-class SharedPast:
+class SharedPrefix:
     """A run, and others with the same past; a context manager that frees what it keeps.
 
     Args:
-        experiment: of the run; its faults never act, see `before_fault`.
+        experiment: of the run; its faults never act, see `prefix_experiment`.
         observers: of the run.
         share: False: every run is made from the start, for comparison.
 
@@ -71,13 +71,13 @@ class SharedPast:
 
     def __init__(self, experiment: Experiment, observers: Sequence[Observer] = (), share: bool = True):
         self.experiment = experiment
-        self.lacking = "" if share else NOT_WANTED
+        self.lacking = "" if share else SHARING_DISABLED
         self._assembly: Assembly | None = None
         self._states: list[SystemState] = []
         if share:
             self._make(observers)
 
-    def __enter__(self) -> "SharedPast":
+    def __enter__(self) -> "SharedPrefix":
         return self
 
     def __exit__(self, *failure: object) -> None:
@@ -92,7 +92,7 @@ class SharedPast:
         if assembly is not None:
             assembly.close()
 
-    def go_on(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> Simulated:
+    def run_variant(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> SimulationResult:
         """Run `experiment`, which does not differ from that of the past before `tick`.
 
         Args:
@@ -114,13 +114,13 @@ class SharedPast:
         state = self._states[bisect_right(self._states, tick, key=lambda state: state.tick) - 1]
         for component, memory in self._as_made:
             component.memory[...] = memory
-        system = joined(experiment, self._parts(experiment, self._assembly))
+        system = assemble_system(experiment, self._parts(experiment, self._assembly))
 
         def start(simulation: Simulation) -> None:
             self._simulation.restore(state)
-            new = simulation.take_over(self._simulation)
+            new = simulation.copy_from(self._simulation)
             if simulation.next_tick > 0:
-                bring_in(simulation, new)
+                add_components(simulation, new)
 
         done = simulate(replace(self._assembly, system=system), experiment.duration_ticks, observers, start=start)
         if done.failure and system.component(done.simulation.culprit).holders():
@@ -131,17 +131,17 @@ class SharedPast:
     def _make(self, observers: Sequence[Observer] = ()) -> None:
         self._assembly = assembly = assemble(self.experiment)
         components = assembly.system.components
-        self.lacking = "; ".join(stateless(components, portable=False))
+        self.lacking = "; ".join(stateless_reasons(components, portable=False))
         self._as_made = [(one, one.memory.copy()) for one in components if isinstance(one, NativeComponent)]
         if not self.lacking:
             try:
-                self._run(observers)
+                self._run_prefix(observers)
             except ComponentFailed as problem:
                 self.lacking = str(problem)
         if self.lacking:
             self.close()
 
-    def _run(self, observers: Sequence[Observer]) -> None:
+    def _run_prefix(self, observers: Sequence[Observer]) -> None:
         """Make the run and its states, and look whether one of them brings the same future back.
 
         Raises:
@@ -149,23 +149,25 @@ class SharedPast:
         """
         assert self._assembly is not None
         last = self.experiment.duration_ticks
-        keeper = _Keeper(last, self._states)
-        done = simulate(self._assembly, last, [keeper, *observers]).completed()
+        keeper = _StateRecorder(last, self._states)
+        done = simulate(self._assembly, last, [keeper, *observers]).require_success()
         self._simulation = done.simulation
-        if not comes_back(self._simulation, self._states[len(self._states) // 2 :]):
+        if not reproduces(self._simulation, self._states[len(self._states) // 2 :]):
             self.lacking = "from a state that was kept, a component goes on to other numbers"
 
     def _parts(self, experiment: Experiment, assembly: Assembly) -> Mapping[str, list[Component]]:
         """The components of `assembly` by row, with the surface of `experiment`, which has no state."""
-        own = bool(assembly.made["body"]) and "body" not in assembly.others
-        return {**assembly.made, "body": [Body(motions(experiment))]} if own else assembly.made
+        own = bool(assembly.components_by_row["body"]) and "body" not in assembly.third_party
+        return (
+            {**assembly.components_by_row, "body": [Body(motions(experiment))]} if own else assembly.components_by_row
+        )
 
 
-def comes_back(simulation: Simulation, states: Sequence[SystemState]) -> bool:
+def reproduces(simulation: Simulation, states: Sequence[SystemState]) -> bool:
     """Whether the first of `states`, which were taken one after the other, brings all the others back."""
     simulation.restore(states[0])
     for state in states:
-        while simulation.next_tick < state.tick and not simulation.finished:
+        while simulation.next_tick < state.tick and not simulation.is_over:
             simulation.advance(state.tick - simulation.next_tick)
         again = simulation.state()
         same = again.tick == state.tick and np.array_equal(again.memory, state.memory)
@@ -175,15 +177,15 @@ def comes_back(simulation: Simulation, states: Sequence[SystemState]) -> bool:
     return True
 
 
-def forked(
+def simulate_variants(
     make: Callable[[], Assembly],
     at: int,
     last: int,
     only: Collection[str],
     ways: Sequence[Callable[[System], None]],
     watch: Callable[[System], Sequence[Observer]] = lambda system: (),
-    slice_ticks: int = LONG_SLICE,
-) -> list[tuple[Simulated, Trace]]:
+    slice_ticks: int = MAX_SLICE,
+) -> list[tuple[SimulationResult, Trace]]:
     """Run a system once for each of `ways`, which change it at tick `at`.
 
     Args:
@@ -208,19 +210,19 @@ def forked(
             observers = [*watch(assembly.system), trace]
             for observer in observers:
                 observer.begin(simulation)
-            done = stepped(simulation, observers, at)
+            done = step_until(simulation, observers, at)
             if simulation.next_tick >= at:
                 way(assembly.system)
-                done = stepped(simulation, observers, last + 1)
+                done = step_until(simulation, observers, last + 1)
             found.append((done, trace))
     return found
 
 
-class _Keeper(Observer):
+class _StateRecorder(Observer):
     """Keeps states on the way to tick `last`, in a list."""
 
     def __init__(self, last: int, states: list[SystemState]):
-        self.halts = range(0, last + 1, math.ceil((last + 1) / STATES))
+        self.halts = range(0, last + 1, math.ceil((last + 1) / MAX_STATES))
         self._states = states
 
     def begin(self, simulation: Simulation) -> None:

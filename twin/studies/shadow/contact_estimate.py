@@ -17,46 +17,46 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.port import memory_of, record
 from twin.robot.plant.contact import dot, surface_frame
 from twin.robot.plant.contact_law import pressing_force
-from twin.robot.plant.dynamics import PARAMETERS
-from twin.studies.shadow.layout import FORCE, POSITION, TOUCHED, VELOCITY
+from twin.robot.plant.dynamics import PARAMETERS_RECORD
+from twin.studies.shadow.layout import FORCE, POSITION, TOUCH_FORCE, VELOCITY
 
-CLEAR = 1e-3
+AIR_CLEARANCE = 1e-3
 """m. Higher than that over the believed surface the robot is in free air: heights of healthy robots differ by 0.5 mm,
 and zeros of encoders by 0.05 deg are 0.2 mm."""
-TELLING = 1.5
+STIFFNESS_FORCE = 1.5
 """N. From there on the force says how stiff the surface is, below where it is."""
-DEEPEST = 0.1
+MAX_DEPTH = 0.1
 """m."""
-SOFTEST, HARDEST = 0.5, 2.0
+MIN_STIFFNESS_SHARE, MAX_STIFFNESS_SHARE = 0.5, 2.0
 """A surface is within this of the believed stiffness; what is left of a force moves the surface."""
-SMOOTH = 0.05
+SMOOTHING_TIME = 0.05
 """s over which joint angles are made smooth: the noise of an estimate would shake off what friction carries."""
-ZERO, FRICTION, MOST_FRICTION = math.radians(0.05), 0.02, 0.04
+ENCODER_ZERO, JOINT_FRICTION, MAX_FRICTION = math.radians(0.05), 0.02, 0.04
 """rad, N m. Zeros of encoders and dry friction of healthy robots lie within the first two."""
-UNSURE, FORGET = 1e-2, 0.995
+TORQUE_DEVIATION, FORGETTING_FACTOR = 1e-2, 0.995
 """N m. Deviation of one look at the springs' torques in free air; and what a look leaves of those before."""
-SLOW = 0.02
+MAX_LEARNING_SPEED = 0.02
 """m/s. Faster motions are explained by forces, too, that are none of the surface's."""
-IN_AIR = 0.15
+AIR_FORCE_DEVIATION = 0.15
 """N. How much the force of a robot in free air differs from what zeros and friction look like."""
 
-_TOUCH = record(
-    parameters=PARAMETERS, **dict.fromkeys(("p", "v", "F"), "3f8"), along=("f8", (2,)),
+_TOUCH_RECORD = record(
+    parameters=PARAMETERS_RECORD, **dict.fromkeys(("p", "v", "F"), "3f8"), along=("f8", (2,)),
     **dict.fromkeys(("depth", "up", "pressing", "wanted", "law"), "f8"),
 )  # fmt: skip
 """Position, velocity and force on the surface (SI, B); the force's parts along it; depth (m), z of the normal, force
 into it (N), the depth at which the law has that force, and the law's force at this depth."""
 
 
-@entry("nothing", _TOUCH, at_once=True)
-def _look(m):
+@entry("nothing", _TOUCH_RECORD, at_once=True)
+def _evaluate_contact(m):
     depth, e_1, e_2, n = surface_frame(m.parameters, m.p[0], m.p[1], m.p[2])
     m.depth, m.up = depth, n[2]
     m.along[0], m.along[1] = dot(e_1, m.F[0], m.F[1], m.F[2]), dot(e_2, m.F[0], m.F[1], m.F[2])
     m.pressing = -dot(n, m.F[0], m.F[1], m.F[2])
     rate = -dot(n, m.v[0], m.v[1], m.v[2])
     m.law = pressing_force(m.parameters, depth, rate)
-    low, high = 0.0, DEEPEST if m.pressing > 0.0 else 0.0
+    low, high = 0.0, MAX_DEPTH if m.pressing > 0.0 else 0.0
     while high - low > 1e-9:
         middle = 0.5 * (low + high)
         if pressing_force(m.parameters, middle, rate) < m.pressing:
@@ -74,7 +74,7 @@ def _drag(theta_l, h, count, smooth, anchors, presliding):
     """
     angles, steps, mean, held = carray(theta_l, 3 * count), carray(h, count), carray(smooth, 3), carray(anchors, 3)
     for k in range(count):
-        share = 1.0 - math.exp(-steps[k] / SMOOTH)
+        share = 1.0 - math.exp(-steps[k] / SMOOTHING_TIME)
         for leg in range(3):
             theta = angles[3 * k + leg]
             if theta == theta:
@@ -83,11 +83,11 @@ def _drag(theta_l, h, count, smooth, anchors, presliding):
                 held[leg] = min(max(start, mean[leg] - presliding), mean[leg] + presliding)
 
 
-class Surroundings:
+class ContactEstimate:
     """See the module.
 
     Args:
-        parameters: of the plant as it is believed, a record of `PARAMETERS`.
+        parameters: of the plant as it is believed, a record of `PARAMETERS_RECORD`.
 
     Attributes:
         height: of the surface over the believed one (m); NaN: it was never touched.
@@ -102,38 +102,43 @@ class Surroundings:
     def __init__(self, parameters: NDArray):
         p = parameters
         self.height = self.share = math.nan
-        self.carried = np.zeros(3)
+        self.friction_share = np.zeros(3)
         self._joints, self._anchors, self._last = np.full(3, math.nan), np.full(3, math.nan), math.nan
-        self._touch, self._z_s, self._K = memory_of(_TOUCH, parameters=p), float(p["z_s"]), float(p["K"])
+        self._touch, self._z_s, self._K = memory_of(_TOUCH_RECORD, parameters=p), float(p["z_s"]), float(p["K"])
         self._presliding = float(p["joint_presliding"])
-        zero = float(p["k_s"] * p["N"] * p["eta"] * (1.0 + p["N"])) * ZERO
+        zero = float(p["k_s"] * p["N"] * p["eta"] * (1.0 + p["N"])) * ENCODER_ZERO
         # evenly spread within
-        variances = np.array([zero**2, zero**2, zero**2, (FRICTION / 2.0) ** 2], dtype=np.float64) / 3.0
+        variances = np.array([zero**2, zero**2, zero**2, (JOINT_FRICTION / 2.0) ** 2], dtype=np.float64) / 3.0
         self._prior: NDArray[np.float64] = np.diag(np.asarray(1.0 / variances, dtype=np.float64))
         self._A, self._b = np.zeros((4, 4)), np.zeros(4)
-        self._before: NDArray[np.float64] = self._prior @ [0.0, 0.0, 0.0, float(p["joint_friction"]) or FRICTION / 2.0]
-        self._fit()
+        self._before: NDArray[np.float64] = self._prior @ [
+            0.0,
+            0.0,
+            0.0,
+            float(p["joint_friction"]) or JOINT_FRICTION / 2.0,
+        ]
+        self._solve_zeros()
 
-    def apart(self) -> "Surroundings":
+    def snapshot(self) -> "ContactEstimate":
         """As they are now, for good."""
         found = copy(self)
         found._touch = self._touch.copy()
         return found
 
-    def _fit(self) -> None:
+    def _solve_zeros(self) -> None:
         """What the looks so far make of zeros and friction."""
         found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
-        found[3] = min(max(found[3], 0.0), MOST_FRICTION)
+        found[3] = min(max(found[3], 0.0), MAX_FRICTION)
         self.zeros = found
 
     def tare(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force (3,), N, that zeros and dry friction look like."""
-        force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.carried)
+        force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
         return force
 
-    def unsure(self, J: NDArray[np.float64]) -> float:
+    def force_deviation(self, J: NDArray[np.float64]) -> float:
         """Deviation of the pressing force (N) by what is not known of zeros and dry friction."""
-        reads = np.append(J[:, 2], J[:, 2] @ self.carried)
+        reads = np.append(J[:, 2], J[:, 2] @ self.friction_share)
         return math.sqrt(float(reads @ np.linalg.solve(self._prior + self._A, reads)))
 
     def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
@@ -144,39 +149,42 @@ class Surroundings:
         _drag(angles, h, len(angles), joints, anchors, self._presliding)
         self._joints, self._anchors, self._last = joints, anchors, float(t[-1])
         carried = (joints - anchors) / self._presliding
-        self.carried = np.where(np.isnan(carried), 0.0, carried)
+        self.friction_share = np.where(np.isnan(carried), 0.0, carried)
 
     def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> None:
         """Take from an estimate what it says of the surroundings."""
-        if not abs(x[VELOCITY + 2]) < SLOW:
+        if not abs(x[VELOCITY + 2]) < MAX_LEARNING_SPEED:
             return
-        seen = self._looked_at(x, J, s_B)
-        if seen["depth"] < -CLEAR:
-            rows = np.column_stack([np.eye(3), self.carried]) / UNSURE
-            torques = np.linalg.solve(J.T, x[FORCE : FORCE + 3]) / UNSURE
-            self._A, self._b = FORGET * self._A + rows.T @ rows, FORGET * self._b + rows.T @ torques
-            self._fit()
-        elif touches(seen) and seen["pressing"] < TELLING:
-            height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + _known(self.height, 0.0)
-            self.height = min(max(height, -CLEAR), CLEAR)
+        seen = self._contact_record(x, J, s_B)
+        if seen["depth"] < -AIR_CLEARANCE:
+            rows = np.column_stack([np.eye(3), self.friction_share]) / TORQUE_DEVIATION
+            torques = np.linalg.solve(J.T, x[FORCE : FORCE + 3]) / TORQUE_DEVIATION
+            self._A, self._b = (
+                FORGETTING_FACTOR * self._A + rows.T @ rows,
+                FORGETTING_FACTOR * self._b + rows.T @ torques,
+            )
+            self._solve_zeros()
+        elif touches(seen) and seen["pressing"] < STIFFNESS_FORCE:
+            height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + _finite_or(self.height, 0.0)
+            self.height = min(max(height, -AIR_CLEARANCE), AIR_CLEARANCE)
         elif touches(seen) and math.isfinite(self.height) and seen["law"] > 0.0:
-            share = _known(self.share, 1.0) * float(seen["pressing"] / seen["law"])
-            self.share = min(max(share, SOFTEST), HARDEST)
+            share = _finite_or(self.share, 1.0) * float(seen["pressing"] / seen["law"])
+            self.share = min(max(share, MIN_STIFFNESS_SHARE), MAX_STIFFNESS_SHARE)
 
-    def settle(
+    def correct_in_air(
         self, x: NDArray[np.float64], P: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]
     ) -> None:
         """Put right, in place, an estimate of a robot in free air: however the filter explains a fast motion, there is
         no force but what zeros and friction look like. It is one more measurement; P: of the filter (15, 15), SI."""
-        if self._looked_at(x, J, s_B)["depth"] < -CLEAR:
+        if self._contact_record(x, J, s_B)["depth"] < -AIR_CLEARANCE:
             force = slice(FORCE, FORCE + 3)
-            gain = np.linalg.solve(P[force, force] + IN_AIR * IN_AIR * np.eye(3), P[force]).T
+            gain = np.linalg.solve(P[force, force] + AIR_FORCE_DEVIATION * AIR_FORCE_DEVIATION * np.eye(3), P[force]).T
             x += gain @ (self.tare(J) - x[force])
             P -= gain @ P[force]
 
     def pressing(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> float:
         """Force into the surface, N."""
-        seen = self._looked_at(x, J, s_B)
+        seen = self._contact_record(x, J, s_B)
         return float(seen["pressing"]) if touches(seen) else 0.0
 
     def contact(
@@ -193,40 +201,40 @@ class Surroundings:
             higher: added to the height (m) where the robot does not touch it.
             share: of the stiffness that it has besides.
         """
-        seen, p = self._looked_at(x, J, s_B), self._touch["parameters"][0]
+        seen, p = self._contact_record(x, J, s_B), self._touch["parameters"][0]
         if not touches(seen):
             # it is no higher than where the robot is without touching it
             above = max(0.0, float(seen["depth"]) / float(seen["up"]) + higher)
             return float(p["z_s"]) + higher - above, float(p["K"]) * share, np.zeros(2)
-        if math.isfinite(self.height) and seen["pressing"] > TELLING and seen["law"] > 0.0:
+        if math.isfinite(self.height) and seen["pressing"] > STIFFNESS_FORCE and seen["law"] > 0.0:
             felt = float(p["K"] * seen["pressing"] / seen["law"]) / self._K
-            p["K"] = self._K * min(max(felt, SOFTEST), HARDEST)
+            p["K"] = self._K * min(max(felt, MIN_STIFFNESS_SHARE), MAX_STIFFNESS_SHARE)
         p["K"] *= share
-        _look(self._touch)
+        _evaluate_contact(self._touch)
         height = float(p["z_s"]) + float(seen["wanted"] - seen["depth"]) / float(seen["up"])
         along, limit = np.array(seen["along"]), float(p["mu"] * seen["pressing"])
         size = float(np.hypot(*along))
         return height, float(p["K"]), along / float(p["sigma_0"]) * (min(1.0, limit / size) if size else 1.0)
 
-    def _looked_at(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
+    def _contact_record(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
         """The contact as the estimate has it, less what zeros and friction look like, on the surface as it is known.
 
         Returns:
-            A record of `_TOUCH`.
+            A record of `_TOUCH_RECORD`.
         """
         seen: NDArray = self._touch[0]
         seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
         seen["F"] = x[FORCE : FORCE + 3] - self.tare(J)
         p = seen["parameters"]
-        p["z_s"], p["K"] = self._z_s + _known(self.height, 0.0), self._K * _known(self.share, 1.0)
-        _look(self._touch)
+        p["z_s"], p["K"] = self._z_s + _finite_or(self.height, 0.0), self._K * _finite_or(self.share, 1.0)
+        _evaluate_contact(self._touch)
         return seen
 
 
-def _known(value: float, otherwise: float) -> float:
+def _finite_or(value: float, otherwise: float) -> float:
     return otherwise if math.isnan(value) else value
 
 
 def touches(seen: NDArray) -> bool:
     """Whether the robot presses on the surface, and not on air by the zeros of its encoders."""
-    return bool(seen["pressing"] > TOUCHED and seen["depth"] > -CLEAR)
+    return bool(seen["pressing"] > TOUCH_FORCE and seen["depth"] > -AIR_CLEARANCE)

@@ -26,47 +26,47 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import call_step, doubles_at, step_function
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.black_box import INPUTS_AT
-from twin.kernel.process.job import WAITING
+from twin.kernel.process.job import MAX_WAIT_RATIO
 
-_NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
+_SYSCALL_NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
 """By processor: numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""
-_WAIT, _WAKE = 0, 1
+_FUTEX_WAIT, _FUTEX_WAKE = 0, 1
 _P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
 _integers = pointer_to(np.int64)
-ASKED, HOST_ASLEEP, CLOSED = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
-ANSWERED, CALLER_ASLEEP, STATUS = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
-_TIME, _INPUTS = INPUTS_AT + 128, INPUTS_AT + 144
-NAP = 0.02
+ASKED_OFFSET, HOST_ASLEEP_OFFSET, CLOSED_OFFSET = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
+ANSWERED_OFFSET, CALLER_ASLEEP_OFFSET, STATUS_OFFSET = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
+_TIME_OFFSET, _INPUTS_OFFSET = INPUTS_AT + 128, INPUTS_AT + 144
+SLEEP_INTERVAL = 0.02
 """How long (s) either side sleeps before it looks whether the other still lives."""
-DIED, STUCK = 1 << 20, 1 << 21
+HOST_DIED, HOST_STUCK = 1 << 20, 1 << 21
 """Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
-IDLE, STOPPED, ORDERED = 1 << 22, 1 << 23, 1 << 24
+SERVE_IDLE, SERVE_STOPPED, SERVE_ORDERED = 1 << 22, 1 << 23, 1 << 24
 """What `serve` returns besides statuses: no question for a while, no more questions at all, or an order, which is a
 question with a step of `NO_STEP` and the order's number for its time."""
 NO_STEP = -1.0
-CALLER = np.dtype(
+CALLER_TYPE = np.dtype(
     [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
     align=True,
 )
 """Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
-until the host is taken for stuck, if it has been on a processor for as long, else `WAITING` times as many; address of
-their length; see `futex.kernel` and `futex.has_ended`; the host, and the clock of its time on a processor."""
+until the host is taken for stuck, if it has been on a processor for as long, else `MAX_WAIT_RATIO` times as many; address of
+their length; see `futex.kernel` and `futex.is_zombie`; the host, and the clock of its time on a processor."""
 
 
-def kernel() -> np.ndarray:
+def syscall_numbers() -> np.ndarray:
     """How compiled code reaches the kernel: address of libc's `syscall`, numbers of futex, waitid and clock_gettime,
     (4,) int64.
 
     Raises:
         InputRefused: this system has none.
     """
-    if sys.platform != "linux" or platform.machine() not in _NUMBERS:
+    if sys.platform != "linux" or platform.machine() not in _SYSCALL_NUMBERS:
         raise InputRefused(
-            f"drives in processes of their own need Linux on {' or '.join(_NUMBERS)}, this is {sys.platform} on "
+            f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} on "
             f"{platform.machine()}; use --isolate run, and drives that allow three instances per process"
         )
     syscall = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
-    return np.array([syscall, *_NUMBERS[platform.machine()]], dtype=np.int64)
+    return np.array([syscall, *_SYSCALL_NUMBERS[platform.machine()]], dtype=np.int64)
 
 
 @intrinsic
@@ -102,7 +102,7 @@ def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
 
 
 @njit(cache=True, nogil=True)
-def tell(kernel, word, asleep, value):
+def set_and_wake(kernel, word, asleep, value):
     """Set `word` to `value` and wake who waits for it.
 
     Args:
@@ -113,15 +113,15 @@ def tell(kernel, word, asleep, value):
     if load(asleep) != 0:
         store(asleep, 0)
         call = carray(_integers(kernel), 4)
-        _syscall(call[0], call[1], word, _WAKE, 1, 0, 0)
+        _syscall(call[0], call[1], word, _FUTEX_WAKE, 1, 0, 0)
 
 
 @njit(cache=True, nogil=True)
-def seen(kernel, word, asleep, value, patience):
+def wait_once(kernel, word, asleep, value, patience):
     """Whether `word` is `value`, or became it while this slept once.
 
     Args:
-        patience: address of a `struct timespec`, how long to sleep. The rest as for `tell`.
+        patience: address of a `struct timespec`, how long to sleep. The rest as for `set_and_wake`.
     """
     present = load(word)
     if present == value:
@@ -129,13 +129,13 @@ def seen(kernel, word, asleep, value, patience):
     store(asleep, 1)
     if load(word) == present:
         call = carray(_integers(kernel), 4)
-        _syscall(call[0], call[1], word, _WAIT, present, patience, 0)
+        _syscall(call[0], call[1], word, _FUTEX_WAIT, present, patience, 0)
     store(asleep, 0)
     return load(word) == value
 
 
 @njit(cache=True, nogil=True)
-def has_ended(kernel, pid, info):
+def is_zombie(kernel, pid, info):
     """Whether the child process `pid` has ended; it can still be waited for.
 
     Args:
@@ -148,7 +148,7 @@ def has_ended(kernel, pid, info):
 
 
 @njit(cache=True, nogil=True)
-def time_of(kernel, clock, info):
+def clock_time(kernel, clock, info):
     """Of a clock (s); 0 if there is no such clock.
 
     Args:
@@ -168,7 +168,7 @@ def timespec(seconds: float) -> np.ndarray:
 _i32 = pointer_to(np.int32)
 
 
-class Page:
+class SharedPage:
     """The page in this process.
 
     Args:
@@ -181,14 +181,14 @@ class Page:
     """
 
     def __init__(self, fd: int, inputs: int, outputs: int):
-        self._fd, self._end = fd, _INPUTS + 8 * (inputs + outputs)
+        self._fd, self._end = fd, _INPUTS_OFFSET + 8 * (inputs + outputs)
         size = self._end
         os.ftruncate(fd, max(size, os.fstat(fd).st_size))
         # the array keeps the mapping alive
         self._bytes = np.frombuffer(mmap.mmap(fd, size), dtype=np.uint8)
         self.address = self._bytes.ctypes.data
         self.inputs, self.outputs = inputs, outputs
-        self.kernel, self.nap = kernel(), timespec(NAP)
+        self.kernel, self.nap = syscall_numbers(), timespec(SLEEP_INTERVAL)
         self.number = np.ones(1, dtype=np.int64)
 
     def clear(self) -> None:
@@ -198,13 +198,13 @@ class Page:
     @property
     def order(self) -> int:
         """The number of the order that `serve` returned for."""
-        return int(self._bytes[_TIME : _TIME + 8].view(np.float64)[0])
+        return int(self._bytes[_TIME_OFFSET : _TIME_OFFSET + 8].view(np.float64)[0])
 
-    def put(self, content: bytes) -> None:
-        """Leave `content` behind the page, for the other side to `get`; instead of what was left before."""
+    def write_content(self, content: bytes) -> None:
+        """Leave `content` behind the page, for the other side to `read_content`; instead of what was left before."""
         os.pwrite(self._fd, struct.pack("<Q", len(content)) + content, self._end)
 
-    def get(self) -> bytes:
+    def read_content(self) -> bytes:
         """What the other side has left."""
         (length,) = struct.unpack("<Q", os.pread(self._fd, 8, self._end))
         return os.pread(self._fd, length, self._end + 8)
@@ -215,41 +215,45 @@ class Page:
 
     def close(self) -> None:
         """Let the host's `serve` return STOPPED."""
-        self._bytes[CLOSED] = 1
+        self._bytes[CLOSED_OFFSET] = 1
 
 
 @njit(cache=True, inline="always")
-def following(number):
+def next_number(number):
     # a word has 31 bits for it
     return (number + 1) & 0x7FFFFFFF
 
 
-@step_function(CALLER)
+@step_function(CALLER_TYPE)
 def ask(m, t, h, u, y):
     """A component's step: let the host do it."""
     page = m.page
-    times, there = carray(doubles_at(page + _TIME), 2), carray(doubles_at(page + _INPUTS), m.inputs + m.outputs)
+    times, there = (
+        carray(doubles_at(page + _TIME_OFFSET), 2),
+        carray(doubles_at(page + _INPUTS_OFFSET), m.inputs + m.outputs),
+    )
     u_, y_ = carray(u, m.inputs), carray(y, m.outputs)
     times[0], times[1] = t, h
     for j in range(m.inputs):
         there[j] = u_[j]
-    m.number = following(m.number)
-    tell(m.kernel, page + ASKED, page + HOST_ASLEEP, m.number)
+    m.number = next_number(m.number)
+    set_and_wake(m.kernel, page + ASKED_OFFSET, page + HOST_ASLEEP_OFFSET, m.number)
     naps, used = 0, 0.0
-    while not seen(m.kernel, page + ANSWERED, page + CALLER_ASLEEP, m.number, m.nap):
+    while not wait_once(m.kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, m.number, m.nap):
         naps += 1
-        if has_ended(m.kernel, m.pid, m.info):
-            return DIED
+        if is_zombie(m.kernel, m.pid, m.info):
+            return HOST_DIED
         if naps == 1:
-            used = time_of(m.kernel, m.clock, m.info)
+            used = clock_time(m.kernel, m.clock, m.info)
         # the first nap is not counted
         if naps > m.naps and (
-            naps > WAITING * m.naps or time_of(m.kernel, m.clock, m.info) - used > NAP * (m.naps - 1)
+            naps > MAX_WAIT_RATIO * m.naps
+            or clock_time(m.kernel, m.clock, m.info) - used > SLEEP_INTERVAL * (m.naps - 1)
         ):
-            return STUCK
+            return HOST_STUCK
     for j in range(m.outputs):
         y_[j] = there[m.inputs + j]
-    return carray(_i32(page + STATUS), 1)[0]
+    return carray(_i32(page + STATUS_OFFSET), 1)[0]
 
 
 @entry("int", "int", "int", "int", "int", "integers", "int", "int")
@@ -266,17 +270,17 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
         Status, or IDLE, STOPPED or ORDERED, with `numbers[0]` the next question's, or the order's to be answered.
     """
     number = carray(numbers, 1)
-    times = carray(doubles_at(page + _TIME), 2)
+    times = carray(doubles_at(page + _TIME_OFFSET), 2)
     while True:
-        if not seen(kernel, page + ASKED, page + HOST_ASLEEP, number[0], nap):
-            return STOPPED if carray(_i32(page + CLOSED), 1)[0] else IDLE
+        if not wait_once(kernel, page + ASKED_OFFSET, page + HOST_ASLEEP_OFFSET, number[0], nap):
+            return SERVE_STOPPED if carray(_i32(page + CLOSED_OFFSET), 1)[0] else SERVE_IDLE
         if times[1] == NO_STEP:
-            return ORDERED
-        u = page + _INPUTS
+            return SERVE_ORDERED
+        u = page + _INPUTS_OFFSET
         status = call_step(step, memory, times[0], times[1], u, u + 8 * inputs)
-        carray(_i32(page + STATUS), 1)[0] = status
-        tell(kernel, page + ANSWERED, page + CALLER_ASLEEP, number[0])
-        number[0] = following(number[0])
+        carray(_i32(page + STATUS_OFFSET), 1)[0] = status
+        set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])
+        number[0] = next_number(number[0])
         if status != 0 and status != 1:
             return status
 
@@ -285,6 +289,6 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
 def answer(page, status, numbers, kernel):
     """Answer the question of `numbers[0]` with `status`; arguments as those of `serve`."""
     number = carray(numbers, 1)
-    carray(_i32(page + STATUS), 1)[0] = status
-    tell(kernel, page + ANSWERED, page + CALLER_ASLEEP, number[0])
-    number[0] = following(number[0])
+    carray(_i32(page + STATUS_OFFSET), 1)[0] = status
+    set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])
+    number[0] = next_number(number[0])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli.app import carried_out
-from twin.studies.left_behind import SCRATCH, clear, held_folder
+from twin.cli.app import run_command_line
+from twin.studies.stale_files import FOLDER_PREFIX, held_folder, remove_stale_folders
 
 
 @pytest.fixture
@@ -32,34 +32,34 @@ def left(home: Path) -> set[str]:
 
 
 def test_what_nobody_holds_goes(home: Path):
-    folder(home, f"{SCRATCH}a")
-    clear()
+    folder(home, f"{FOLDER_PREFIX}a")
+    remove_stale_folders()
     assert left(home) == set()
 
 
 def test_what_is_held_is_young_or_has_another_name_stays(home: Path):
-    at_work = folder(home, f"{SCRATCH}at_work")
+    at_work = folder(home, f"{FOLDER_PREFIX}at_work")
     held = os.open(at_work / "pipe", os.O_RDWR)
-    folder(home, f"{SCRATCH}young", age=1.0)
+    folder(home, f"{FOLDER_PREFIX}young", age=1.0)
     folder(home, "other")
-    (home / f"{SCRATCH}link").symlink_to(home / "other")
+    (home / f"{FOLDER_PREFIX}link").symlink_to(home / "other")
     before = left(home)
-    clear()
+    remove_stale_folders()
     assert left(home) == before
     os.close(held)
-    clear()
-    assert before - left(home) == {f"{SCRATCH}at_work"}
+    remove_stale_folders()
+    assert before - left(home) == {f"{FOLDER_PREFIX}at_work"}
 
 
 def test_a_folder_is_held_until_the_end_of_its_block(home: Path):
     with held_folder() as name:
         os.utime(name, (0.0, 0.0))
-        clear()
+        remove_stale_folders()
         assert name.is_dir()
     assert left(home) == set()
 
 
 def test_a_command_clears(home: Path):
-    folder(home, f"{SCRATCH}a")
-    assert carried_out(["--version"]) in (None, 0)
+    folder(home, f"{FOLDER_PREFIX}a")
+    assert run_command_line(["--version"]) in (None, 0)
     assert left(home) == set()

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.errors import InputRefused, plain
-from twin.studies.command import Asked
+from twin.kernel.errors import InputRefused, terminal_text
+from twin.studies.command import ArgumentValues
 
 
-def load_experiments(asked: Asked) -> None:
+def load_experiments(asked: ArgumentValues) -> None:
     """See whether each experiment can be loaded with each drive, the settings and the body; see `load_experiment`.
 
     Raises:
@@ -23,13 +23,13 @@ def load_experiments(asked: Asked) -> None:
     """
     from twin.robot.assembly.load import load_experiment
 
-    for experiment in _named(asked, "experiment"):
-        for drive in _named(asked, "drive") or (None,):
+    for experiment in _argument_values(asked, "experiment"):
+        for drive in _argument_values(asked, "drive") or (None,):
             for body in asked.get("bodies") or (asked.get("body"),):
                 load_experiment(experiment, asked.get("settings") or (), drive, body)
 
 
-def find_experiments(asked: Asked) -> None:
+def find_experiments(asked: ArgumentValues) -> None:
     """See whether the files of experiments are there, and those that they extend; what they say is the study's.
 
     Raises:
@@ -38,11 +38,11 @@ def find_experiments(asked: Asked) -> None:
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import read_source
 
-    for experiment in _named(asked, "experiment"):
+    for experiment in _argument_values(asked, "experiment"):
         read_source(experiment_file(experiment))
 
 
-def find_logs(asked: Asked) -> None:
+def find_logs(asked: ArgumentValues) -> None:
     """See whether there is anything at the path of each log: recordings, bags, files of others.
 
     Raises:
@@ -60,7 +60,7 @@ def find_logs(asked: Asked) -> None:
         recording_in(log)
 
 
-def print_latest(asked: Asked) -> dict[str, Any]:
+def print_latest(asked: ArgumentValues) -> dict[str, Any]:
     """Print to standard error which run is read as the latest, and which settings were changed in it.
 
     Nothing is printed of a file, of a run's own folder, or of a path that is no folder of runs: reading refuses that.
@@ -83,17 +83,21 @@ def print_latest(asked: Asked) -> dict[str, Any]:
             run = stored_run(recording)
             changed = run.words[1:]
             made = f", made with {shlex.join(changed)}" if changed else ""
-            print(plain(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)
+            print(terminal_text(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)
             found.append({"run": str(path / run.folder.name), "changed": changed})
     return {"read": found} if found else {}
 
 
-def _logs(asked: Asked) -> Sequence[Path]:
+def _logs(asked: ArgumentValues) -> Sequence[Path]:
     # of shadow a log is one of several sources, as text
-    return _named(asked, "log") or _named(asked, "run") or [Path(text) for text in _named(asked, "source")]
+    return (
+        _argument_values(asked, "log")
+        or _argument_values(asked, "run")
+        or [Path(text) for text in _argument_values(asked, "source")]
+    )
 
 
-def _named(asked: Asked, name: str) -> Sequence:
+def _argument_values(asked: ArgumentValues, name: str) -> Sequence:
     """Values of an argument, or of that of several such."""
     one = asked.get(name)
     return asked.get(f"{name}s") or () if one is None else [one]

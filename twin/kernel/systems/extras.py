@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.ssp.flat import Hop
+from twin.kernel.ssp.flat import UnitStep
 from twin.kernel.ssp.structure import Endpoint
 
 
@@ -24,12 +24,12 @@ class Feed:
     source: str
     by: str
     unit: str = ""
-    hops: tuple[Hop, ...] = ()
+    hops: tuple[UnitStep, ...] = ()
     size: int = 1
 
 
 @dataclass(frozen=True)
-class Beside:
+class SystemExtras:
     """All of it.
 
     Attributes:
@@ -54,9 +54,9 @@ class Beside:
     ignored: tuple[str, ...] = ()
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def __add__(self, other: "Beside") -> "Beside":
+    def __add__(self, other: "SystemExtras") -> "SystemExtras":
         """Both together."""
-        return Beside(
+        return SystemExtras(
             self.components + other.components,
             self.feeds + other.feeds,
             self.drains + other.drains,

@@ -12,15 +12,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-SCRATCH = "twin_scratch_"
+FOLDER_PREFIX = "twin_scratch_"
 """Beginning of a folder's name."""
 MIN_AGE = 60.0
 """Minimum age (s) of a folder that is removed: a younger one may not have its pipe yet."""
 
 
-def clear() -> None:
+def remove_stale_folders() -> None:
     """Remove the folders of killed studies of this user."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
+    for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
         # another command may remove it at the same time
         with suppress(OSError):
             found = folder.lstat()
@@ -42,7 +42,7 @@ def _is_held(folder: Path) -> bool:
 @contextmanager
 def held_folder() -> Iterator[Path]:
     """Yield a temporary folder, held until the end of the block and then removed."""
-    with tempfile.TemporaryDirectory(prefix=SCRATCH, ignore_cleanup_errors=True) as folder:
+    with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX, ignore_cleanup_errors=True) as folder:
         pipe = Path(folder) / "held"
         os.mkfifo(pipe)
         # at both ends, which does not block

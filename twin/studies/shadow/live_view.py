@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import named
+from twin.kernel.atomic_write import json_text
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.messages import MessageForm, Topic
 from twin.kernel.recording.recorder import RowStream, port_fields
-from twin.kernel.writing import json_text
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.robot.scene import (
-    FRAMES,
-    POSE,
-    WIDTH,
+    ARROWS_WIDTH,
+    POSE_SIZE,
+    SCENE_FRAMES,
     Drawing,
     arrows,
     force_example,
@@ -32,18 +32,18 @@ from twin.robot.scene import (
     transforms_example,
 )
 from twin.studies.replay.parts import Happening, Rows
-from twin.studies.replay.recording import TICK
-from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
+from twin.studies.replay.recording import NANOSECOND_TICK
+from twin.studies.shadow import ACCEPT_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER, PROPOSAL_PARAMETER
 from twin.studies.shadow.reidentification import Adaptation
 
 if TYPE_CHECKING:
     from twin.robot.live.server import LiveServer
 
-MODEL = "plant/"
+MODEL_PREFIX = "plant/"
 """Before the frames of the twin's plant model; those of the robot have the names that they have in a run."""
 
 
-class Proposes(Protocol):
+class ProposingTwin(Protocol):
     """A twin that proposes to change itself."""
 
     @property
@@ -51,7 +51,7 @@ class Proposes(Protocol):
         """What waits for an answer; its text is a sentence. Read by any thread."""
 
     @property
-    def accepted(self) -> Sequence[Adaptation]:
+    def adaptations(self) -> Sequence[Adaptation]:
         """What was accepted so far, by whatever way. Read by any thread."""
 
     def accept(self, proposal: Any, /) -> bool:
@@ -86,16 +86,21 @@ class AcceptButton:
         line: how it goes.
     """
 
-    def __init__(self, twin: Proposes | None):
+    def __init__(self, twin: ProposingTwin | None):
         self._twin, self.line = twin, ""
         self._asked: object | None = None
         self._lock = threading.Lock()
 
     def values(self) -> Mapping[str, bool | float | str]:
         """As of `Parameters`."""
-        accepted = accepted_values(self._twin.accepted if self._twin else ())
-        proposal = str(self._open() or "")
-        return {ACCEPT: self._asked is not None, PROPOSAL: proposal, ACCEPTED: accepted, LINE: self.line}
+        accepted = accepted_values(self._twin.adaptations if self._twin else ())
+        proposal = str(self._open_proposal() or "")
+        return {
+            ACCEPT_PARAMETER: self._asked is not None,
+            PROPOSAL_PARAMETER: proposal,
+            ACCEPTED_PARAMETER: accepted,
+            LINE_PARAMETER: self.line,
+        }
 
     def request(self, name: str, value: object, /) -> None:
         """As of `Parameters`: true accepts the proposal that is open now, and no other.
@@ -103,15 +108,21 @@ class AcceptButton:
         Raises:
             InputRefused: it is no button, no boolean, or there is no proposal.
         """
-        if name in (PROPOSAL, ACCEPTED, LINE):
-            raise InputRefused(f"{name} is the twin's to say; {ACCEPT} = true accepts what {PROPOSAL} says")
-        if name != ACCEPT:
-            raise InputRefused(f"{name}: no such parameter; {nearest(name, [ACCEPT], f'there is {ACCEPT}')}")
+        if name in (PROPOSAL_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER):
+            raise InputRefused(
+                f"{name} is the twin's to say; {ACCEPT_PARAMETER} = true accepts what {PROPOSAL_PARAMETER} says"
+            )
+        if name != ACCEPT_PARAMETER:
+            raise InputRefused(
+                f"{name}: no such parameter; {nearest(name, [ACCEPT_PARAMETER], f'there is {ACCEPT_PARAMETER}')}"
+            )
         if not isinstance(value, bool):
-            raise InputRefused(f"{ACCEPT} = {value!r}: expected true, which accepts what {PROPOSAL} says")
-        proposal = self._open()
+            raise InputRefused(
+                f"{ACCEPT_PARAMETER} = {value!r}: expected true, which accepts what {PROPOSAL_PARAMETER} says"
+            )
+        proposal = self._open_proposal()
         if value and proposal is None:
-            raise InputRefused(f"{ACCEPT}: there is no proposal to accept")
+            raise InputRefused(f"{ACCEPT_PARAMETER}: there is no proposal to accept")
         with self._lock:
             self._asked = proposal if value else None
 
@@ -123,7 +134,7 @@ class AcceptButton:
             return None
         return "" if self._twin.accept(asked) else f"not accepted, for it is not open any more: {asked}"
 
-    def _open(self) -> object | None:
+    def _open_proposal(self) -> object | None:
         return self._twin.proposal if self._twin else None
 
 
@@ -142,12 +153,12 @@ class TwoRobots:
         self._geometry, self._places = geometry_of(experiment.plant), places
         self._surface = surface_pose(experiment.contact)[None]
         robot = scene_update(self._geometry, experiment.contact)
-        robot.MergeFrom(second_robot(MODEL, robot))
+        robot.MergeFrom(second_robot(MODEL_PREFIX, robot))
         self.forms: Sequence[MessageForm] = (
             MessageForm("scene", robot, 0, 1),
-            MessageForm("tf", transforms_example(), POSE * len(FRAMES), 1),
-            MessageForm(f"{MODEL}tf", transforms_example(MODEL), POSE * len(FRAMES), 1),
-            MessageForm("force", force_example(), WIDTH, 1),
+            MessageForm("tf", transforms_example(), POSE_SIZE * len(SCENE_FRAMES), 1),
+            MessageForm(f"{MODEL_PREFIX}tf", transforms_example(MODEL_PREFIX), POSE_SIZE * len(SCENE_FRAMES), 1),
+            MessageForm("force", force_example(), ARROWS_WIDTH, 1),
         )
         # what is compiled is loaded before the first sample comes
         list(self.drawings(0, np.zeros((1, max(place.stop for place in places.values())))))
@@ -155,10 +166,10 @@ class TwoRobots:
     def drawings(self, first: int, rows: NDArray[np.float64], /) -> Iterator[Drawing]:
         """As of `Drawn`, of one row; a robot whose pose is not known is not drawn."""
         yield Drawing("scene", first, np.empty((1, 0)))
-        robot = named(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
-        model = named(MOTION, rows[:, self._places["plant"]])
+        robot = values_by_port(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
+        model = values_by_port(MOTION, rows[:, self._places["plant"]])
         known = []
-        for name, its in (("tf", robot), (f"{MODEL}tf", model)):
+        for name, its in (("tf", robot), (f"{MODEL_PREFIX}tf", model)):
             known.append(bool(np.all(np.isfinite(its["theta_l"])) and np.all(np.isfinite(its["p_B"]))))
             if known[-1]:
                 frames = poses(self._geometry, its["theta_l"], its["p_B"], self._surface)
@@ -182,7 +193,7 @@ class ShadowViewer:
         server: "LiveServer",
         topics: Mapping[str, tuple[Port, ...]],
         experiment: Experiment,
-        twin: Proposes | None = None,
+        twin: ProposingTwin | None = None,
     ):
         self._server, self._button = server, AcceptButton(twin)
         self._places, whole, end = dict[str, slice](), list[bool](), 0
@@ -191,23 +202,23 @@ class ShadowViewer:
             whole += [port.kind != "double" for port in ports for _ in range(port.size)]
             self._places[name] = slice(end, end := len(whole))
             streams.append(RowStream(Topic(name, port_fields(ports), 1), self._places[name]))
-        self._whole, self._answers = np.array(whole), {PROPOSAL: "", ACCEPTED: accepted_values(())}
+        self._whole, self._answers = np.array(whole), {PROPOSAL_PARAMETER: "", ACCEPTED_PARAMETER: accepted_values(())}
         # of a topic that has said nothing yet there is no number; what is no fraction has no sign for that
         self._row = np.where(self._whole, 0.0, np.nan)[None]
         self._tick = 0
-        server.begin(streams, TwoRobots(experiment, self._places), TICK, self._button)
+        server.begin(streams, TwoRobots(experiment, self._places), NANOSECOND_TICK, self._button)
 
     def press(self) -> str:
         """Accept what was asked for: a sentence if that was not done."""
         text = self._button.press()
         if text is not None:
-            self._server.tell([ACCEPT, PROPOSAL, ACCEPTED])
+            self._server.send_parameters([ACCEPT_PARAMETER, PROPOSAL_PARAMETER, ACCEPTED_PARAMETER])
         return text or ""
 
     def say(self, line: str) -> None:
         """How it goes, as in the terminal."""
         self._button.line = line
-        self._server.tell([LINE])
+        self._server.send_parameters([LINE_PARAMETER])
 
     def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
         """Samples at `times` (n,), ns, maybe none, what the twin made of them, and what has happened."""
@@ -218,10 +229,10 @@ class ShadowViewer:
                 self._row[0, self._places[topic]] = newest
         self._row[0, self._whole & np.isnan(self._row[0])] = 0.0
         self._tick = int(times[-1]) if len(times) else self._tick
-        events = [TickEvent(max(0, round(one.t / TICK)), "WARNING", one.text, "shadow") for one in happened]
+        events = [TickEvent(max(0, round(one.t / NANOSECOND_TICK)), "WARNING", one.text, "shadow") for one in happened]
         self._server.show(self._tick, self._row, events)
         values = self._button.values()
         changed = [name for name, before in self._answers.items() if values[name] != before]
         if changed:
             self._answers |= {name: str(values[name]) for name in changed}
-            self._server.tell(changed)
+            self._server.send_parameters(changed)

@@ -7,23 +7,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.robot.places import located
-from twin.studies.result import Column, Table, laid_out
+from twin.robot.paths import locate_file
+from twin.studies.result import Column, Table, lay_out
 
 if TYPE_CHECKING:
     from twin.kernel.fmi.variable import Variable
     from twin.robot.assembly.drives import DrivePlan
 
-WIDTH = 80
+TEXT_WIDTH = 80
 
 
 def drive_facts(plan: "DrivePlan") -> dict[str, object]:
-    from twin.kernel.fmi.description import abilities
+    from twin.kernel.fmi.description import capability_rows
     from twin.kernel.fmi.variable import to_json
 
     return {
         "command": plan.table.command,
-        **_whole(plan),
+        **_ssp_facts(plan),
         "fmus": [
             {
                 "part": part,
@@ -38,7 +38,7 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
                 "description": fmu.model.description,
                 "generation_tool": fmu.model.generationTool,
                 "platforms": list(fmu.platforms),
-                "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
+                "abilities": [f"{name}: {text}" for name, text in capability_rows(fmu)],
                 "parameters": {v.name: _parameter(v) for v in fmu.parameters},
                 "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
                 # a file by itself, which one in an archive is not
@@ -61,7 +61,7 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
     }
 
 
-def _whole(plan: "DrivePlan") -> dict[str, object]:
+def _ssp_facts(plan: "DrivePlan") -> dict[str, object]:
     """Of a drive that is an SSP."""
     system = plan.system
     return {"ssp": {"file": str(system.path), "sha256": system.sha256, "version": system.version}} if system else {}
@@ -75,9 +75,9 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def drive_text(plan: "DrivePlan") -> str:
-    from twin.kernel.fmi.description import KIND_NAMES, abilities
+    from twin.kernel.fmi.description import KIND_NAMES, capability_rows
     from twin.kernel.fmi.variable import to_json
-    from twin.robot.assembly.drives import qualified
+    from twin.robot.assembly.drives import qualified_name
 
     lines: list[str] = []
     if plan.system is not None:
@@ -86,11 +86,11 @@ def drive_text(plan: "DrivePlan") -> str:
         lines += [
             f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
             f"FMI {fmu.model.fmiVersion} {KIND_NAMES[fmu.kind]}",
-            *textwrap.wrap(fmu.model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
+            *textwrap.wrap(fmu.model.description or "", TEXT_WIDTH, initial_indent="  ", subsequent_indent="  "),
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",
             f"  made with  {fmu.model.generationTool or 'not stated'}",
-            *(f"  {name:<9}  {text}" for name, text in abilities(fmu)),
+            *(f"  {name:<9}  {text}" for name, text in capability_rows(fmu)),
             *_solver_lines(plan, part),
             "",
         ]
@@ -98,13 +98,13 @@ def drive_text(plan: "DrivePlan") -> str:
     for b in plan.bindings:
         arrow = "<-" if b.role.causality == "input" else "->"
         unit = f"[{b.variable.unit}]" if b.variable.unit else "[no unit]"
-        lines.append(f"  {b.port.name:10} {arrow} {b.mapped_name:20} {unit:9} {b.port.meaning}"[:WIDTH])
+        lines.append(f"  {b.port.name:10} {arrow} {b.mapped_name:20} {unit:9} {b.port.meaning}"[:TEXT_WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
         texts = [
             (v, v.format_value(value) if isinstance(value, float) else str(to_json(value))) for v, value in settings
         ]
-        lines += [f"  {qualified(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
+        lines += [f"  {qualified_name(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
     for part, fmu in plan.parts.items():
         offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
@@ -114,10 +114,12 @@ def drive_text(plan: "DrivePlan") -> str:
             head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
             about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
-            lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+            lines += textwrap.wrap(about or "-", TEXT_WIDTH, initial_indent=head, subsequent_indent=indent)
     fmus = plan.parts.values() if plan.system is None else ()
     warnings = plan.warnings() + [text for fmu in fmus for text in fmu.warnings()]
-    lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
+    lines += [
+        line for text in warnings for line in textwrap.wrap(f"warning: {text}", TEXT_WIDTH, subsequent_indent="  ")
+    ]
     return "\n".join(lines)
 
 
@@ -144,10 +146,10 @@ def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
     return [f"  solver     ours, {solver.method}, {how}; {size}"]
 
 
-SHELF = "fmus"
+DRIVES_FOLDER = "fmus"
 
 
-class ShelvedDrive(NamedTuple):
+class ListedDrive(NamedTuple):
     """A drive's folder.
 
     Attributes:
@@ -168,21 +170,21 @@ class ShelvedDrive(NamedTuple):
     problem: str = ""
 
 
-def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
+def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
     """The drives of fmus/, as seen from folder `start` upwards, by name.
 
     Raises:
         InputRefused: there is no fmus/.
     """
-    shelf = located(SHELF, start)
+    shelf = locate_file(DRIVES_FOLDER, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
-    from twin.robot.experiment.drive_files import drives_in
+    from twin.robot.experiment.drive_files import drive_names
 
-    return tuple(_drive(shelf / name) for name in drives_in(shelf))
+    return tuple(_drive(shelf / name) for name in drive_names(shelf))
 
 
-COLUMNS = (
+DRIVE_COLUMNS = (
     Column("drive", left=True),
     Column("fits", 4, left=True, gap=2),
     Column("kind", 5, left=True, gap=2),
@@ -192,26 +194,26 @@ COLUMNS = (
 )
 
 
-def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
+def drives_text(drives: Sequence[ListedDrive]) -> str:
     """One line per drive, a second one where the description or the problem is long."""
     rows = [
         (one.name, "no" if one.problem else "yes", one.kind, one.command, one.fmi, one.problem or one.description)
         for one in drives
     ]
-    return laid_out([Table(COLUMNS, rows, indent=0)])
+    return lay_out([Table(DRIVE_COLUMNS, rows, indent=0)])
 
 
-def _drive(folder: Path) -> ShelvedDrive:
-    from twin.robot.assembly.drives import planned
-    from twin.robot.experiment.drive_files import lone_drive
+def _drive(folder: Path) -> ListedDrive:
+    from twin.robot.assembly.drives import plan_drive
+    from twin.robot.experiment.drive_files import load_drive
 
     try:
-        plan = planned(lone_drive(str(folder), folder))
+        plan = plan_drive(load_drive(str(folder), folder))
     except InputRefused as refusal:
-        return ShelvedDrive(folder.name, problem=str(refusal).splitlines()[0])
+        return ListedDrive(folder.name, problem=str(refusal).splitlines()[0])
     models = [fmu.model for fmu in plan.parts.values()]
     kind = "servo" if plan.table.velocity_loop is None else "motor"
-    return ShelvedDrive(
+    return ListedDrive(
         name=folder.name,
         kind="parts" if len(models) > 1 else kind,
         command=plan.table.command,

@@ -11,42 +11,37 @@ import pytest
 from tests.command_line import twin as command
 from tests.kernel.fmi.archives import redescribed
 from tests.laws.runs import EXPERIMENTS, shipped
+from twin.kernel.atomic_write import json_text
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.writing import json_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, Fault
+from twin.robot.experiment.fault import FAULT_KINDS, Fault
 from twin.robot.run.monitor_work import MonitorWork
-from twin.robot.run.past import SharedPast
+from twin.robot.run.shared_prefix import SharedPrefix
 from twin.robot.run.trace import Trace
-from twin.studies.faults.matrix import FaultRow, FaultTrial, cases, known_kinds, matrix_rows, onsets_of
+from twin.studies.faults.cases import cases, known_kinds
+from twin.studies.faults.matrix import FaultRow, matrix_rows
+from twin.studies.faults.stage import Stage
 from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result
-from twin.studies.faults.trials import healthy_run
 
 FEW = ("encoder_glitch", "sample_jitter", "belief_k_s", "drive_runaway", "drive_failure", "brown_out", "surface_jump")
 ONSETS = (0.0, 0.501, 5.531)
 
 
-def rows(
-    experiment: Experiment,
-    healthy: FaultTrial,
-    kinds: Sequence[str],
-    share: bool,
-    onsets: Sequence[float] = ONSETS,
-) -> list[FaultRow]:
-    return list(matrix_rows(experiment, healthy, cases(experiment, known_kinds(kinds), onsets, None), share))
+def rows(experiment: Experiment, kinds: Sequence[str], share: bool, onsets: Sequence[float] = ONSETS) -> list[FaultRow]:
+    stage = Stage(experiment, share=share)
+    return list(matrix_rows(stage, cases(experiment, known_kinds(kinds), onsets, None)))
 
 
 def texts(of: list[FaultRow]) -> list[str]:
     """As they are written."""
-    return [json_text(row.facts()) for row in of]
+    return [json_text(row.to_dict()) for row in of]
 
 
 def assert_same(experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float]) -> None:
-    healthy = healthy_run(experiment)
-    shared, alone = (texts(rows(experiment, healthy, kinds, share, onsets)) for share in (True, False))
+    shared, alone = (texts(rows(experiment, kinds, share, onsets)) for share in (True, False))
     assert shared == alone
 
 
@@ -63,9 +58,8 @@ def test_rows_of_a_few_kinds_are_the_same_bytes_with_and_without_sharing():
 @pytest.mark.parametrize("name", ["pressing", "tapping"])
 def test_rows_text_and_picture_of_all_kinds_are_the_same_bytes_with_and_without_sharing(tmp_path: Path, name: str):
     experiment = shipped(name)
-    healthy = healthy_run(experiment)
-    onsets = onsets_of(experiment, healthy, ())
-    shared, alone = (rows(experiment, healthy, tuple(CATALOGUE), share, onsets) for share in (True, False))
+    onsets = Stage(experiment).onsets
+    shared, alone = (rows(experiment, tuple(FAULT_KINDS), share, onsets) for share in (True, False))
     assert texts(shared) == texts(alone)
     pictures = [tmp_path / "shared.png", tmp_path / "alone.png"]
     results = []
@@ -116,23 +110,22 @@ def test_the_study_in_a_process_of_its_own_writes_the_same_rows(tmp_path: Path):
     done = command(*line, cwd=tmp_path, isolated=True)
     assert done.returncode in (0, 1), done.stderr
     experiment = shipped("pressing")
-    alone = texts(rows(experiment, healthy_run(experiment), FEW, False))
+    alone = texts(rows(experiment, FEW, False))
     assert (tmp_path / "out" / "rows.jsonl").read_text() == "".join(f"{text}\n" for text in alone)
 
 
 def test_a_state_that_is_handed_over_a_tick_late_makes_other_rows(monkeypatch: pytest.MonkeyPatch):
     experiment = shipped("pressing")
-    healthy = healthy_run(experiment)
-    alone = texts(rows(experiment, healthy, ("spring_softened",), False))
-    take_over = Simulation.take_over
+    alone = texts(rows(experiment, ("spring_softened",), False))
+    take_over = Simulation.copy_from
 
     def late(self: Simulation, other: Simulation) -> list[str]:
         new = take_over(self, other)
         self.next_tick += 1
         return new
 
-    monkeypatch.setattr(Simulation, "take_over", late)
-    assert texts(rows(experiment, healthy, ("spring_softened",), True)) != alone
+    monkeypatch.setattr(Simulation, "copy_from", late)
+    assert texts(rows(experiment, ("spring_softened",), True)) != alone
 
 
 def worked(experiment: Experiment) -> tuple[float, Trace]:
@@ -178,16 +171,16 @@ def test_of_a_drive_that_can_be_switched_nothing_is_said_before_the_monitor_is_g
 
 def test_a_run_that_the_monitor_never_touched_is_made_once(monkeypatch: pytest.MonkeyPatch):
     made: list[bool] = []
-    go_on = SharedPast.go_on
+    go_on = SharedPrefix.run_variant
 
-    def counted(self: SharedPast, experiment: Experiment, tick, observers):
+    def counted(self: SharedPrefix, experiment: Experiment, tick, observers):
         made.append(experiment.monitor is not None)
         return go_on(self, experiment, tick, observers)
 
-    monkeypatch.setattr(SharedPast, "go_on", counted)
+    monkeypatch.setattr(SharedPrefix, "run_variant", counted)
     experiment = shipped("pressing")
-    rows(experiment, healthy_run(experiment), ("breathing",), True)
+    rows(experiment, ("breathing",), True)
     assert made == [True] * 9
     made.clear()
-    rows(experiment, healthy_run(experiment), ("drive_runaway",), True)
+    rows(experiment, ("drive_runaway",), True)
     assert made == [True, False] * 9

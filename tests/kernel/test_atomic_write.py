@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.kernel.atomic_write import atomic_write, json_text, make_folder, open_unbuffered, write_text
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.kernel.files import read_text
-from twin.kernel.writing import growing, json_text, made_folder, write_text, written
 
 
 @given(st.text())
@@ -28,7 +28,7 @@ def test_what_is_written_is_what_is_read(text: str) -> None:
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     write_text(path, "good")
-    with pytest.raises(NotWritten, match="No space"), written(path) as beside:
+    with pytest.raises(NotWritten, match="No space"), atomic_write(path) as beside:
         beside.write_text("half")
         raise OSError(28, "No space left on device")
     assert path.read_text() == "good"
@@ -80,17 +80,17 @@ def test_where_even_root_may_not_write_is_a_sentence() -> None:
     with pytest.raises(NotWritten, match=r"^/sys/page.html: cannot be written: "):
         write_text(Path("/sys/page.html"), "x")
     with pytest.raises(InputRefused, match=r"^/sys/results: cannot be created: "):
-        made_folder(Path("/sys/results"))
+        make_folder(Path("/sys/results"))
 
 
 def test_lines_stay_as_they_were_appended(tmp_path: Path) -> None:
-    with growing(tmp_path / "rows") as append:
+    with open_unbuffered(tmp_path / "rows") as append:
         for line in ("one\n", "two\n"):
             append(line)
             assert (tmp_path / "rows").read_text().endswith(line)
-    with pytest.raises(NotWritten, match="cannot be written"), growing(tmp_path / "no" / "rows"):
+    with pytest.raises(NotWritten, match="cannot be written"), open_unbuffered(tmp_path / "no" / "rows"):
         pass
-    with pytest.raises(NotWritten, match="No space"), growing(Path("/dev/full")) as append:
+    with pytest.raises(NotWritten, match="No space"), open_unbuffered(Path("/dev/full")) as append:
         append("one")
 
 
@@ -120,5 +120,5 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "a\0b", tmp_path / ("n" * 300)):
         with pytest.raises(InputRefused):
-            made_folder(folder)
-    assert made_folder(tmp_path / "a" / "b").is_dir()
+            make_folder(folder)
+    assert make_folder(tmp_path / "a" / "b").is_dir()

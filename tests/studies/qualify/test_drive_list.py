@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.studies.qualify import shelf
-from twin.studies.qualify.shelf import shelved_drives
+from twin.studies.qualify import drive_list
+from twin.studies.qualify.drive_list import listed_drives
 
 DRIVE = "brushed_dc"
 
@@ -22,9 +22,9 @@ def place(root: Path, tmp_path: Path) -> Path:
 
 
 def test_a_drive_that_fits_is_described(place: Path):
-    (drive,) = shelved_drives(place)
+    (drive,) = listed_drives(place)
     assert (drive.name, drive.kind, drive.command, drive.problem) == (DRIVE, "motor", "voltage", "")
-    assert json.loads(json.dumps(shelved_drives(place))) == [list(drive)]
+    assert json.loads(json.dumps(listed_drives(place))) == [list(drive)]
 
 
 @pytest.mark.parametrize(
@@ -37,11 +37,11 @@ def test_a_drive_that_fits_is_described(place: Path):
 )
 def test_why_a_drive_does_not_fit_is_its_problem(change: Callable[[Path], object], problem: str, place: Path):
     change(place / "fmus" / DRIVE)
-    (drive,) = shelved_drives(place)
+    (drive,) = listed_drives(place)
     assert problem in drive.problem and drive.kind == ""
 
 
 def test_no_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(shelf, "located", lambda name, start: start / name)
+    monkeypatch.setattr(drive_list, "locate_file", lambda name, start: start / name)
     with pytest.raises(InputRefused, match="no such folder"):
-        shelved_drives(tmp_path)
+        listed_drives(tmp_path)

@@ -19,18 +19,18 @@ from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
-from twin.robot.live.server import WATCHES, LiveServer
-from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.live.server import READ_ONLY_REFUSAL, LiveServer
+from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
 from twin.studies.identify.estimate import Estimate
 from twin.studies.replay.model import model_of
 from twin.studies.replay.parts import Happening, Rows
-from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
+from twin.studies.shadow import ACCEPT_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER, PROPOSAL_PARAMETER
 from twin.studies.shadow.following import ALARM_LEVEL, twin_of
+from twin.studies.shadow.live_view import AcceptButton, ShadowViewer
 from twin.studies.shadow.mapping import wanted_signals
-from twin.studies.shadow.reidentification import Adaptation, Moved
-from twin.studies.shadow.seen import AcceptButton, ShadowViewer
+from twin.studies.shadow.reidentification import Adaptation, ParameterChange
 from twin.studies.shadow.session import Session
-from twin.studies.shadow.sources import opened
+from twin.studies.shadow.sources import open_source
 from twin.studies.shadow.study import shadow
 
 ROBOT = EXPERIMENTS / f"{FIG4}.toml"
@@ -42,15 +42,17 @@ class OneProposal:
     """A twin that proposes a spring, until that is accepted."""
 
     def __init__(self) -> None:
-        spring = Moved("k_s of joint 2", "k_s_share", 1, 1.0, Estimate(0.93, 0.02, "N m/rad"), "N m/rad", 0.02)
+        spring = ParameterChange(
+            "k_s of joint 2", "k_s_share", 1, 1.0, Estimate(0.93, 0.02, "N m/rad"), "N m/rad", 0.02
+        )
         self.proposal: Adaptation | None = Adaptation(14.5, (spring,))
-        self.accepted: list[Adaptation] = []
+        self.adaptations: list[Adaptation] = []
 
     def accept(self, proposal: Adaptation, /) -> bool:
         if proposal is not self.proposal:
             return False
         self.proposal = None
-        self.accepted.append(proposal)
+        self.adaptations.append(proposal)
         return True
 
 
@@ -119,18 +121,23 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
         with Viewer(addresses[0]) as owner, Viewer(addresses[0].partition("?")[0]) as stranger:
             owner.subscribe("/alarm", "/events", "/estimator")
             owner.send(op="subscribeParameterUpdates", parameterNames=[])
-            assert owner.parameters() == {ACCEPT: False, PROPOSAL: text, ACCEPTED: "[]", LINE: ""}
-            stranger.set(ACCEPT, True)
+            assert owner.parameters() == {
+                ACCEPT_PARAMETER: False,
+                PROPOSAL_PARAMETER: text,
+                ACCEPTED_PARAMETER: "[]",
+                LINE_PARAMETER: "",
+            }
+            stranger.set(ACCEPT_PARAMETER, True)
             stranger.until(lambda: bool(stranger.of("parameterValues", id="set")))
-            assert [one["message"] for one in stranger.of("status")] == [WATCHES]
+            assert [one["message"] for one in stranger.of("status")] == [READ_ONLY_REFUSAL]
             assert viewer.press() == ""
-            owner.set(ACCEPT, True)
+            owner.set(ACCEPT_PARAMETER, True)
             owner.until(lambda: bool(owner.of("parameterValues", id="set")))
             (answer,) = owner.of("parameterValues", id="set")
-            assert answer["parameters"] == [{"name": ACCEPT, "value": True}]
-            assert twin.accepted == []
+            assert answer["parameters"] == [{"name": ACCEPT_PARAMETER, "value": True}]
+            assert twin.adaptations == []
             assert (viewer.press(), viewer.press()) == ("", "")
-            assert twin.accepted == [proposal]
+            assert twin.adaptations == [proposal]
             viewer.show(np.array([0, 2_000_000]), rows, [Happening(0.002, text)])
             # what happens while nothing comes is seen, too
             viewer.show(np.array([], dtype=np.int64), {}, [Happening(1.002, "nothing has come for 1 s")])
@@ -139,11 +146,15 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
             assert texts == [text, "nothing has come for 1 s"]
             assert owner.messages("/alarm")[-1].message.level == 0.25  # type: ignore[attr-defined]
             heard = [one["parameters"] for one in owner.of("parameterValues") if "id" not in one]
-            assert {"name": ACCEPT, "value": True} in heard[0]
-            accepted = {"name": ACCEPTED, "value": json.dumps([values])}
-            assert [{"name": ACCEPT, "value": False}, {"name": PROPOSAL, "value": ""}, accepted] in heard
+            assert {"name": ACCEPT_PARAMETER, "value": True} in heard[0]
+            accepted = {"name": ACCEPTED_PARAMETER, "value": json.dumps([values])}
+            assert [
+                {"name": ACCEPT_PARAMETER, "value": False},
+                {"name": PROPOSAL_PARAMETER, "value": ""},
+                accepted,
+            ] in heard
             viewer.say("12.3 s  500 Hz")
-            line = [{"name": LINE, "value": "12.3 s  500 Hz"}]
+            line = [{"name": LINE_PARAMETER, "value": "12.3 s  500 Hz"}]
             owner.until(lambda: line in [one["parameters"] for one in owner.of("parameterValues")])
 
 
@@ -158,12 +169,12 @@ def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path
 @pytest.mark.parametrize(
     ("name", "value", "expected"),
     [
-        (ACCEPT, True, "there is no proposal to accept"),
-        (ACCEPT, 1.0, "expected true, which accepts what shadow.proposal says"),
-        (ACCEPT, "yes", "expected true"),
+        (ACCEPT_PARAMETER, True, "there is no proposal to accept"),
+        (ACCEPT_PARAMETER, 1.0, "expected true, which accepts what shadow.proposal says"),
+        (ACCEPT_PARAMETER, "yes", "expected true"),
         ("shadow.acept", True, "did you mean 'shadow.accept'?"),
-        (PROPOSAL, "k_s = 2", "shadow.accept = true accepts what shadow.proposal says"),
-        (ACCEPTED, "[]", "shadow.accepted is the twin's to say"),
+        (PROPOSAL_PARAMETER, "k_s = 2", "shadow.accept = true accepts what shadow.proposal says"),
+        (ACCEPTED_PARAMETER, "[]", "shadow.accepted is the twin's to say"),
     ],
 )
 def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object, expected: str):
@@ -174,12 +185,12 @@ def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object
 def test_what_was_accepted_is_that_proposal_and_not_a_later_one():
     twin = OneProposal()
     button = AcceptButton(twin)
-    button.request(ACCEPT, True)
+    button.request(ACCEPT_PARAMETER, True)
     twin.proposal = Adaptation(20.0, ())
     assert (button.press() or "").startswith("not accepted, for it is not open any more: k_s of joint 2")
-    button.request(ACCEPT, True)
-    button.request(ACCEPT, False)
-    assert button.press() is None and twin.accepted == []
+    button.request(ACCEPT_PARAMETER, True)
+    button.request(ACCEPT_PARAMETER, False)
+    assert button.press() is None and twin.adaptations == []
 
 
 class Onlooker:
@@ -208,11 +219,11 @@ def test_a_session_shows_every_slice_and_all_that_happens_and_records_that_too(t
     log = write_log(tmp_path / "log.csv", run, angles=True)
     head, *lines = log.read_text().splitlines()
     log.write_text("\n".join([head, *(lines[k] for k in there)]))
-    robot, _, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0, [])
+    robot, _, of_now = open_source(str(log), column_map(ANGLES), wanted, model.belief, 10.0, [])
     twin = twin_of(experiment, model, "robot")
     viewer: Any = onlooker
     session = Session(robot, {}, wanted, twin, model, 0.03, np.inf, of_now, lambda text: None, viewer=viewer)
-    session.wait()
+    session.wait_for_topics()
     followed = session.follow(lambda: tmp_path / "run.mcap")
     assert onlooker.samples == followed.counts.samples == 1000
     recorded = [event.text for event in read(followed.recording).events]

@@ -9,23 +9,23 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.errors import BAD_NAME, InputRefused, disk_refusals
+from twin.kernel.errors import PATH_ERRORS, InputRefused, translate_disk_errors
 from twin.kernel.serialise import to_dict
 
 
-def made_folder(folder: Path) -> Path:
+def make_folder(folder: Path) -> Path:
     """`folder`, which is there from now on.
 
     Raises:
         InputRefused: it cannot be created.
     """
-    with disk_refusals(folder, "cannot be created", InputRefused, caught=BAD_NAME):
+    with translate_disk_errors(folder, "cannot be created", InputRefused, caught=PATH_ERRORS):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 @contextlib.contextmanager
-def written(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """A file beside `path` to write to, which takes the place of `path` when the block is done, and not before.
 
     Folders that are missing are created. A link is followed: what it points to is replaced, the link stays.
@@ -34,7 +34,7 @@ def written(path: Path) -> Iterator[Path]:
         InputRefused: there is a folder, a pipe or a device at `path`, which a file must not replace.
         NotWritten: the folder or the disk refuses; a file that was at `path` is what it was.
     """
-    with disk_refusals(path, caught=BAD_NAME):
+    with translate_disk_errors(path, caught=PATH_ERRORS):
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "a pipe or device"
@@ -47,7 +47,7 @@ def written(path: Path) -> Iterator[Path]:
         os.close(handle)
     beside = Path(name)
     try:
-        with disk_refusals(path):
+        with translate_disk_errors(path):
             yield beside
             with beside.open("r+b") as file:
                 # some disks tell only here that they are full
@@ -61,22 +61,22 @@ def written(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Refuse what `written` would refuse of `path`, before there is anything to write; missing folders are created.
+    """Refuse what `atomic_write` would refuse of `path`, before there is anything to write; missing folders are created.
 
     Raises:
         InputRefused: there is a folder, a pipe or a device at `path`.
         NotWritten: the folder refuses.
     """
-    with contextlib.suppress(_Nothing), written(path):
-        raise _Nothing
+    with contextlib.suppress(_DryRunEnd), atomic_write(path):
+        raise _DryRunEnd
 
 
-class _Nothing(Exception):
+class _DryRunEnd(Exception):
     """There is nothing to write yet."""
 
 
 @contextlib.contextmanager
-def growing(path: Path) -> Iterator[Callable[[str], None]]:
+def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
     """A file begun anew at `path`, and what appends a text to it: whatever then ends the process, the text stays.
 
     Raises:
@@ -85,11 +85,11 @@ def growing(path: Path) -> Iterator[Callable[[str], None]]:
 
     def append(text: str) -> None:
         rest = text.encode("utf-8")
-        with disk_refusals(path):
+        with translate_disk_errors(path):
             while rest:
                 rest = rest[file.write(rest) :]
 
-    with disk_refusals(path, caught=BAD_NAME):
+    with translate_disk_errors(path, caught=PATH_ERRORS):
         # unbuffered: what `append` returned from is with the operating system
         file = path.open("wb", buffering=0)
     with file:
@@ -100,9 +100,9 @@ def write_bytes(path: Path, content: bytes) -> None:
     """Make `content` that of the file at `path`.
 
     Raises:
-        NotWritten: as `written`.
+        NotWritten: as `atomic_write`.
     """
-    with written(path) as beside:
+    with atomic_write(path) as beside:
         beside.write_bytes(content)
 
 
@@ -110,7 +110,7 @@ def write_text(path: Path, text: str) -> None:
     """Make `text`, in UTF-8, the content of the file at `path`.
 
     Raises:
-        NotWritten: as `written`.
+        NotWritten: as `atomic_write`.
     """
     write_bytes(path, text.encode("utf-8"))
 
@@ -119,7 +119,7 @@ def write_json(path: Path, facts: Any) -> None:
     """Make `facts` the content of the JSON file at `path`, as `json_text` writes them.
 
     Raises:
-        NotWritten: as `written`.
+        NotWritten: as `atomic_write`.
     """
     write_text(path, json_text(facts, indent=2) + "\n")
 
