@@ -28,7 +28,7 @@ from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.sources import open_source
 from twin.studies.shadow.text import shadow_result
-from twin.studies.shadow.verdict import Followed
+from twin.studies.shadow.verdict import SessionSummary
 
 ROWS = 60
 LEARNING = 21
@@ -79,7 +79,7 @@ def in_replay(log: Log) -> list[float]:
     return robot_samples(log, MODEL.belief).t.tolist()
 
 
-def session_of(path: Path, maps: Sequence[str], folder: Path, live: bool = False) -> Followed:
+def session_of(path: Path, maps: Sequence[str], folder: Path, live: bool = False) -> SessionSummary:
     """A session that plays a log, as such or as if it were a robot."""
     columns, wanted = column_map(maps), wanted_signals(MODEL.belief)
     source, named, _ = open_source(str(path), columns, wanted, MODEL.belief, 0.0, [])
