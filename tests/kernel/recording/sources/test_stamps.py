@@ -293,6 +293,6 @@ def test_a_log_shorter_than_it_takes_to_learn_is_handed_on_at_its_end():
     aligner = Aligner(3, NEEDED, BUDGET, learns_first=True)
     assert aligner.add("/motors", 10**18, Reading(10**18, (0,), (1.0,))) == []
     (sample,) = [
-        *aligner.add("/joints", 10**18 + 1, Reading(10**18, (1,), (2.0,))), *aligner.ready(10**19, end=True)
+        *aligner.add("/joints", 10**18 + 1, Reading(10**18, (1,), (2.0,))), *aligner.ready_samples(10**19, end=True)
     ]  # fmt: skip
     assert sample.row[:2] == [1.0, 2.0]
