@@ -522,13 +522,14 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
 def session_branches(
     experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
 ) -> SessionBranches | None:
-    """The branches of a session; None if a part of the robot cannot be put where the robot's is, which `note` takes.
+    """Create the branches of a session; None, with a note, if the robot cannot be predicted.
 
     Args:
-        limit: of the pressing force (N); None: the monitor's, if there is one.
+        limit: maximum pressing force (N); None for the monitor's limit, if any.
+        note: receives the reason.
 
     Raises:
-        InputRefused: so it is, and somebody asks what might be.
+        InputRefused: the robot cannot be predicted, and --what-if was given.
     """
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf
