@@ -159,9 +159,10 @@ class MapCheck:
         xx, xy, yy = n * self._sums[1, 1] - x * x, n * self._sums[1, 2] - x * y, n * self._sums[2, 2] - y * y
         if self._most - self._least < MIN_FORCE_RANGE or xx <= 0.0 or xy > OPPOSITE_CORRELATION * np.sqrt(xx * yy):
             return ""
+        map_to_write = self._map({FORCE_SIGNAL: FORCE_SIGNAL}, {FORCE_SIGNAL: -1})
         return (
             f"{self._where}: {FORCE_SIGNAL} has the other sign, its correlation with the force of the springs is "
-            f"{xy / np.sqrt(xx * yy):.2f}; a press is positive; {self._map({FORCE_SIGNAL: FORCE_SIGNAL}, {FORCE_SIGNAL: -1})}"
+            f"{xy / np.sqrt(xx * yy):.2f}; a press is positive; {map_to_write}"
         )
 
     def _corrected_sources(
