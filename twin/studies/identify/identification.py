@@ -128,7 +128,8 @@ def identify_log(
     if not len(seen.t):
         raise NotIdentifiable(
             f"{path}: the robot never moves slowly and evenly: no {seen.length:g} s in which the motors cross "
-            f"{MIN_COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
+            f"{MIN_COUNTS:g} counts without a jerk; move on the scale and in free air, as "
+            "experiments/calibration.toml does"
         )
     if not np.any(in_air(seen)):
         raise LogError(
@@ -178,8 +179,8 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     )
     if not plausible and (found.is_determined(axis, k) or pressing > 10):
         raise LogError(
-            f"{log.path}: k_s eta comes out more than {PLAUSIBLE_FACTOR:g} times away from the believed {believed:g} N m/rad; "
-            f"{doubt}"
+            f"{log.path}: k_s eta comes out more than {PLAUSIBLE_FACTOR:g} times away from the believed "
+            f"{believed:g} N m/rad; {doubt}"
         )
     if not found.converged or not len(found.seen.t):
         raise LogError(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
