@@ -279,7 +279,7 @@ def test_a_branch_that_is_not_run_would_be_the_first_one_bit_for_bit(name: str, 
         run[0] += len(kept)
         return kept
 
-    monkeypatch.setattr(Branching, "unlike", checked)
+    monkeypatch.setattr(Branching, "differing_branches", checked)
     with SessionBranches(believed) as ahead:
         fed(twin_of(believed, model_of(believed), name, ahead=ahead.predicting_part), as_said(samples), 500)
     # in free air, and in contact
