@@ -26,7 +26,8 @@ MAX_INTERVAL_SIZE = 0.1
 JOINT_ZEROS = slice(JOINT_ZERO, JOINT_ZERO + 3)
 DIFFERENCE_STEP = 1e-5
 """Step of numerical derivatives (sizes)."""
-STEPS = 12
+MAX_STEPS = 12
+"""Maximum number of Gauss-Newton steps."""
 RETURNING_STEPS = 6
 """Number of steps after which excluded windows stay excluded: one at the edge of a dead zone would alternate
 forever."""
@@ -128,7 +129,7 @@ def fit(
     settled = seen.select(in_air(seen) | on_scale(seen))
     used = settled.select(clear_of_edges(x, settled, belief.N))
     change = np.inf
-    for number in range(STEPS):
+    for number in range(MAX_STEPS):
         if len(used.t) == 0 or change < CONVERGED_STEP:
             break
         at, A = _linearise(x, scale, used, belief, resolution, surface)
