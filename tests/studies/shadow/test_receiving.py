@@ -175,7 +175,7 @@ def test_a_message_that_cannot_be_read_ends_a_session_before_its_first_sample_on
     class Reader:
         stamped = True
 
-        def read(self, data: bytes, arrived: int) -> Reading:
+        def read_message(self, data: bytes, arrived: int) -> Reading:
             raise LogError("no such message")
 
     robot = Robot(readings(100))
