@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tests.conftest import examples
 from tests.kernel.recording.logs.bags import bag
 from tests.kernel.recording.logs.bags import joints as joint_message
-from tests.studies.replay.logs import EXPERIMENTS, FIG4, ran
+from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogError
@@ -27,11 +27,12 @@ from twin.studies.shadow.following import twin_of
 from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.sources import open_source
-from twin.studies.shadow.study import shadow
+from twin.studies.shadow.text import shadow_result
+from twin.studies.shadow.verdict import SessionSummary
 
 ROWS = 60
 LEARNING = 21
-"""Rows until a session knows which messages of two topics belong together."""
+"""Rows until a live session knows which messages of two topics belong together."""
 PERIOD = 0.002
 NAMES = ("m1", "m2", "m3", "l1", "l2", "l3")
 SIGNALS = [f"estimator.theta_{name[0]}[{int(name[1]) - 1}]" for name in NAMES]
@@ -78,15 +79,20 @@ def in_replay(log: Log) -> list[float]:
     return robot_samples(log, MODEL.belief).t.tolist()
 
 
-def in_shadow(path: Path, maps: Sequence[str], folder: Path) -> list[float]:
-    """Times of the samples that a session records, from the first one on."""
+def session_of(path: Path, maps: Sequence[str], folder: Path, live: bool = False) -> SessionSummary:
+    """A session that plays a log, as such or as if it were a robot."""
     columns, wanted = column_map(maps), wanted_signals(MODEL.belief)
-    source, named, live = open_source(str(path), columns, wanted, MODEL.belief, 0.0, [])
+    source, named, _ = open_source(str(path), columns, wanted, MODEL.belief, 0.0, [])
     twin = twin_of(EXPERIMENT, MODEL, "robot", None)
     messages = named if source.topic_types() else {}
     session = Session(source, messages, wanted, twin, MODEL, 0.03, np.inf, live, lambda text: None)
     session.wait_for_topics()
-    session.follow(lambda: folder / "run.mcap")
+    return session.follow(lambda: folder / "run.mcap")
+
+
+def in_shadow(path: Path, maps: Sequence[str], folder: Path) -> list[float]:
+    """Times of the samples that a session records, from the first one on."""
+    session_of(path, maps, folder)
     return [float(t) for t in read(folder / "run.mcap").time("encoder")]
 
 
@@ -101,10 +107,8 @@ def test_four_commands_keep_the_same_rows_and_refuse_the_same_logs(
     tmp_path_factory: pytest.TempPathFactory, holes: Holes, form: str
 ):
     folder = tmp_path_factory.mktemp("a")
-    # which topics belong together is learnt from the first messages, as beside a robot that runs
-    learnt = 0 if form != "bag of two topics" else LEARNING
-    if learnt:
-        holes = {(k, j): kind for (k, j), kind in list(holes.items())[:1] if k >= learnt}
+    if form == "bag of two topics":
+        holes = dict(list(holes.items())[:1])
     if "csv" in form:
         path, maps, last = csv(folder, holes, form == "cut csv"), CSV_MAP, ROWS - (form == "cut csv")
     else:
@@ -129,21 +133,23 @@ def test_four_commands_keep_the_same_rows_and_refuse_the_same_logs(
     found = np.array(in_replay(log))
     np.testing.assert_allclose(found - found[0], np.array(kept) - kept[0], atol=1e-9)
     shadowed = np.array(in_shadow(path, maps, folder))
-    found = found[learnt:]
     np.testing.assert_allclose(shadowed - shadowed[0], found - found[0], atol=1e-9)
     rows = compare_logs(log, log).rows
     numbers = {signal: sum((k, j) not in holes for k in range(last)) for j, signal in enumerate(SIGNALS)}
     assert {row.signal: row.n for row in rows} == numbers
 
 
-def test_rows_of_two_topics_before_their_periods_are_known_are_counted_and_reported(tmp_path: Path):
+@pytest.mark.parametrize(("live", "lost"), [(False, 0), (True, LEARNING)])
+def test_rows_of_two_topics_before_their_periods_are_known_are_kept_of_a_log_and_counted_of_a_robot(
+    tmp_path: Path, live: bool, lost: int
+):
     path = ros_bag(tmp_path, {}, [slice(0, 3), slice(3, 6)])
     maps = [
         f"{signal}=/js{'' if name[0] == 'm' else 1}.position.{name}"
         for signal, name in zip(SIGNALS, NAMES, strict=True)
     ]
-    report = shadow(EXPERIMENTS / f"{FIG4}.toml", str(path), maps, speed=0.0, no_alarm=True, out=tmp_path / "out")
-    counts = report.facts["counts"]
-    assert (counts["unmatched"], counts["samples"]) == (LEARNING, ROWS - LEARNING)
-    assert f"{LEARNING} before the first left out" in report.text
-    assert f"{LEARNING} incomplete samples before the first complete one left out" in " ".join(report.text.split())
+    followed = session_of(path, maps, tmp_path, live)
+    assert (followed.counts.unmatched, followed.counts.samples) == (lost, ROWS - lost)
+    report = " ".join(shadow_result(followed, FIG4, {}).text.split())
+    assert (f"{lost} before the first left out" in report) == live
+    assert (f"{lost} incomplete samples before the first complete one left out" in report) == live

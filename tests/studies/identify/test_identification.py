@@ -346,7 +346,7 @@ def test_a_wrong_length_moves_every_log_alike_and_their_mean_as_much():
 def test_a_search_that_is_cut_short_says_so(monkeypatch: pytest.MonkeyPatch):
     seen = windows_of_statics(true_parameters(), np.random.default_rng(8))
     assert fitted(seen).converged
-    monkeypatch.setattr("twin.studies.identify.fit.STEPS", 2)
+    monkeypatch.setattr("twin.studies.identify.fit.MAX_STEPS", 2)
     assert not fitted(seen).converged
 
 

@@ -1,5 +1,6 @@
-"""Section III.A done right: what a press on a scale says about springs, zeros, backlash, friction and the scale.
+"""Identification of springs, zeros, backlash, friction and the scale from presses on a scale, a correction of Sec.
+III.A.
 
-A log becomes `windows` of slow motion, and what statics asks of them; `identification` finds the parameters that meet
-it, how sure they are, and which of them the data cannot tell apart; `identification.identified` is the door.
+`windows` selects slow motion from a log, `balance` has the equations of statics, and `fit` finds the parameters, their
+intervals, and the ones that the data cannot separate. `identification.identify_log` does all of that.
 """

@@ -45,17 +45,17 @@ from twin.studies.identify.parameters import (
 from twin.studies.identify.windows import Windows, in_air, on_scale
 
 PLAUSIBLE_COMPLIANCE = 1e-3
-"""m/N: only weighs the reading's steps against those of the encoders."""
+"""Compliance of a scale (m/N), used only to weight rounding of the force against rounding of the encoders."""
 
 
 class Pose(NamedTuple):
-    """Where windows are.
+    """Poses of windows.
 
     Attributes:
-        p_B: (n, 3), m.
+        p_B: positions (n, 3), m.
         J: d theta_l / d p_B (n, 3, 3), rad/m.
-        g_a: weight of the arms (n, 3), N m.
-        lift: d p_z / d theta_l (n, 3), m/rad: the third row of J^-1, so that J^-T e_z is the same.
+        g_a: torques of the arms' weight (n, 3), N m.
+        lift: d p_z / d theta_l (n, 3), m/rad: the third row of J^-1, i.e. J^-T e_z.
     """
 
     p_B: NDArray[np.float64]
@@ -68,11 +68,11 @@ class Equations(NamedTuple):
     """Equations of all windows.
 
     Attributes:
-        residual: (m,), rad or m.
-        sigma: what rounding alone would leave in one of them (m,), of a single sample.
-        window: which window each is of (m,).
+        residual: residuals (m,), rad or m.
+        sigma: standard deviation of each due to rounding of a single sample (m,).
+        window: index of the window of each (m,).
         kind: 0 free air, 1 force on the scale, 2 depth in the scale (m,).
-        per_newton: residual of kind 1 for each newton (k,), rad/N.
+        per_newton: residual of kind 1 per newton (k,), rad/N.
     """
 
     residual: NDArray[np.float64]
@@ -83,10 +83,10 @@ class Equations(NamedTuple):
 
 
 def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
-    """Kinematics and weight at joint angles theta_l (n, 3), rad.
+    """Compute kinematics and weight at joint angles theta_l (n, 3), rad.
 
     Raises:
-        Unreachable: some do not close.
+        Unreachable: some poses do not close.
     """
     geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     p_B = position(geometry, theta_l)
@@ -97,29 +97,30 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
 
 
 def deflections(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
-    """motor - N joint - zero (n, 3), rad."""
+    """Deflections motor - N joint - zero (n, 3), rad."""
     return seen.motor - N * seen.joint - x[OFFSET : OFFSET + 3]
 
 
 def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
-    """Deflection less the dead zone, of the shape of `w`: `sea.dead_zone` for arrays."""
+    """Subtract the dead zone from deflections: `sea.dead_zone` for arrays."""
     return np.sign(w) * np.maximum(np.abs(w) - half_width, 0.0)
 
 
 def clear_of_edges(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
-    """Windows (n,) in which no deflection comes near the edges of its dead zone, where mean and law do not swap."""
+    """Whether all deflections of each window (n,) stay off the edges of the dead zone, so that the law of the mean is
+    the mean of the law."""
     return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
 
 
 def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
-    """tau_l - b_j theta_l' (n, 3), N m: what the joints pass on to the links."""
+    """Torques tau_l - b_j theta_l' on the links (n, 3), N m."""
     d = subtract_dead_zone(deflections(x, seen, N), x[BACKLASH])
     direction = np.sign(d) * np.tanh(seen.speed / x[RATE])
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
 
 def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
-    """Torque that accelerates the robot (n, 3), N m; without I_r, which is not believed: a tenth of it all."""
+    """Torques that accelerate the robot (n, 3), N m, without I_r, which is unknown and a tenth of the total."""
     I_a = (belief.m_a / 3.0 + belief.m_b / 2.0) * belief.l_a**2
     mass = belief.m_p + 1.5 * belief.m_b
     a_B = np.linalg.solve(at.J, seen.acceleration[..., None])
@@ -137,7 +138,7 @@ def rows(
         belief: geometry, masses, N and counts.
         resolution: step of the force (N).
         at: `pose` at x's zeros of the joints.
-        surface: whether the depth in the scale is held against the scale's law, too.
+        surface: whether to include the scale's law, kind 2.
     """
     W = platform_weight(belief)
     torque = joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at)
@@ -172,7 +173,7 @@ def rows(
 
 
 def pressing_force(x: NDArray[np.float64], seen: Windows, belief: Belief) -> NDArray[np.float64]:
-    """F_ee_B (n, 3) in N by statics with the parameters `x`, the robot's weight taken off."""
+    """Force F_ee_B (n, 3), N, by statics with the parameters `x`, without the robot's weight."""
     at = pose(belief, seen.joint - x[JOINT_ZERO : JOINT_ZERO + 3])
     F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at))
     F[:, 2] -= platform_weight(belief)

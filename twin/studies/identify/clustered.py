@@ -1,4 +1,4 @@
-"""Linear least squares whose errors come in clusters."""
+"""Linear least squares with clustered errors."""
 
 from typing import NamedTuple
 
@@ -24,18 +24,18 @@ def t_factor(clusters: int) -> float:
 def sandwich(
     A: NDArray[np.floating], inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Covariance (p, p) of least squares whose errors are independent between clusters and anything within.
+    """Covariance (p, p) of least squares with errors that are independent between clusters and arbitrary within.
 
-    (G - 1)/G sum_g s_g s_g^T, s_g = (I - A_g^+ A_g)^-1 A_g^+ r_g: what leaving out cluster g moves. It is CR3 of Bell
-    and McCaffrey (2002), Bias reduction in standard errors, Survey Methodology 28:169, as in Cameron and Miller (2015),
-    J. Human Resources 50:317, Sec. VI.B, with (I - A_g A_g^+)^-1 pushed through: plain residuals of a few clusters are
-    too small, because the fit has bent to them. Infinite for a single cluster.
+    (G - 1)/G sum_g s_g s_g^T, s_g = (I - A_g^+ A_g)^-1 A_g^+ r_g, the change without cluster g. It is CR3 of Bell and
+    McCaffrey (2002), Bias reduction in standard errors, Survey Methodology 28:169, as in Cameron and Miller (2015), J.
+    Human Resources 50:317, Sec. VI.B, with (I - A_g A_g^+)^-1 pushed through: plain residuals of a few clusters are too
+    small, because the fit follows them. Infinite for a single cluster.
 
     Args:
-        A: (m, p).
-        inverse: its pseudo-inverse, A^+ (p, m).
-        residual: (m,).
-        cluster: the group of each row (m,).
+        A: design matrix (m, p).
+        inverse: its pseudo-inverse A^+ (p, m).
+        residual: residuals (m,).
+        cluster: cluster of each row (m,).
     """
     numbers = np.unique(cluster)
     G = len(numbers)
@@ -45,13 +45,13 @@ def sandwich(
     for row, g in zip(moved, numbers, strict=True):
         own = cluster == g
         remainder = np.eye(len(inverse)) - inverse[:, own] @ A[own]
-        # a direction that only one cluster sees has no scatter
+        # a direction seen by one cluster only has no scatter
         row[:] = np.linalg.pinv(remainder, rcond=1e-6) @ (inverse[:, own] @ residual[own])
     return (G - 1.0) / G * moved.T @ moved
 
 
 def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """The least squares solution of A c = y, A (m, p); None if A does not say it."""
+    """Solve A c = y, A (m, p), by least squares; None if A is rank deficient."""
     if len(y) < A.shape[1] or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
     inverse = np.linalg.pinv(A)

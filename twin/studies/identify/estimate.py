@@ -1,4 +1,4 @@
-"""A number with its interval, and in which unit and with how many digits it is read."""
+"""Estimate with its interval, and its display unit and number of digits."""
 
 from math import degrees, floor, log10
 from typing import NamedTuple
@@ -7,7 +7,7 @@ DISPLAY_UNITS = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"
 
 
 class Estimate(NamedTuple):
-    """value +- half_width, a 95 % interval, in the SI unit `unit`."""
+    """Value +- half_width, a 95 % interval, in the SI unit `unit`."""
 
     value: float
     half_width: float
@@ -15,16 +15,16 @@ class Estimate(NamedTuple):
 
 
 def display_value(value: float, unit: str) -> float:
-    """`value` (SI) in the unit that people read."""
+    """Convert `value` (SI) to the display unit."""
     return value * DISPLAY_UNITS.get(unit, (1.0, unit))[0]
 
 
 def display_unit(unit: str) -> str:
-    """The unit that people read."""
+    """Display unit of an SI unit."""
     return DISPLAY_UNITS.get(unit, (1.0, unit))[1]
 
 
 def decimals(estimate: Estimate) -> int:
-    """Digits after the point that an interval with two significant digits needs."""
+    """Number of decimals that show the interval with two significant digits."""
     width = display_value(estimate.half_width, estimate.unit)
     return 0 if not 0.0 < width < 1e6 else min(max(1 - floor(log10(width)), 0), 6)

@@ -1,10 +1,10 @@
-"""Least squares that knows what it cannot know.
+"""Least squares that detects undetermined directions.
 
-The unknowns, in units of their sizes, go through a Gauss-Newton search. At each step the singular values of the
-whitened Jacobian say how well each direction of parameter space is seen; a direction that rounding alone leaves
-uncertain by more than `BLIND_SIZE` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
-named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within one, but
-no narrower than if all errors were independent and of one size: few clusters can agree by chance.
+The unknowns, in units of their sizes, are found by a Gauss-Newton search. At each step the singular values of the
+whitened Jacobian give the sensitivity of each direction in parameter space. A direction that rounding leaves uncertain
+by more than `BLIND_SIZE` sizes is not changed: undetermined parameters keep their believed values and are reported.
+Intervals are those of clustered errors (`clustered.sandwich`), without assumptions on errors within a cluster, but at
+least those of independent errors of one size, since few clusters can agree by chance.
 """
 
 from collections.abc import Callable
@@ -20,36 +20,38 @@ from twin.studies.identify.parameters import JOINT_ZERO, KAPPA, PARAMETER_COUNT,
 from twin.studies.identify.windows import Windows, in_air, on_scale
 
 BLIND_SIZE = 0.3
-"""Sizes: a direction that is known to no better than this is not seen."""
+"""Maximum uncertainty of a determined direction (sizes)."""
 MAX_INTERVAL_SIZE = 0.1
-"""Sizes: a parameter is reported if its interval and what hides in unseen directions stay within this."""
+"""Maximum half width of a reported parameter, including undetermined directions (sizes)."""
 JOINT_ZEROS = slice(JOINT_ZERO, JOINT_ZERO + 3)
 DIFFERENCE_STEP = 1e-5
-"""Sizes."""
-STEPS = 12
+"""Step of numerical derivatives (sizes)."""
+MAX_STEPS = 12
+"""Maximum number of Gauss-Newton steps."""
 RETURNING_STEPS = 6
-"""Steps; windows that leave later do not return: one at the edge of a dead zone would come and go for ever."""
+"""Number of steps after which excluded windows stay excluded: one at the edge of a dead zone would alternate
+forever."""
 CONVERGED_STEP = 1e-4
-"""Sizes: the step that ends the search; what is left after it is its square."""
+"""Step length that ends the search (sizes); the remaining error is its square."""
 MIN_POSITIVE_SHARE = 0.05
-"""Of what is positive by nature (k_s eta, a rate) and of its start: the search goes no lower."""
+"""Lower bound of positive parameters (k_s eta, a rate) by their start."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Parameters, and how sure.
+    """Fitted parameters with covariance.
 
     Attributes:
-        unknowns: what was searched for.
-        x: values (17,); what is not seen stands at its start.
-        covariance: (17, 17), of what is seen, by the scatter between clusters.
-        independent: as if there were none.
-        unseen: orthonormal directions in units of sizes that the data do not see (17, k).
+        unknowns: the parameters.
+        x: values (17,); undetermined ones at their start.
+        covariance: covariance (17, 17) of the determined directions, by the scatter between clusters.
+        independent: the same for independent errors.
+        unseen: orthonormal undetermined directions in units of sizes (17, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
-        seen: the windows used.
-        rows: their equations at x.
-        converged: whether the search came to rest.
-        clusters: how many groups of windows.
+        seen: used windows.
+        rows: equations of these at x.
+        converged: whether the search converged.
+        clusters: number of clusters.
         t_factor: half width of a 95 % interval in standard deviations.
     """
 
@@ -66,7 +68,8 @@ class Fit:
     t_factor: float
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
-        """Of the 95 % interval of direction . x, `direction` (17,); what is not seen counts with its whole size."""
+        """Half width of the 95 % interval of direction . x, `direction` (17,), with undetermined parts at their full
+        size."""
         if self.clusters < 2:
             return np.inf
         scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
@@ -75,28 +78,28 @@ class Fit:
         return float(max(scatter, independent) + hidden)
 
     def is_determined(self, direction: NDArray[np.float64], size: float) -> bool:
-        """Whether direction . x is known to `MAX_INTERVAL_SIZE` of `size`."""
+        """Whether direction . x is determined to `MAX_INTERVAL_SIZE` of `size`."""
         return self.half_width(direction) < MAX_INTERVAL_SIZE * size
 
     @property
     def force_residual(self) -> NDArray[np.float64]:
-        """Force by the springs less that of the scale, of the windows in contact (n,), N."""
+        """Force by the springs less that of the scale, in the windows in contact (n,), N."""
         at = self.rows.kind == 1
         return self.rows.residual[at] / self.rows.per_newton
 
     def misfit(self, *kinds: int) -> float:
-        """Root mean square of the residuals of `kinds` over what rounding leaves in one sample; 0: there are none."""
+        """Root mean square of the residuals of `kinds` by the rounding of one sample; 0 without residuals."""
         at = np.isin(self.rows.kind, kinds)
         return float(np.sqrt(np.mean((self.rows.residual[at] / self.rows.sigma[at]) ** 2))) if np.any(at) else 0.0
 
     def half_width_through(self, quantity: Callable[[NDArray[np.float64]], float]) -> float:
-        """Of the 95 % interval of a `quantity` that is computed from x (17,), by its gradient at x."""
+        """Half width of the 95 % interval of a function of x (17,), by its gradient at x."""
         steps = np.diag(1e-4 * sizes(self.unknowns))
         slope = [(quantity(self.x + e) - quantity(self.x - e)) / (2.0 * e.sum()) for e in steps]
         return self.half_width(np.array(slope))
 
     def direction(self, index: int) -> NDArray[np.float64]:
-        """The direction of parameter `index`."""
+        """Unit vector of parameter `index`."""
         return np.eye(PARAMETER_COUNT)[index]
 
 
@@ -108,14 +111,14 @@ def fit(
     fixed: tuple[int, ...] = (),
     surface: bool = True,
 ) -> Fit:
-    """The parameters that meet `balance.rows` best.
+    """Fit the parameters to `balance.rows`.
 
     Args:
-        seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are left out.
+        seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are excluded.
         belief: geometry, masses, N, counts.
-        unknowns: of `parameters`.
+        unknowns: parameters of `parameters`.
         resolution: step of the force (N).
-        fixed: indices of parameters that are known and stay at their start.
+        fixed: indices of known parameters, which keep their start.
         surface: see `rows`.
 
     Raises:
@@ -126,7 +129,7 @@ def fit(
     settled = seen.select(in_air(seen) | on_scale(seen))
     used = settled.select(clear_of_edges(x, settled, belief.N))
     change = np.inf
-    for number in range(STEPS):
+    for number in range(MAX_STEPS):
         if len(used.t) == 0 or change < CONVERGED_STEP:
             break
         at, A = _linearise(x, scale, used, belief, resolution, surface)
@@ -134,7 +137,7 @@ def fit(
         there = x + scale * np.clip(step, -0.5, 0.5)
         for index in (KAPPA, RATE):
             there[index] = max(there[index], MIN_POSITIVE_SHARE * unknowns[index].start)
-        # held back at its least, a parameter has come to rest
+        # a parameter at its bound has converged
         change = float(np.max(np.abs(there - x)[scale > 0.0] / scale[scale > 0.0]))
         x = there
         candidates = settled if number < RETURNING_STEPS else used
@@ -153,8 +156,10 @@ def fit(
 
 
 def _linearise(x, scale, used, belief, resolution, surface) -> tuple[Equations, NDArray[np.float64]]:
-    """Equations at x, and d residual / d (x / scale) over their sigma (m, 17), by central differences: the equations
-    are smooth away from dead zones. Kinematics are solved anew for the zeros of the joints only."""
+    """Compute the equations at x, and d residual / d (x / scale) by their sigma (m, 17), by central differences.
+
+    The equations are smooth away from dead zones. Kinematics are recomputed only for zeros of the joints.
+    """
     here = pose(belief, used.joint - x[JOINT_ZEROS])
     at = rows(x, used, belief, resolution, here, surface)
     A = np.zeros((len(at.residual), PARAMETER_COUNT))
@@ -171,8 +176,8 @@ def _linearise(x, scale, used, belief, resolution, surface) -> tuple[Equations, 
 
 
 def _visible_directions(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pseudo-inverse of A over the directions that it sees (17, m); those that it does not, (17, k), without the
-    `fixed` parameters, which are no secret of the data; the singular values."""
+    """Return the pseudo-inverse of A over its determined directions (17, m), the undetermined directions (17, k)
+    without `fixed` parameters, and the singular values."""
     free = np.setdiff1d(np.arange(PARAMETER_COUNT), fixed)
     n = len(free)
     U, s, Vt = np.linalg.svd(A[:, free], full_matrices=len(A) < n)

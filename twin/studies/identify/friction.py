@@ -12,18 +12,18 @@ from twin.studies.identify.parameters import JOINT_ZERO
 from twin.studies.identify.windows import Windows, on_scale
 
 SLIDING_SPEED = 1e-3
-"""m/s: slower is rest."""
+"""Minimum speed of sliding (m/s)."""
 MAX_MU_INTERVAL = 0.1
-"""A coefficient less sure than this is no number."""
+"""Maximum half width of a reported coefficient."""
 SETTLED_TIME = 0.35
-"""s in one direction, in which even the slowest sweep is past the 0.3 mm that bristles stretch."""
+"""Minimum time in one direction (s), in which the slowest sweep passes the 0.3 mm of the bristles' stretch."""
 
 
 def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
-    """Coefficient of friction mu from the windows in which the head slides; None if it never does.
+    """Estimate the coefficient of friction mu from windows in which the head slides; None without sliding.
 
     Args:
-        springs: identified; how unsure they are goes into the interval.
+        springs: identified springs, whose uncertainty is included.
         seen: windows in order of time.
         belief: geometry, masses, N.
     """
@@ -49,17 +49,17 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
 
 
 def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What multiplies mu and beta in F_t (2n, 3); `along` (n, 2): direction of each window's motion."""
+    """Factors of mu and beta in F_t (2n, 3); `along` (n, 2): direction of each window's motion."""
     A = np.zeros((2 * len(force), 3))
     A[:, 0] = (force[:, None] * along).ravel()
     A[0::2, 1] = A[1::2, 2] = 1.0
-    # a sweep one way only cannot tell a false zero from friction, and takes the zeros as they were identified
+    # one-way sweeps cannot separate zeros from friction, and use the identified zeros
     both = np.linalg.norm(along.mean(axis=0)) < 0.7
     return A if both else A[:, :1]
 
 
 def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Windows (n,) on the scale that have gone on in one direction for `SETTLED_TIME` already; v (n, 2), m/s."""
+    """Whether each window (n,) is on the scale and has moved in one direction for `SETTLED_TIME`; v (n, 2), m/s."""
     speed = np.linalg.norm(v, axis=1)
     moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING_SPEED))
     heading = v[moving] / speed[moving, None]

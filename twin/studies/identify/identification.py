@@ -1,4 +1,5 @@
-"""A log identified: every quantity with its interval, or the plain statement that it cannot be had from this log."""
+"""Identification of a robot from a log: every quantity with its interval, or the statement that it is not
+determined."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,26 +24,26 @@ from twin.studies.replay.replay import estimates
 from twin.studies.replay.samples import robot_samples
 
 PLAUSIBLE_FACTOR = 5.0
-"""k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
+"""Maximum factor between identified and believed k_s eta; beyond it units or signs are wrong."""
 LEVEL_PARAMETERS = (HEIGHT, SLOPE, SLOPE + 1)
-"""What is known of a level scale whose height was measured."""
+"""Known parameters of a level scale whose height was measured."""
 MAX_DEPTH_MISFIT = 2.0
-"""Depths under load this many times farther from the scale's law than all else, or than rounding explains (it leaves 4
-micrometres), say less than they spoil: what was pressed is skin, or no plane."""
+"""Maximum misfit of depths under load by that of the springs, or by rounding (4 micrometres); beyond it the pressed
+surface is skin, or not a plane, and its law is left out."""
 MIN_LOSS = 0.02
-"""A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
+"""Minimum ln(eta) of a lossy belt; friction and the scale's delay leave less."""
 
 
 class NotIdentifiable(TwinError):
-    """The log is in order, but what was asked cannot be had from it: why, and what to record instead."""
+    """Valid log that does not determine the requested quantity; the message has the reason and what to record."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity. meaning: for people; believed: what the experiment says, None if nothing; found: None if the log
-    does not say it. SI, but for what `estimate.unit` says."""
+    """Quantity of an identification, SI but for `estimate.unit`. meaning: text; believed: value of the experiment or
+    None; found: None if not determined."""
 
     meaning: str
     believed: float | None
@@ -51,15 +52,15 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Identification:
-    """What a log says.
+    """Result of an identification.
 
     Attributes:
-        model: what the robot is taken for.
-        fit: of the springs and the scale.
+        model: belief about the robot.
+        fit: fit of the springs and the scale.
         seen: all windows of slow motion.
-        quantities: by name.
-        one_pose: the paper's procedure on the same log; None: no gradual press.
-        alike: unknowns that this log cannot tell apart, names of each such group.
+        quantities: quantities by name.
+        one_pose: the paper's procedure on the same log; None without a gradual press.
+        inseparable: groups of unknowns that this log cannot separate.
         notes: sentences on the log.
     """
 
@@ -73,7 +74,7 @@ class Identification:
 
     @property
     def loss(self) -> Estimate | None:
-        """ln(eta) of losses that depend on direction; None: loading and unloading cannot be compared."""
+        """ln(eta) of losses that depend on direction; None if loading and unloading cannot be compared."""
         axis, one = self.fit.direction(LOSS), self.fit.unknowns[LOSS]
         if not self.fit.is_determined(axis, one.size):
             return None
@@ -81,14 +82,14 @@ class Identification:
 
     @property
     def separates_eta(self) -> bool:
-        """Whether k_s and eta are known one by one."""
+        """Whether k_s and eta are determined separately."""
         return self.quantities["k_s"].found is not None
 
     def estimate(self, name: str) -> Estimate:
-        """Of a quantity that was found.
+        """Return the estimate of a quantity.
 
         Raises:
-            KeyError: it was not.
+            KeyError: it is not determined.
         """
         found = self.quantities[name].found
         if found is None:
@@ -99,23 +100,23 @@ class Identification:
 def identify_log(
     log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False, say: Say = ignore_progress
 ) -> Identification:
-    """Estimates from the encoders and the scale of `log`.
+    """Identify a robot from the encoders and the scale of a log.
 
     Args:
-        log: as `read_log` gives it.
-        model: geometry, masses, N and counts that are believed.
-        height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
+        log: log of `read_log`.
+        model: believed geometry, masses, N and counts.
+        height: measured height of a level scale (m), which makes the joints' zeros exact; None if unknown.
         motor_torque: whether drive/n.tau_motor is a measured torque.
-        say: called with what is being done.
+        say: receives the progress.
 
     Raises:
-        LogRefused: signals are missing, in wrong units or of the wrong sign.
-        NotIdentifiable: the log is in order, but k_s eta cannot be had from it.
+        LogError: signals are missing, in wrong units or of the wrong sign.
+        NotIdentifiable: the log does not determine k_s eta.
     """
     belief, steps = model.belief, Steps(say, 4)
     steps.next("looking for slow motion")
     taken = robot_samples(log, belief)
-    # the columns are those of the map
+    # refuses columns that do not fit the map
     estimates(taken, model)
     seen = windows(taken, belief)
     path = log.path
@@ -127,7 +128,8 @@ def identify_log(
     if not len(seen.t):
         raise NotIdentifiable(
             f"{path}: the robot never moves slowly and evenly: no {seen.length:g} s in which the motors cross "
-            f"{MIN_COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
+            f"{MIN_COUNTS:g} counts without a jerk; move on the scale and in free air, as "
+            "experiments/calibration.toml does"
         )
     if not np.any(in_air(seen)):
         raise LogError(
@@ -164,7 +166,7 @@ def identify_log(
 
 
 def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
-    """Raise if there is no k_s eta in the log that could be believed."""
+    """Refuse a log without a plausible k_s eta."""
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.direction(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
     plausible = 1.0 / PLAUSIBLE_FACTOR < k / believed < PLAUSIBLE_FACTOR
@@ -177,8 +179,8 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     )
     if not plausible and (found.is_determined(axis, k) or pressing > 10):
         raise LogError(
-            f"{log.path}: k_s eta comes out more than {PLAUSIBLE_FACTOR:g} times away from the believed {believed:g} N m/rad; "
-            f"{doubt}"
+            f"{log.path}: k_s eta comes out more than {PLAUSIBLE_FACTOR:g} times away from the believed "
+            f"{believed:g} N m/rad; {doubt}"
         )
     if not found.converged or not len(found.seen.t):
         raise LogError(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
@@ -191,7 +193,7 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
 
 
 def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
-    """k_s eta, and both apart if motor torque or the direction of the losses says so."""
+    """Quantities k_s eta, and k_s and eta separately if motor torque or direction-dependent losses determine them."""
     product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
     loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))
@@ -203,7 +205,7 @@ def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bo
                 ratio, ratio * float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value)), "1"
             )
     elif found.is_determined(found.direction(LOSS), found.unknowns[LOSS].size) and loss + width < -MIN_LOSS:
-        # with losses by direction (P1) the geometric mean of both, e^(+loss) and e^(-loss), has no eta in it
+        # with direction-dependent losses (P1) the geometric mean of e^(+loss) and e^(-loss) is free of eta
         meaning = "k_s eta, mean of directions"
         k_s, eta = product, Estimate(float(np.exp(loss)), float(np.exp(loss)) * width, "1")
     return {
@@ -214,7 +216,7 @@ def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bo
 
 
 def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
-    """The other unknowns of the fit, with the scale's stiffness for its compliance."""
+    """Quantities of the other unknowns, with the scale's stiffness instead of its compliance."""
     reported: dict[str, Quantity] = {}
     for index, one in enumerate(found.unknowns):
         if index in (KAPPA, LOSS, RATE) or (index in LEVEL_PARAMETERS and height is not None):
@@ -232,9 +234,9 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
 
 
 def _inseparable_groups(found: Fit) -> tuple[tuple[str, ...], ...]:
-    """The unknowns that stand in unseen directions, in groups that share one."""
+    """Groups of unknowns that share an undetermined direction."""
     hidden = np.abs(found.unseen @ found.unseen.T)
-    # how fast a loss turns over means nothing where there is none
+    # the rate of a loss is meaningless without a loss
     members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > MAX_INTERVAL_SIZE), RATE)
     _, group = connected_components(hidden[np.ix_(members, members)] > MAX_INTERVAL_SIZE**2, directed=False)
     return tuple(

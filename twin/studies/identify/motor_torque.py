@@ -14,14 +14,14 @@ from twin.studies.identify.windows import Windows
 
 
 def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
-    """k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor of `log`; None if the torque does not vary.
+    """Estimate k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor of `log`; None if the torque does not vary.
 
     Args:
-        springs: identified; how unsure they are goes into the interval.
-        belief: N.
+        springs: identified springs, whose uncertainty is included.
+        belief: belief with N.
 
     Raises:
-        LogRefused: a torque is missing, or in another unit.
+        LogError: a torque is missing, or in another unit.
     """
     seen = springs.seen
     torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1).ravel()
@@ -42,7 +42,7 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
 
 def _mean(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:
-    """Means of a torque over the windows."""
+    """Mean of a torque in each window."""
     if name not in log.series:
         raise LogError(
             f"{log.path}: '{name}' is not there; --motor-torque needs the torques of all three motors: choose with "

@@ -1,10 +1,10 @@
-"""The paper's own calibration (Sec. III.A), and why it is biased.
+"""The paper's own calibration (Sec. III.A), and the causes of its bias.
 
 "We allow the massage manipulator to touch the surface of the electronic scale, gradually increasing the z-axis
 position. Comparing the force calculated via the proposed static force model with the force measured by the electronic
-scale": one place, one press, and k_s eta scaled until F_z of (27) is what the scale shows, a line through the origin.
-(27) has no weight in it, the encoders' zeros are what they are, and the dead zone takes some of the deflection; each of
-them is put right in turn here.
+scale": one place, one press, and k_s eta scaled until F_z of (27) equals the scale's reading, a line through the
+origin. (27) ignores the weight, the encoders' zeros, and the deflection in the dead zone; each of them is corrected in
+turn here.
 """
 
 from typing import NamedTuple
@@ -19,13 +19,13 @@ from twin.studies.identify.parameters import BACKLASH, JOINT_ZERO, OFFSET
 from twin.studies.identify.windows import Windows, on_scale
 
 MIN_PRESS_RISE = 1.0
-"""N: a press that gains less says nothing."""
+"""Minimum increase of the force in a press (N)."""
 MAX_PRESS_WIDTH = 2e-3
-"""m: a press that moves farther sideways is a sweep."""
+"""Maximum lateral extent of a press (m); beyond it the motion is a sweep."""
 
 
 class OnePoseStep(NamedTuple):
-    """One way to read the press. name: what it takes into account; k_s_eta (N m/rad) of a line through the origin."""
+    """Evaluation of the press. name: corrected causes; k_s_eta: (N m/rad) by a line through the origin."""
 
     name: str
     k_s_eta: float
@@ -35,11 +35,11 @@ class OnePose(NamedTuple):
     """The paper's procedure on one press.
 
     Attributes:
-        place: (2,), m.
-        start, end: s.
-        force: scale (n,), N.
-        calculated: F_z as (27) has it with the believed k_s eta (n,), N.
-        steps: as printed, then with one cause after the other taken away.
+        place: position (2,), m.
+        start, end: times (s).
+        force: reading of the scale (n,), N.
+        calculated: F_z of (27) with the believed k_s eta (n,), N.
+        steps: as printed, then with one cause after the other corrected.
     """
 
     place: NDArray[np.float64]
@@ -51,12 +51,12 @@ class OnePose(NamedTuple):
 
 
 def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose | None:
-    """The paper's procedure on the press nearest to the middle; None if there is no gradual press.
+    """Apply the paper's procedure to the most central press; None without a gradual press.
 
     Args:
         seen: windows in order of time.
-        belief: what the robot is taken for.
-        x: the identified parameters.
+        belief: belief about the robot.
+        x: identified parameters.
     """
     press = _press(seen, belief)
     if press is None:
@@ -79,7 +79,8 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
 
 
 def _press(seen: Windows, belief: Belief) -> Windows | None:
-    """The loading half of the press nearest to the base's axis; of those, the one that gains most."""
+    """Select the loading half of the press nearest to the base's axis, and among equals that with the largest
+    increase."""
     chosen = np.flatnonzero(on_scale(seen))
     if len(chosen) < 3:
         return None
@@ -92,7 +93,7 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
             and np.max(np.ptp(p_B[part], axis=0)) <= MAX_PRESS_WIDTH
             and len(part) >= 3
         ):
-            # to 5 mm: repeated presses of one place are the same place
+            # rounded to 5 mm, so that repeated presses share a place
             distance = round(float(np.linalg.norm(p_B[part].mean(axis=0))) / 5e-3)
             found.append((distance, -float(np.ptp(seen.force[part])), part))
     if not found:
@@ -103,12 +104,12 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
 
 
 def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """-F_ee,z of (27) without weight for deflections w (n, 3), and what the weight adds to it (n,), N."""
+    """-F_ee,z of (27) without weight for deflections w (n, 3), and the contribution of the weight (n,), N."""
     at = pose(belief, press.joint - joint_zero)
     J_z = at.J[:, :, 2]
     return -np.sum(J_z * (k * belief.N * w), axis=1), platform_weight(belief) - np.sum(J_z * at.g_a, axis=1)
 
 
 def _through_origin(calculated: NDArray[np.float64], force: NDArray[np.float64]) -> float:
-    """Of the line force = s calculated through the origin: what k_s eta has to be multiplied by."""
+    """Slope s of the line force = s calculated through the origin, the factor of k_s eta."""
     return float(calculated @ force / (calculated @ calculated))

@@ -1,4 +1,4 @@
-"""What is estimated: names, units, the size at which an error matters, and where the search starts."""
+"""Unknowns of an identification: names, units, relevant size, and start of the search."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ from twin.robot.controller.controller import Belief
 KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING, DELAY = (
     0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15, 16
 )  # fmt: skip
-"""Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
+"""Indices in a vector of parameters; offsets and joint zeros are three each, slopes two."""
 PARAMETER_COUNT = 17
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown.
+    """Unknown of an identification.
 
     Attributes:
-        name: as in facts; vectors count from 1.
-        meaning: for people.
-        unit: SI.
-        start: the believed value.
-        size: plausible difference of belief and truth; only a parameter known to a tenth of it is reported.
+        name: name in facts; vectors count from 1.
+        meaning: description.
+        unit: SI unit.
+        start: believed value.
+        size: plausible error of the belief; a parameter is reported if it is known to a tenth of it.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Parameter:
 
 
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
-    """The unknowns in their order, starting from `belief` and a believed `height` of the scale (m)."""
+    """Create the unknowns in their order, starting from `belief` and a believed `height` of the scale (m)."""
     k = belief.k_s * belief.eta
     offsets = np.subtract(belief.motor_zero, np.multiply(belief.N, belief.joint_zero))
     degree = float(np.radians(1.0))
@@ -57,10 +57,10 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
 
 
 def starts(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
-    """Where the search starts (n,)."""
+    """Start of the search (n,)."""
     return np.array([one.start for one in unknowns])
 
 
 def sizes(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
-    """How far each may plausibly be off (n,)."""
+    """Sizes of the unknowns (n,)."""
     return np.array([one.size for one in unknowns])

@@ -60,7 +60,7 @@ def identify(
     curves = read_log(log, column_map(maps), (from_s, to_s))
     model, own = model_for(curves.path, experiment, settings), is_recording(curves.path)
     one = identify_log(curves, model, None if height is None else 1e-3 * height, motor_torque, say)
-    # only a run of the twin that is taken for what it was has a truth to be scored by
+    # the truth is known only for a run of the twin with its own experiment
     true = truth(model) if own and experiment is None else {}
     name = model.name if own else curves.path.stem
     folder = claim_run_folder(out) if out else create_run_folder(IDENTIFY_FOLDER, name, datetime.now())

@@ -1,4 +1,4 @@
-"""An identification as text, as TOML to paste, as a picture, and beside the truth of a simulated log."""
+"""Report of an identification: text, TOML to paste, picture, and the truth of a simulated log."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,15 +24,15 @@ QUANTITY_COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95
 PAPER_COLUMNS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
 LOADING_COLOR, UNLOADING_COLOR = PAPER_BLUE, PAPER_ORANGE
 MIN_LOADING_SPEED = 5e-4
-"""m/s: slower in z is neither loading nor unloading."""
+"""Minimum speed in z of loading or unloading (m/s)."""
 
 
 def truth(model: RobotModel) -> Mapping[str, float]:
-    """The plant's values by the names of `identification.Quantity`, SI.
+    """Values of the plant by the names of `identification.Quantity`, SI.
 
-    The viscous friction is what encoders that are read in the same instant show of it. A co-simulation holds the motor
-    angle over its tick H: the spring sees it half a tick early (Gauss-Seidel) or late (Jacobi), which is a torque
-    k_s eta N^2 H/2 theta_l' along or against the motion (docs/physics.md, "Springs are inside the plant").
+    The viscous friction is the apparent one of encoders read at the same instant. A co-simulation holds the motor angle
+    over its tick H: the spring sees it half a tick early (Gauss-Seidel) or late (Jacobi), a torque k_s eta N^2 H/2
+    theta_l' along or against the motion (docs/physics.md, "Springs are inside the plant").
     """
     plant = TrueRobot.model_validate(model.values["plant"])
     surface = model.plant
@@ -64,12 +64,12 @@ def truth(model: RobotModel) -> Mapping[str, float]:
 def identification_result(
     one: Identification, name: str, files: dict[str, str], true: Mapping[str, float], facts: dict[str, object]
 ) -> Result:
-    """The whole report.
+    """Create the report.
 
     Args:
-        name: of the log.
+        name: name of the log.
         files: kind -> path.
-        true: values of a run of the twin, SI, or nothing.
+        true: values of a run of the twin, SI; empty for other logs.
         facts: `identification_facts`.
     """
     k = one.quantities["k_s_eta"]
@@ -112,7 +112,7 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
 
 
 def _unknown(one: Identification) -> list[str]:
-    """What this log does not say, in plain words."""
+    """Text on the undetermined quantities."""
     reasons = []
     if not one.separates_eta:
         loss = (
@@ -143,7 +143,7 @@ def _unknown(one: Identification) -> list[str]:
 
 
 def _list(names: Sequence[str]) -> str:
-    """Names as people list them, three of a kind as one."""
+    """Join names to a list, three of a kind as one."""
     names = list(names)
     for one, all_three in ALL_THREE.items():
         numbered = [f"{one} {i}" for i in (1, 2, 3)]
@@ -154,7 +154,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _paper(one: Identification) -> list[Block]:
-    """The paper's procedure and its bias."""
+    """Table of the paper's procedure and its bias."""
     press = one.one_pose
     if press is None:
         return [note("paper", "no gradual press in one place, so Sec. III.A cannot be followed", whole=True)]
@@ -182,7 +182,7 @@ def _residuals(one: Identification) -> list[Block]:
 
 
 def identification_facts(one: Identification, log: str, true: Mapping[str, float]) -> dict[str, object]:
-    """Everything in numbers, SI; what was not found is None."""
+    """Return all results as numbers, SI; undetermined values are None."""
     quantities: dict[str, object] = {}
     for name, quantity in one.quantities.items():
         found = quantity.found
@@ -205,7 +205,7 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
 
 
 def model_fragment(one: Identification, log: str) -> str:
-    """[controller] and [controller.model] with what was found; what was not stays as it is. log: the file's name."""
+    """Create [controller] and [controller.model] with the determined values only; log: name of the file."""
     belief, q = one.model.belief, one.quantities
     k = one.estimate("k_s_eta")
     d = decimals(k)
@@ -241,7 +241,7 @@ def _zeros(angles: np.ndarray, source: str) -> Any:
 
 
 def _width(found: Sequence[Estimate | None]) -> str:
-    """The widest of the intervals, in degrees."""
+    """Widest of the intervals (deg)."""
     return f"{max(display_value(one.half_width, 'rad') for one in found if one):.2g} deg"
 
 

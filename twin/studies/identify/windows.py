@@ -1,8 +1,8 @@
-"""A log as windows of slow motion: the only samples that say anything about statics.
+"""Windows of slow motion in a log, the only samples that determine statics.
 
-An encoder is read in steps. While the robot stands, every sample has the same rounding error and a mean of thousands is
-no better than one; while it moves across several counts the errors run through their range and their mean vanishes. So
-a window is kept if every motor crosses some counts in it, and if it neither starts, stops nor turns.
+Encoders are quantised. At rest every sample has the same rounding error, and a mean of thousands is no better than one;
+in motion over several counts the errors cover their range, and their mean vanishes. A window is used if every motor
+crosses some counts in it, and if it neither starts, stops nor reverses.
 """
 
 from typing import Any, NamedTuple
@@ -15,21 +15,23 @@ from twin.robot.controller.controller import Belief
 from twin.studies.replay.samples import RobotSamples
 
 WINDOW_LENGTH = 0.1
-"""s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (75 rad/s)."""
+"""Minimum window length (s): below the 0.2 s of a press's sign changes, above a period of the free modes (75 rad/s)."""
 MIN_COUNTS = 4.0
-"""Motor counts that have to be crossed in a window, on average over the joints."""
+"""Minimum number of motor counts crossed in a window, averaged over the joints."""
 MAX_ACCELERATION = 0.05
-"""m/s2: with 0.3 kg, 0.015 N of inertia, a third of a step of the paper's scale; the balance knows of nine tenths."""
+"""Maximum acceleration (m/s2): with 0.3 kg 0.015 N of inertia, a third of a step of the paper's scale; the balance
+includes nine tenths of it."""
 JOINTS_PER_METRE = 17.0
-"""rad/m: d theta_l / d p_z at home."""
+"""d theta_l / d p_z at home (rad/m)."""
 GUARD_TIME = 0.1
-"""s: a scale may show what it carries this late; until then it is open whether the robot still touches it."""
+"""Maximum delay of a scale (s); until then contact is uncertain."""
 CLUSTER_TIME = 2.0
-"""s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
+"""Length of a cluster (s): closer windows share errors (a place, a press, a turn of an encoder) and are not
+independent."""
 MAX_AIR_FORCE = 0.05
-"""N: less is free air; twice the step of the paper's scale."""
+"""Maximum force in free air (N), twice the step of the paper's scale."""
 MIN_CONTACT_FORCE = 0.15
-"""N: more, all through a window, is contact."""
+"""Minimum force throughout a window in contact (N)."""
 
 
 class Windows(NamedTuple):
@@ -37,15 +39,15 @@ class Windows(NamedTuple):
 
     Attributes:
         t: middle of each (n,), s.
-        motor, joint: what the encoders read, zeros included (n, 3), rad.
-        speed: of the joints (n, 3), rad/s.
-        acceleration: of the joints (n, 3), rad/s2.
-        spread: half of the range that the deflection motor - N joint runs through (n, 3), rad.
-        force: of the scale, pressing positive (n,), N.
-        force_rate: its slope (n,), N/s.
-        lowest, highest: force in the window and for `GUARD_TIME` after it (n,), N.
-        cluster: number of the group of windows each belongs to (n,), for the covariance.
-        length: of each, s.
+        motor, joint: encoder angles, zeros included (n, 3), rad.
+        speed: speeds of the joints (n, 3), rad/s.
+        acceleration: accelerations of the joints (n, 3), rad/s2.
+        spread: half of the range of the deflection motor - N joint (n, 3), rad.
+        force: force of the scale, pressing positive (n,), N.
+        force_rate: slope of the force (n,), N/s.
+        lowest, highest: extremes of the force in the window and for `GUARD_TIME` after it (n,), N.
+        cluster: number of the cluster (n,), for the covariance.
+        length: length of a window (s).
     """
 
     t: NDArray[np.float64]
@@ -62,28 +64,28 @@ class Windows(NamedTuple):
     length: float
 
     def select(self, chosen: NDArray[np.bool_]) -> "Windows":
-        """The `chosen` (n,) ones."""
+        """Select windows by a mask (n,)."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
         return self._replace(**columns)
 
     def runs(self, chosen: NDArray[np.intp], joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-        """The windows `chosen` (m,) in runs without a pause, broken also where `joined` (m - 1,) is False.
+        """Split the windows `chosen` (m,) into runs without a pause, also split where `joined` (m - 1,) is False.
 
-        Two windows lost in a row are no pause: a motor that takes up its backlash for a moment costs as many.
+        Two missing windows in a row are no pause: a motor that crosses its backlash loses as many.
         """
         pause = np.diff(self.t[chosen]) > 3.5 * self.length
         return np.split(chosen, np.flatnonzero(pause | ~joined) + 1)
 
 
 def windows(log: RobotSamples, belief: Belief) -> Windows:
-    """The windows of `log` that are fit for statics; none is an answer, too.
+    """Find the windows of a log that are fit for statics; possibly none.
 
     Args:
-        log: with a measured force.
-        belief: of counts per turn and N.
+        log: samples with a measured force.
+        belief: counts per turn and N.
 
     Raises:
-        LogRefused: no force was measured, or never together with the encoders.
+        LogError: no force was measured, or never at the time of the encoders.
     """
     if log.force is None:
         raise LogError(
@@ -123,9 +125,9 @@ def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
-    """One row of the columns of `Windows`, then range of the motors (3,)."""
+    """Compute one row of the columns of `Windows`, then the range of the motors (3,)."""
     half = len(t) // 2
-    # slopes of both halves by regression: an encoder's step costs them least
+    # slopes of both halves by regression, least sensitive to an encoder's steps
     first, last = (_slope(t[part], joint[part]) for part in (slice(None, half), slice(half, None)))
     acceleration = (last - first) / (t[half:].mean() - t[:half].mean())
     return (
@@ -136,16 +138,16 @@ def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
 
 
 def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the straight lines through y (n, ...) over t (n,)."""
+    """Slopes of the straight lines through y (n, ...) over t (n,)."""
     centred = t - t.mean()
     return centred @ y / (centred @ centred)
 
 
 def in_air(seen: Windows) -> NDArray[np.bool_]:
-    """Windows (n,) that touch nothing."""
+    """Whether each window (n,) is in free air."""
     return (seen.highest < MAX_AIR_FORCE) & (seen.lowest > -MAX_AIR_FORCE)
 
 
 def on_scale(seen: Windows) -> NDArray[np.bool_]:
-    """Windows (n,) in contact all through."""
+    """Whether each window (n,) is in contact throughout."""
     return seen.lowest > MIN_CONTACT_FORCE

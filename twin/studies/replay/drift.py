@@ -1,20 +1,19 @@
-"""When does a residual leave what it was? Page's cumulative sum over means of blocks.
+"""Detection of a changed mean: Page's cumulative sum over block means of a residual.
 
 E. S. Page, Continuous inspection schemes, Biometrika 41 (1954) 100; the two-sided form and its run lengths as in D. C.
-Montgomery, Introduction to Statistical Quality Control, sec. 9.1. With r_n the mean residual of block n and r_0 that of
-the beginning of the log,
+Montgomery, Introduction to Statistical Quality Control, sec. 9.1. With r_n the mean residual of block n and r_0 the
+mean of the log's baseline,
 
     up_n   = max(0, up_(n-1)   + (r_n - r_0) - K),     low_n = max(0, low_(n-1) - (r_n - r_0) - K),
 
-and the alarm is the first sum beyond H. K = tolerance + sigma / 2 and H = 5 sigma: a residual that wanders within the
-tolerance never fills a sum; one that stays just at its edge, with independent normal means of deviation sigma, does by
-chance once in 930 blocks on one side (Montgomery, table 9.3: 465 for both sides of an in-control mean).
+and the first sum beyond H is the alarm. K = tolerance + sigma / 2 and H = 5 sigma. A residual within the tolerance
+never fills a sum; at the edge of the tolerance, with independent normal means of standard deviation sigma, one side has
+a false alarm in 930 blocks (Montgomery, table 9.3: 465 for both sides of an in-control mean).
 
-Neighbouring samples of a residual say the same thing twice, and a sum would take that for evidence. Blocks are at least
-twice its correlation time T_c, and at least `SHORTEST_BLOCK`. sigma is the deviation of a block's mean: that of single
-samples at the beginning times sqrt(2 T_c / block) (M. S. Bartlett, J. R. Stat. Soc. 8 (1946) 27, for an exponential
-autocorrelation), but at least that of the sensors' own rounding: at rest an encoder shows one count for minutes, and no
-spread at all.
+Neighbouring samples of a residual are correlated, so blocks have at least twice the correlation time T_c, and at least
+`SHORTEST_BLOCK`. sigma, the standard deviation of a block's mean, is that of the baseline's samples times sqrt(2 T_c /
+block) (M. S. Bartlett, J. R. Stat. Soc. 8 (1946) 27, for an exponential autocorrelation), but at least that of the
+sensors' rounding: at rest an encoder may show one count for minutes, without any spread.
 """
 
 from dataclasses import dataclass
@@ -23,25 +22,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 SHORTEST_BLOCK = 1.0
-"""s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
-motion that returns to where it began."""
+"""Minimum block length (s), two taps of a massage: forces of acceleration and viscous friction cancel over a motion
+that returns to its start."""
 DECISION_FACTOR = 5.0
-"""H / sigma."""
+"""Threshold H by sigma."""
 
 
 @dataclass(frozen=True)
 class Drift:
-    """What became of one residual, in its own unit.
+    """Course of one residual's sums, in its own unit.
 
     Attributes:
-        baseline, sigma: its mean r_0 at the beginning, and the deviation of a block's mean.
-        block: its length (s).
-        tolerance: changes of the mean up to this are none.
-        t, mean: end (s) and mean residual of each block, (n,);
-        up, low: the sums after it, (n,).
-        alarm: end of the block that raised it (s); NaN: none did.
-        since: when the sum that raised it began to grow (s).
-        size: mean residual less r_0 since then.
+        baseline, sigma: baseline mean r_0, and standard deviation of a block's mean.
+        block: block length (s).
+        tolerance: accepted change of the mean.
+        t, mean: end (s) and mean residual of each block, (n,).
+        up, low: sums after each block, (n,).
+        alarm: end of the block with the alarm (s); NaN without an alarm.
+        since: start of the growth of the alarming sum (s).
+        size: mean residual since then, less r_0.
     """
 
     baseline: float
@@ -63,25 +62,25 @@ class Drift:
 
     @property
     def slack(self) -> float:
-        """K: how far a mean may be off before a sum begins to fill."""
+        """K, the change of a mean below which no sum grows."""
         return self.tolerance + 0.5 * self.sigma
 
     @property
     def threshold(self) -> float:
-        """H."""
+        """H, the alarm threshold."""
         return DECISION_FACTOR * self.sigma
 
 
 def drift(
     t: NDArray[np.float64], r: NDArray[np.float64], baseline: float, tolerance: float, sigma_least: float
 ) -> Drift | None:
-    """The two-sided sum over a residual; None if there is no block after the beginning.
+    """Compute the two-sided sum over a residual; None if no block follows the baseline.
 
     Args:
         t, r: times (n,), s, ascending, and residual (n,).
-        baseline: length of the beginning that says what is normal (s).
-        tolerance: change of the mean that is no news, in the unit of r.
-        sigma_least: deviation that the sensors' rounding alone amounts to, > 0, likewise.
+        baseline: length of the baseline (s).
+        tolerance: accepted change of the mean, in the unit of r.
+        sigma_least: standard deviation due to rounding, > 0, in the unit of r.
     """
     first = t < t[0] + baseline
     normal = r[first]
@@ -105,14 +104,12 @@ def drift(
 
 
 def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-    """Lag (s) at which the autocorrelation of r (n,) falls below 1/e; 0 for a residual that stands still.
-
-    A beginning that is all one swing gives at most its own length.
-    """
+    """Lag (s) at which the autocorrelation of r (n,) falls below 1/e; 0 for a constant residual, at most the length of
+    r."""
     centred = r - np.mean(r)
     if len(r) < 3 or not np.any(centred):
         return 0.0
-    # padded to twice its length, so that its end does not meet its beginning
+    # zero padding avoids circular correlation
     power = np.abs(np.fft.rfft(centred, 2 * len(r))) ** 2
     autocorrelation = np.fft.irfft(power, 2 * len(r))[: len(r)] / np.sum(centred**2)
     below = np.flatnonzero(autocorrelation < np.exp(-1.0))
@@ -120,22 +117,22 @@ def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
 
 
 def _sum(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """sum_n = max(0, sum_(n-1) + steps_n)."""
+    """Compute sum_n = max(0, sum_(n-1) + steps_n)."""
     total = np.cumsum(steps)
-    # as far above its deepest point so far as it is
+    # the height above the running minimum
     return total - np.minimum(0.0, np.minimum.accumulate(total))
 
 
 def _block_means(
     t: NDArray[np.float64], r: NDArray[np.float64], block: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """End (s) and mean of each whole block that has at least half the samples of the fullest one."""
+    """Ends (s) and means of the complete blocks with at least half the samples of the fullest one."""
     if not len(t):
         return np.empty(0), np.empty(0)
     index = np.floor((t - t[0]) / block).astype(np.int64)
-    # the last one is whole only by chance
+    # the last block is rarely complete
     whole = index < index[-1]
-    # only blocks with samples: a log may have hours without one
+    # only blocks with samples, since gaps may last hours
     blocks, member, count = np.unique(index[whole], return_inverse=True, return_counts=True)
     full = count >= 0.5 * np.max(count, initial=0)
     sums = np.bincount(member, weights=r[whole], minlength=len(blocks))

@@ -1,4 +1,4 @@
-"""Measures of the force that a log holds: the measured force beside the reference of the twin's own controller."""
+"""Measures of a log's held force, against the reference of the twin's own controller."""
 
 from pathlib import Path
 
@@ -21,18 +21,18 @@ from twin.studies.replay.replay import Outputs
 from twin.studies.replay.samples import RobotSamples
 
 MAX_PERIOD_ERROR = 0.02
-"""Largest difference of the log's period from a divisor of the controller's, as a share."""
+"""Maximum relative difference between the log's period and a divisor of the controller's."""
 LOG_MEASURES = (*FORCE_KEYS, "hold_begin", "hold_end")
-"""Measures of a log: it has no true position."""
+"""Keys of the measures of a log, which has no true position."""
 
 
 def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
-    """Compute the measures of a log's held force; each None, with the reason, if there is no force or no controller.
+    """Compute the measures of a log's held force; without a force or a controller each is None, with the reason.
 
     Args:
-        log: encoders and measured force.
-        estimate: outputs of the controller's estimator at the log's samples.
-        source: experiment of the robot; None for that of the log, a recording.
+        log: samples with the measured force.
+        estimate: outputs of the controller's estimator.
+        source: experiment of the robot; None for the recording's own.
         settings: "table.key=value" texts for the experiment.
     """
     if log.force is None:
@@ -66,7 +66,7 @@ def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, sett
 def _controller_outputs(
     experiment: Experiment, log: RobotSamples, estimate: Outputs, stride: int, period: float
 ) -> tuple[Outputs, NDArray[np.float64]]:
-    """Outputs of the twin's controller on the log's counts, and the times of its calls."""
+    """Run the twin's controller on the log's estimates; return its outputs and the times of its calls."""
     law = controller(experiment)
     t = log.t[::stride]
     n = len(t)
@@ -79,7 +79,7 @@ def _controller_outputs(
 
 
 def measures_text(values: Values) -> str:
-    """Return the first measures of a log as text, or the reason why they are missing."""
+    """Format the first measures of a log, or the reason why they are missing."""
     error = values["hold_error"]
     if error.value is None:
         return f"none: {error.reason}"

@@ -1,6 +1,6 @@
-"""A column map proposed for a robot's CSV file, by names, units and values of its columns.
+"""Column map proposed for a robot's CSV file, from names, units and values of its columns.
 
-Entries that the file leaves no doubt about are written as they are, doubtful ones as comments.
+Unambiguous entries are written as such, ambiguous ones as comments.
 """
 
 import json
@@ -22,20 +22,20 @@ from twin.kernel.units import FORCE, Dimension, known_unit
 
 ANGLE_DIMENSION, MASS_DIMENSION = Dimension(rad=1), Dimension(kg=1)
 SIDE_WORDS = {"m": ("m", "mot", "motor", "motors"), "l": ("l", "link", "joint", "load", "arm", "out", "output")}
-"""Side of the spring, as in `theta_m` and `theta_l` -> words by which columns name it."""
+"""Side of the spring, as in `theta_m` and `theta_l` -> words in column names."""
 FORCE_WORDS = ("f", "fz", "force", "scale", "load", "loadcell", "weight")
 CLOCK_WORDS = (*TIME_NAMES, "stamp", "clock")
 FORCE_NAME = "F_z"
 
 
 class Triple(NamedTuple):
-    """Three columns that differ in a number from 0 to 2 or from 1 to 3.
+    """Three columns whose names differ in a number, 0 to 2 or 1 to 3.
 
     Attributes:
-        columns: by joint.
-        words: of their common name, small letters.
-        unit: as their names carry it; "" if they do not.
-        counts: whether they hold whole numbers only, without a unit.
+        columns: column by joint.
+        words: words of the common name, lower case.
+        unit: unit in the names; "" without one.
+        counts: whether all values are integers without a unit.
     """
 
     columns: tuple[str, str, str]
@@ -45,18 +45,18 @@ class Triple(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """A map that has been written, and whether it is complete as it is."""
+    """Path of a written map, and whether the map is complete."""
 
     path: Path
     complete: bool
 
 
 def propose(log: Path) -> Proposal:
-    """Write the column map of the CSV file `log` beside it, as NAME.map.toml.
+    """Write the column map of a CSV file as NAME.map.toml in the same folder.
 
     Raises:
-        LogRefused: no CSV file, or the map is there already.
-        NotWritten: the folder or the disk refuses.
+        LogError: no CSV file, or the map exists.
+        NotWritten: the file cannot be written.
     """
     text, complete = proposal(read_table(log))
     path = log.with_suffix(".map.toml")
@@ -67,7 +67,7 @@ def propose(log: Path) -> Proposal:
 
 
 def proposal(table: CsvTable) -> tuple[str, bool]:
-    """(text of the map, whether nothing in it is in doubt)."""
+    """Create the text of a map, and whether it is unambiguous."""
     numbers = [name for name in table.head if table.head.count(name) == 1 and table.is_numbers(name)]
     sections = [_time(table, numbers), *_angles(table, numbers), _force(table, numbers)]
     taken = {name for lines in sections for name in numbers if any(_toml_string(name) in line for line in lines)}
@@ -83,7 +83,7 @@ def proposal(table: CsvTable) -> tuple[str, bool]:
 
 
 def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """The one column that ascends and is in a unit of time, or is called so."""
+    """Entries for the time: ascending columns in a unit of time, or with the name of a time."""
     rising = [name for name in numbers if np.all(np.diff(table.column(name)) > 0.0)]
     units = {name: known_unit(split_unit(name)[1]) for name in rising}
     timed = [name for name in rising if (found := units[name]) is not None and found.dimension == TIME_DIMENSION]
@@ -98,10 +98,10 @@ def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
 
 
 def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
-    """The encoders of both sides of the springs."""
+    """Entries for the encoders of both sides of the springs."""
     triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE_DIMENSION]
     found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDE_WORDS.items()}
-    # of two that are left the name of one tells the other
+    # if one of two triples is known, the other follows
     for side, other in (("m", "l"), ("l", "m")):
         if not found[side] and len(found[other]) == 1 and len(triples) == 2:
             found[side] = [one for one in triples if one not in found[other]]
@@ -123,13 +123,13 @@ def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
 
 
 def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """The measured force, pressing positive."""
+    """Entry for the measured force, pressing positive."""
     units = {name: split_unit(name)[1] for name in numbers}
     forces = [name for name in numbers if _dimension(units[name]) == FORCE]
     weights = [name for name in numbers if _dimension(units[name]) == MASS_DIMENSION]
     if len(forces) + len(weights) == 1:
         (name,) = [*forces, *weights]
-        # what a scale shows in grams is a weight
+        # a scale's grams are a weight
         unit = units[name] if forces else f"{units[name]}f"
         values = table.column(name)
         sign = -1 if abs(float(np.nanmin(values))) > abs(float(np.nanmax(values))) else 1
@@ -145,7 +145,7 @@ def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
 
 
 def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
-    """Columns that differ in one number, which is that of the joint, in the order of the file."""
+    """Find columns that differ in the joint's number, in the order of the file."""
     stems: dict[tuple[str, str], dict[int, str]] = {}
     for column in numbers:
         name, unit = split_unit(column)
@@ -163,7 +163,7 @@ def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
 
 
 def _words(name: str) -> frozenset[str]:
-    """The words of a name: `q_motor[1]` and `qMotor1` have q and motor."""
+    """Split a name into words: `q_motor[1]` and `qMotor1` have q and motor."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", split_unit(name)[0])
     return frozenset(word.lower() for word in re.findall(r"[A-Za-z]+", apart))
 
@@ -174,7 +174,7 @@ def _dimension(unit: str) -> Dimension | None:
 
 
 def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
-    """`"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "": as the name of the column carries it."""
+    """Format an entry, `"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "" for that in the column's name."""
     name = signal if signal == TIME_SIGNAL else json.dumps(signal)
     unit = unit or split_unit(column)[1]
     rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")

@@ -1,4 +1,4 @@
-"""What the twin believes of the robot whose log is replayed: the parts of an experiment that a replay needs."""
+"""Belief about a robot: the parts of an experiment that a replay needs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,23 +29,23 @@ from twin.robot.plant.encoder import Display
 from twin.robot.plant.surface_motion import Motion
 
 MODEL_TABLES = {name: DECLARED_TABLES.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
-"""What is read of a recorded experiment; it may lack a scale."""
+"""Tables of a recorded experiment that are used; the scale may be missing."""
 
 
 OWN_PARTS = ("estimator", "body")
-"""Parts that a replay has to know."""
+"""Parts that must be the twin's own."""
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """The twin of one robot, SI.
+    """Belief about one robot, SI.
 
     Attributes:
-        name: of the experiment.
-        values: its tables as far as they are used here, keys with units.
-        belief, gravity_compensation: the controller's, for its estimate.
-        plant, substeps, motions, tick: the plant model, what moves its surface, and its step (s).
-        resolution: of the measured force (N); 0: not known.
+        name: name of the experiment.
+        values: the used tables of the experiment, keys with units.
+        belief, gravity_compensation: belief and setting of the controller's estimator.
+        plant, substeps, motions, tick: parameters of the plant, motions of its surface, and its step (s).
+        resolution: resolution of the measured force (N); 0 if unknown.
     """
 
     name: str
@@ -60,24 +60,24 @@ class RobotModel:
 
     @property
     def belief_with_dead_zone(self) -> Belief:
-        """The controller's belief, with the dead zone that the plant has: what can be made of the counts at best."""
+        """The controller's belief with the plant's dead zone: the best estimate from the counts."""
         return self.belief._replace(backlash=self.plant.backlash)
 
 
 def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
-    """What a replay needs of the experiment file at `path`, with `settings` as of `twin run --set`.
+    """Load the model of an experiment file, with `settings` as of `twin run --set`.
 
     Raises:
-        InputRefused: with every mistake of the experiment.
+        InputRefused: all errors of the experiment.
     """
     return model_of(load_experiment(path, settings))
 
 
 def model_of(experiment: Experiment) -> RobotModel:
-    """What a replay needs of an experiment.
+    """Extract the model of an experiment.
 
     Raises:
-        InputRefused: a part of it is third-party.
+        InputRefused: a part is third-party.
     """
     refuse_third_party_parts(experiment, "a replay", OWN_PARTS)
     values = {name: experiment.values[name] for name in MODEL_TABLES if name in experiment.values}
@@ -85,10 +85,10 @@ def model_of(experiment: Experiment) -> RobotModel:
 
 
 def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
-    """What a replay needs of the robot whose log is the file `log`: of `experiment`, or else as the log itself tells.
+    """Load the model for a log file: of `experiment`, or else of the recording's own experiment.
 
     Raises:
-        InputRefused: it does not tell, or as `load_model` and `recorded_model`.
+        InputRefused: no experiment for a log of a robot, or as `load_model` and `recorded_model`.
     """
     if experiment is not None:
         return load_model(experiment, settings)
@@ -98,16 +98,16 @@ def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) 
 
 
 def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> RobotModel:
-    """What a replay needs of the experiment that a recording of twin carries with it.
+    """Extract the model of the experiment in a recording's metadata.
 
     Args:
-        metadata: of the recording.
-        where: the recording, for sentences.
-        settings: "table.key=value" texts laid over it. [plant] and [controller.model] are filled in there, so a setting
-            of [robot] would reach nothing, and is refused like every table that a replay does not read.
+        metadata: metadata of the recording.
+        where: path of the recording, for error messages.
+        settings: "table.key=value" texts. [plant] and [controller.model] are expanded in a recording, so that settings
+            of [robot] would have no effect; they are refused, as those of unused tables.
 
     Raises:
-        InputRefused: the recording has no experiment, or a setting does not fit.
+        InputRefused: no experiment in the recording, or an invalid setting.
     """
     name, values = recorded_name(metadata, where), recorded_values(DECLARED_TABLES, metadata, where)
     if not values:

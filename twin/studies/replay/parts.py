@@ -1,7 +1,7 @@
-"""Parts of a twin that make rows of a robot's samples: estimates of position and force, and the plant model.
+"""Parts of a twin that turn a robot's samples into rows: estimates of position and force, and the plant model.
 
 A replay feeds them a whole log in one slice, a live session the samples as they arrive. Rows do not depend on the
-slices, but for the plant model's: interpolation across a slice boundary differs by rounding.
+slices, but the plant model's differ by rounding of the interpolation across a slice boundary.
 """
 
 import math
@@ -36,53 +36,50 @@ ENCODER_PORTS = (
 FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
 JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
 SETTLING_TIME = 1.0
-"""s, before each start, with the motors where the first sample has them: 20 time constants of the springs' swing with
-the robot's joint friction, and 5 of a robot with a quarter of it."""
+"""Simulated time before each start, with the motors at the first sample's angles (s): 20 time constants of the springs'
+oscillation with the robot's joint friction, 5 with a quarter of it."""
 
 Rows = dict[str, NDArray[np.float64]]
-"""By topic, (n, width); a row of NaN alone is none."""
+"""Rows by topic, (n, width); an all-NaN row is missing."""
 
 
 class Happening(NamedTuple):
-    """Something that happened. t: s since the first sample; text: one sentence."""
+    """Event. t: time since the first sample (s); text: one sentence."""
 
     t: float
     text: str
 
 
 class Part(Protocol):
-    """A part of the twin.
+    """Part of a twin.
 
     Attributes:
-        topics: what it gives: ports by topic.
-        happenings: what has happened in it since they were last taken.
+        topics: ports of its topics.
+        happenings: events since they were last cleared.
     """
 
     topics: dict[str, tuple[Port, ...]]
     happenings: list[Happening]
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        """Go on over `samples`.
+        """Process samples, and return the part's rows.
 
         Args:
-            samples: n of them, at least one, all later than those before.
-            rows: of the parts before this one, for the same samples.
-
-        Returns:
-            Its own rows.
+            samples: at least one sample, later than those of the last call.
+            rows: rows of the previous parts for the same samples.
         """
 
 
 class SampledSteps:
-    """A sampled component that is stepped from where it stands.
+    """Sampled component stepped over successive slices.
 
     Args:
-        component: stepped once per row.
-        first: length (s) of the first step.
-        pieces: of its memory, of which `copies` are made.
+        component: component with one step per row.
+        first: length of the first step (s).
+        pieces: pieces of its memory to copy.
 
     Attributes:
-        copies: of the pieces, before the last rows and after each of them (n + 1, pieces.size).
+        copies: copies of the pieces before the last slice and after each of its rows (n + 1, pieces.size).
     """
 
     def __init__(self, component: Component, first: float = 0.0, pieces: Pieces = NO_PIECES):
@@ -91,12 +88,12 @@ class SampledSteps:
         self._last: float | None = None
 
     def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (n, width) at the times `t` (n,), s, fewer if a step failed."""
+        """Step the component, and return outputs (n, width) at times `t` (n,), s; fewer if a step failed."""
         h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
         copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
         copies[0] = self.copies[-1]
         rows, _ = play(self.component, t, h, inputs, before=self._outputs, pieces=self._pieces, copies=copies[1:])
-        # a step that failed has left what is there now
+        # after a failed step the memory is as the step left it
         copies[len(rows) + 1 :] = self._pieces.save()
         self.copies = copies
         if len(rows):
@@ -105,14 +102,15 @@ class SampledSteps:
 
 
 class Estimates:
-    """Position and force from the counts, as the robot's computer believes; and with the dead zone that is known.
+    """Position and force from the counts, with the controller's belief, and with the plant's dead zone if the belief
+    has none.
 
     Args:
-        model: the twin.
-        check: of the angles and the force by the column map.
+        model: belief about the robot.
+        check: check of angles and force by the column map.
 
     Raises:
-        LogRefused: (by `feed`) the first counts are not of this robot.
+        LogError: (by `feed`) the first counts are not of this robot.
     """
 
     def __init__(self, model: RobotModel, check: MapCheck):
@@ -136,7 +134,7 @@ class Estimates:
         for name, stepped in self._steps.items():
             found[name] = stepped.rows(samples.t, counts)
         if not self._begun:
-            # without a first pose the estimator has nothing to hold
+            # the estimator needs a first pose
             failed = len(found["estimator"]) < len(counts)
             if mistake := self._check.check_first(counts[0, COUNT_M], counts[0, COUNT_L], failed):
                 raise LogError(mistake)
@@ -150,23 +148,23 @@ class Estimates:
 
 
 def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
-    """The estimate that knows the dead zone, by port."""
+    """The estimate with the dead zone, by port."""
     return values_by_port(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
 
 
 def pressing(outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Pressing force F_z (n,), N, of an estimator or a plant."""
+    """Pressing force F_z (n,), N, in the outputs of an estimator or a plant."""
     return -outputs["F_ee_B"][:, 2]
 
 
 class PlantRun:
-    """The plant model driven by motor angles, from rest on, in pieces of any length.
+    """Plant model driven by motor angles, in slices, from rest.
 
-    It settles first, so that the first sample is what the model starts from.
+    It settles before the first sample.
 
     Args:
-        model: the twin.
-        p_B: where the robot is at the first sample (3,), m.
+        model: belief about the robot.
+        p_B: position of the robot at the first sample (3,), m.
     """
 
     def __init__(self, model: RobotModel, p_B: NDArray[np.float64]):
@@ -176,10 +174,10 @@ class PlantRun:
         self._body = Body(model.motions) if model.motions else None
 
     def advance(self, t: NDArray[np.float64], theta_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-        """Go on to the samples at `t` (n,), s, with motor angles `theta_m` (n, 3), rad.
+        """Simulate up to the samples at `t` (n,), s, with motor angles `theta_m` (n, 3), rad.
 
         Returns:
-            The plant's outputs at them, fewer if it failed, and then why.
+            The plant's outputs at the samples, fewer after a failure, and the failure or "".
         """
         model, begins = self._model, self._plant is None
         if begins:
@@ -213,17 +211,17 @@ class PlantRun:
 
 
 class PlantModel:
-    """The plant model in parallel, driven by the robot's motor angles, and its joints beside the robot's.
+    """Plant model driven by the robot's motor angles, and the difference of its joint angles from the robot's.
 
-    It starts at rest where the robot is, and again after a gap of more than `LONGEST_GAP`, or if it has left the
-    workspace. What friction held before is forgotten then.
+    It starts at rest at the robot's position, and again after a gap of more than `LONGEST_GAP`, or outside the
+    workspace. A start discards stiction.
 
     Args:
-        model: the twin.
-        restarts: whether it starts anew after it has left the workspace; else `feed` raises `ComponentFailed`.
+        model: belief about the robot.
+        restarts: whether it restarts outside the workspace; else `feed` raises `ComponentFailed`.
 
     Attributes:
-        starts: times of its starts, s.
+        starts: times of the starts (s).
     """
 
     def __init__(self, model: RobotModel, restarts: bool = True):
@@ -262,12 +260,12 @@ class PlantModel:
                         )
                     self.happenings.append(Happening(when, f"the plant model {failure}; it starts anew, at rest"))
                     self._run = None
-                    # what it cannot start from is passed over
+                    # skip a sample that it cannot start from
                     begin += not len(made)
         self._last = float(samples.t[-1])
         theta_l = values_by_port(MOTION, found)["theta_l"]
         return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
 
     def accept(self, plant: PlantParameters) -> None:
-        """Go on with another plant, from rest."""
+        """Restart from rest with another plant."""
         self._model, self._run = replace(self._model, plant=plant), None

@@ -1,8 +1,8 @@
-"""Whether the columns of a log are the signals that its map says, and the map to write if they are not.
+"""Check of a log's columns against its map, and the corrected map.
 
-A motor turns with its joint, theta_m = N theta_l + w (19), and the spring between them is wound by w: some tenths of a
-radian. Columns that are exchanged, of the other sign or in degrees are found by what they make of w, in the first
-sample and over the whole course; a force of the other sign by its correlation with that of the springs.
+The motor follows its joint, theta_m = N theta_l + w (19), with w, the deflection of the spring, of some tenths of a
+radian. The deflection reveals exchanged columns, opposite signs and degrees, in the first sample and over the whole
+log; the correlation with the springs' force reveals a measured force of opposite sign.
 """
 
 from collections.abc import Mapping
@@ -19,33 +19,33 @@ from twin.robot.mechanism.kinematics import platform_position
 
 FORCE_SIGNAL = "scale.F_z"
 ANGLE_OF_COUNT = {"count_m": "theta_m", "count_l": "theta_l"}
-"""The counts of the motor and joint encoders, and the angles that a log may have in their place."""
+"""Counts of the motor and joint encoders -> angles that may replace them in a log."""
 COUNT_OF_ANGLE = {"theta_m": "encoder.count_m", "theta_l": "encoder.count_l"}
-"""The angles of motors and joints, and the signals that a log may have in their place."""
+"""Angles of motors and joints -> counts that may replace them in a log."""
 MAX_JOINT_ANGLE = 2.0
-"""rad. No joint of a delta robot turns further from the horizontal."""
+"""Maximum joint angle of a delta robot from the horizontal (rad)."""
 MAX_DEFLECTION = 1.0
-"""rad of a motor, by which a spring is wound at most where a log begins: five times what it is at a force of 18 N."""
+"""Maximum deflection of a spring at the start of a log (rad of the motor), five times that at 18 N."""
 LIKELY_DEFLECTION = 0.4
-"""The same of angles that something is to be proposed for: twice that at 18 N."""
+"""Maximum deflection with a proposed map (rad of the motor), twice that at 18 N."""
 MAP_CORRECTIONS = {"[deg]": (1, "deg"), "-": (-1, ""), "- and [deg]": (-1, "deg")}
-"""Sign and unit that may have been left out of a map."""
+"""Sign and unit by the correction of a map."""
 MIN_DEFLECTION_RANGE = 0.1
-"""Smallest range of a spring's deflection (rad) that can tell one column from another."""
+"""Minimum range of a spring's deflection (rad) that distinguishes columns."""
 MIN_IMPROVEMENT = 4.0
-"""Factor by which another map must make that range smaller to be proposed."""
+"""Minimum factor by which a proposed map reduces that range."""
 OPPOSITE_CORRELATION, MIN_FORCE_RANGE = -0.8, 1.0
-"""Correlation of measured and estimated force below which the measured one has the other sign, and the smallest range
-of the measured one (N) that tells."""
+"""Correlation of measured and estimated force below which the measured one has the opposite sign, and minimum range of
+the measured force (N) for this test."""
 
 
 class MapCheck:
-    """A check of the angles and the force of a log, or of a robot that is followed.
+    """Check of the angles and the force of a log or a live robot.
 
     Args:
         where: begins the error messages.
-        belief: geometry, N, counts of the encoders.
-        columns: the map; empty for a recording of twin, whose course is not checked.
+        belief: geometry, N, and counts of the encoders.
+        columns: the map; empty for a recording of twin, which is not checked.
     """
 
     def __init__(self, where: str, belief: Belief, columns: Mapping[str, MappedColumn]):
@@ -55,14 +55,14 @@ class MapCheck:
             for side, counts in COUNT_OF_ANGLE.items()
         }
         counted = all(self._names[side] == counts for side, counts in COUNT_OF_ANGLE.items())
-        # counts of one encoder read with the resolution of the other
+        # ratio of the resolutions, for exchanged counts
         self._exchanged = belief.motor_counts / belief.joint_counts if counted else 1.0
-        # of w by (motors and joints exchanged, sign, column of the motor, column of the joint)
+        # range of w by (motors and joints exchanged, sign, column of the motor, column of the joint)
         self._low, self._high = np.full((2, 2, 3, 3), np.inf), np.full((2, 2, 3, 3), -np.inf)
         self._sums, self._least, self._most = np.zeros((3, 3)), np.inf, -np.inf
 
     def check_first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64], failed: bool) -> str:
-        """Return why the first counts (3,) of motors and joints cannot be of the robot; "" if they can.
+        """Return an error message for implausible first counts (3,) of motors and joints, or "".
 
         A recording of twin is checked only if the estimator `failed` on them.
         """
@@ -86,7 +86,7 @@ class MapCheck:
             return f"{text}; {self._map(*self._corrected_sources(1, (0, 1, 2), (1, 1, 1)))}"
         if not self._is_pose(theta_l):
             text = f"{self._where}: the first joint angles ({of_joints}) deg fit no pose of the robot"
-            # small angles are poses, whatever they were meant to be
+            # small angles are poses in any unit
             turned = float(np.max(np.abs(theta_l))) > 2.0 * np.pi
             ways = [
                 way for way in MAP_CORRECTIONS if (turned or "deg" not in way) and self._is_pose(_factor(way) * theta_l)
@@ -101,7 +101,7 @@ class MapCheck:
         return self._sentence(text, "theta_m", ways)
 
     def add(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
-        """Add angles of motors and joints (n, 3), rad; those that are not finite are left out."""
+        """Add angles of motors and joints (n, 3), rad; rows that are not finite are skipped."""
         there = np.isfinite(theta_m + theta_l).all(axis=1)
         if not np.any(there):
             return
@@ -115,7 +115,7 @@ class MapCheck:
                 self._high[place] = np.maximum(self._high[place], w.max(axis=0))
 
     def add_force(self, estimated: NDArray[np.float64], measured: NDArray[np.float64]) -> None:
-        """Add pressing forces (n,), N, by the springs and by the sensor."""
+        """Add pressing forces (n,), N, of the springs and of the sensor."""
         there = np.isfinite(estimated + measured)
         if np.any(there):
             x = np.stack([np.ones(np.sum(there)), estimated[there], measured[there]])
@@ -124,7 +124,7 @@ class MapCheck:
 
     @property
     def map_error(self) -> str:
-        """What the whole course says against the map, with the map to write; "" if nothing."""
+        """Error message from the whole log, with the corrected map; "" if the map fits."""
         if not self._columns:
             return ""
         return self._angles_error() or self._force_error()
@@ -159,15 +159,16 @@ class MapCheck:
         xx, xy, yy = n * self._sums[1, 1] - x * x, n * self._sums[1, 2] - x * y, n * self._sums[2, 2] - y * y
         if self._most - self._least < MIN_FORCE_RANGE or xx <= 0.0 or xy > OPPOSITE_CORRELATION * np.sqrt(xx * yy):
             return ""
+        map_to_write = self._map({FORCE_SIGNAL: FORCE_SIGNAL}, {FORCE_SIGNAL: -1})
         return (
             f"{self._where}: {FORCE_SIGNAL} has the other sign, its correlation with the force of the springs is "
-            f"{xy / np.sqrt(xx * yy):.2f}; a press is positive; {self._map({FORCE_SIGNAL: FORCE_SIGNAL}, {FORCE_SIGNAL: -1})}"
+            f"{xy / np.sqrt(xx * yy):.2f}; a press is positive; {map_to_write}"
         )
 
     def _corrected_sources(
         self, exchanged: int, order: tuple[int, ...], signs: tuple[int, ...]
     ) -> tuple[dict[str, str], dict[str, int]]:
-        """Signal -> signal whose column it should have, and by what its sign changes."""
+        """Return signal -> signal with the right column, and the change of its sign."""
         motor, joint = (self._names[side] for side in ("theta_m", "theta_l"))
         taken = (joint, motor) if exchanged else (motor, joint)
         sources = {f"{motor}[{leg}]": f"{taken[0]}[{order[leg]}]" for leg in range(3)}
@@ -175,7 +176,7 @@ class MapCheck:
         return sources, {f"{motor}[{leg}]": signs[leg] for leg in range(3)}
 
     def _map(self, sources: Mapping[str, str], signs: Mapping[str, int], unit: str = "") -> str:
-        """The map to write: that of the log with other columns and signs, and another unit for those in `sources`."""
+        """Format the corrected map: other columns and signs, and another unit for the signals in `sources`."""
         own = [f"{self._names[side]}[{leg}]" for side in COUNT_OF_ANGLE for leg in range(3)]
         lines = []
         for name in [one for one in (TIME_SIGNAL, *own, FORCE_SIGNAL) if one in self._columns] or list(sources):
@@ -198,18 +199,18 @@ class MapCheck:
         return bool(within and np.all(np.isfinite(platform_position(self._belief, *theta_l))))
 
     def _largest_deflection(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> float:
-        """The largest angle by which a spring is wound, rad of its motor."""
+        """Largest deflection of a spring (rad of its motor)."""
         return float(np.max(np.abs(theta_m - self._belief.N * theta_l)))
 
 
 def _factor(way: str) -> float:
-    """What angles have to be multiplied by."""
+    """Factor of the angles for a correction."""
     sign, unit = MAP_CORRECTIONS[way]
     return sign * (np.pi / 180.0 if unit else 1.0)
 
 
 def count_conversion(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
-    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `ANGLE_OF_COUNT`."""
+    """Conversion of angles to counts for a name of `ANGLE_OF_COUNT`: (angle + zero of the encoder) * counts per rad."""
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
     return zero, turn / (2.0 * np.pi)

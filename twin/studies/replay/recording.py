@@ -1,4 +1,4 @@
-"""A recording of a replay, under the names of a run."""
+"""Recording of a replay, with the names of a run."""
 
 import json
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ from twin.studies.replay.parts import ENCODER_PORTS, FORCE_RESIDUAL, JOINT_RESID
 from twin.studies.replay.replay import Outputs, Replay
 
 NANOSECOND_TICK = 1e-9
-"""s: a robot's clock keeps to no tick of ours, so that every time is its own number of nanoseconds."""
+"""Tick of the recording (s): a robot's clock has no ticks, so times are nanoseconds."""
 SPAN_TICKS = 10**8
-"""Ticks of log that are written together (0.1 s), so that topics lie side by side in the file."""
+"""Span of the log written at once (0.1 s, in ticks), so that topics are interleaved in the file."""
 SUM_MEANINGS = {
     "mean": "mean residual of the block that ends here",
     "up": "Page's cumulative sum against an increase",
@@ -39,19 +39,19 @@ class Track(NamedTuple):
 
 
 def record(replay: Replay, path: Path) -> Path:
-    """Write `replay` to `path`.
+    """Write a replay to `path`, and return the path of the recording.
 
     Raises:
-        RecordingFailed: it cannot be written.
+        RecordingFailed: the file cannot be written.
     """
     tracks = _tracks(replay)
     with Writer(path, [track.topic for track in tracks], NANOSECOND_TICK, _metadata(replay)) as writer:
-        # a log may have hours without a sample
+        # only spans with rows, since gaps may last hours
         spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN_TICKS)
         for start in (spans * SPAN_TICKS).tolist():
             for topic, ticks, rows in tracks:
                 first, last = np.searchsorted(ticks, (start, start + SPAN_TICKS))
-                # as many rows at once as are evenly spaced
+                # write evenly spaced rows at once
                 uneven = np.flatnonzero(np.diff(ticks[first:last]) != topic.period) + 1
                 for a, b in pairwise([first, *(first + uneven), last]):
                     if a < b:
@@ -90,7 +90,7 @@ def _tracks(replay: Replay) -> list[Track]:
 def _track(name: str, ports: tuple[Port, ...], t: NDArray[np.float64], outputs: Outputs) -> Track:
     fields = port_fields(ports)
     ticks = np.rint(t / NANOSECOND_TICK).astype(np.int64)
-    # no row follows sooner than this
+    # the shortest interval
     period = int(np.min(np.diff(ticks), initial=SPAN_TICKS))
     return Track(Topic(name, fields, period), ticks, np.column_stack([outputs[p.name] for p in ports]).astype(float))
 
@@ -105,7 +105,7 @@ def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
 
 
 def _events(replay: Replay) -> list[tuple[int, str]]:
-    """Gaps, starts of the plant model after the first, alarms, in order of time."""
+    """Gaps, restarts of the plant model, and alarms, in order of time."""
     found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.sampling.gaps]
     found += [(start, "the plant model starts anew, at rest") for start in replay.starts[1:]]
     found += [

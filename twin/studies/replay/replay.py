@@ -1,4 +1,4 @@
-"""A robot's log through the twin: estimate, plant model, residuals, and whether they still match."""
+"""Replay of a robot's log: estimates, plant model, residuals and their drift."""
 
 import math
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ from twin.studies.replay.residual import Residual, Statistics, angle_rounding, f
 from twin.studies.replay.samples import RobotSamples, robot_samples
 
 MIN_BASELINE_SAMPLES = 20
-"""Samples of the beginning that tell what is normal."""
+"""Minimum number of samples in the baseline, and of measured forces."""
 
 Outputs = dict[str, NDArray[np.float64]]
-"""Outputs of a component by port: (n,) or (n, size), SI."""
+"""Outputs of a component by port, (n,) or (n, size), SI."""
 
 
 @dataclass(frozen=True)
 class Indicator:
-    """One way in which the twin can stop matching.
+    """Residual that is tested for drift.
 
     Attributes:
         name: `force`, or `joint 1` .. `joint 3`.
         unit: `N` or `rad`.
-        t, r: the residual's times (n,), s, and values (n,).
-        drift: what became of it.
+        t, r: times (n,), s, and values (n,) of the residual.
+        drift: result of the test.
     """
 
     name: str
@@ -46,16 +46,16 @@ class Indicator:
 
 @dataclass(frozen=True)
 class Replay:
-    """Everything a replay gives, SI.
+    """Result of a replay, SI.
 
     Attributes:
-        model, log: what was put in.
-        estimator: outputs of the controller's estimator at the log's samples, by port.
-        twin: likewise with the dead zone taken off as the plant has it; the same object where the belief knows it.
-        plant: the plant model's; None: not asked for.
-        starts: when it started (s).
-        forces: F_z of `estimator`, `twin` and `plant` beside the measured force; empty without one.
-        indicators: force first; empty: nothing independent of the encoders to compare with.
+        model, log: belief about the robot, and its samples.
+        estimator: outputs of the controller's estimator at the samples, by port.
+        twin: the same with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
+        plant: outputs of the plant model; None if it was not simulated.
+        starts: times of the plant model's starts (s).
+        forces: F_z of `estimator`, `twin` and `plant` against the measured force; empty without one.
+        indicators: the force first; empty without a signal independent of the encoders.
     """
 
     model: RobotModel
@@ -69,21 +69,21 @@ class Replay:
 
     @property
     def statistics(self) -> dict[str, Statistics]:
-        """Of `forces`."""
+        """Statistics of `forces`."""
         return {name: statistics(one) for name, one in self.forces.items()}
 
     @property
     def first_alarm(self) -> Indicator | None:
-        """The indicator that was the first to say that twin and robot part; None: none did."""
+        """Indicator with the first alarm; None without an alarm."""
         drifted = [one for one in self.indicators if not one.drift.matches]
         return min(drifted, key=lambda one: one.drift.alarm, default=None)
 
 
 def normal_time(text: str) -> tuple[float, float]:
-    """(from, to) in s after the log's first sample: `2` is 0 to 2, `1:3` leaves the first second out.
+    """Parse a baseline into (from, to), s after the first sample: `2` is 0 to 2, `1:3` is 1 to 3.
 
     Raises:
-        InputRefused: no such times.
+        InputRefused: an invalid text.
     """
     first, colon, last = text.rpartition(":")
     try:
@@ -102,21 +102,21 @@ def replay_log(
     baseline: tuple[float, float] = (0.0, 1.0),
     tolerance: float | None = None,
 ) -> Replay:
-    """Put `log` through the twin `model`.
+    """Replay a log with a model of its robot.
 
-    The verdict on the force is that of the estimate with the dead zone taken off: the paper's estimator is blind to
-    it, and its error changes by twice the dead zone's torque where a spring changes sides, on a healthy robot, too.
+    The force is judged by the estimate with the dead zone. The paper's estimator ignores the dead zone; its error
+    changes by twice the dead zone's torque when a spring changes its side, also on a healthy robot.
 
     Args:
-        log: of a robot or a run.
-        model: what is believed of it.
-        plant: let the plant model run in parallel.
-        baseline: (from, to) after the first sample that says what is normal (s); the robot should be in free air. What
-            is before that is not judged.
-        tolerance: change of the mean force residual that is no news (N); None: what rounding alone can do.
+        log: log of a robot or a run.
+        model: belief about the robot.
+        plant: whether to simulate the plant model, too.
+        baseline: (from, to) after the first sample (s), the reference, best in free air; earlier samples are not
+            judged.
+        tolerance: accepted change of the mean force residual (N); None for the effect of rounding.
 
     Raises:
-        InputRefused: a log that is not one of a robot, or too short for the baseline.
+        InputRefused: no log of a robot, or too short for the baseline.
         ComponentFailed: the plant model left the workspace.
     """
     robot = robot_samples(log, model.belief)
@@ -153,10 +153,10 @@ def replay_log(
 
 
 def estimates(robot: RobotSamples, model: RobotModel) -> Rows:
-    """The estimates of a whole log by topic, `estimator` and `twin`; see `Estimates`.
+    """Estimate position and force over a whole log; rows of the topics `estimator` and `twin`, see `Estimates`.
 
     Raises:
-        LogRefused: the first sample fits no pose of the robot, or the columns are not the signals of the map.
+        LogError: the first sample fits no pose, or the columns are not the signals of the map.
     """
     check = MapCheck(str(robot.path), model.belief, robot.columns)
     rows = Estimates(model, check).feed(robot, {})

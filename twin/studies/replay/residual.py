@@ -1,4 +1,4 @@
-"""How far two courses of one quantity are apart: bias, spread, when, how late one is, and what rounding explains."""
+"""Residuals between two courses of one quantity: bias, spread, lag, and the effect of rounding."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,24 +12,24 @@ from twin.robot.mechanism.statics import load_torque
 from twin.robot.run.view import held_samples
 
 MAX_LAG = 0.5
-"""s. Beyond that two courses of a repeated motion match by mistake."""
+"""Maximum lag (s); at larger lags periods of a repeated motion match each other."""
 MIN_LAG_STEP = 5e-3
-"""s. What a force that changes within tenths of a second, with noise on it, can tell at best."""
+"""Minimum resolution of a lag (s), for noisy forces that change within tenths of a second."""
 MAX_LAG_PERIODS = 2_000_000
-"""Sample periods over which a lag is looked for: some hours."""
+"""Maximum length of a lag search in sample periods, some hours."""
 STALE_PERIODS = 1.5
-"""Sample periods after which an estimate is no longer the newest: one was lost."""
+"""Maximum age of an estimate in sample periods; an older one precedes a lost sample."""
 ROUNDING = 1e-9
 """Maximum rounding of recorded times (s)."""
 
 
 @dataclass(frozen=True)
 class Residual:
-    """Differences `value - measured` at times.
+    """Differences `value - measured` over time.
 
     Attributes:
-        t: of the measurements that have a value beside them (n,), s.
-        value, measured: (n,), both in the unit of the quantity.
+        t: times of the measurements with a value (n,), s.
+        value, measured: values and measurements (n,), in the same unit.
     """
 
     t: NDArray[np.float64]
@@ -38,19 +38,19 @@ class Residual:
 
     @property
     def r(self) -> NDArray[np.float64]:
-        """Value less measured, (n,)."""
+        """Value less measurement (n,)."""
         return self.value - self.measured
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """A residual in numbers, in the quantity's own unit.
+    """Statistics of a residual, in the quantity's unit.
 
     Attributes:
-        bias, std, rms: mean, standard deviation about it, root mean square.
-        largest, at: the residual of greatest size, with its sign, and when (s).
-        correlation: Pearson's, of value and measurement; NaN where one of them stands still.
-        lag: how much later the value is than the measurement (s), the peak of their cross-correlation; NaN likewise.
+        bias, std, rms: mean, standard deviation, root mean square.
+        largest, largest_time: residual of largest size, with its sign, and its time (s).
+        correlation: Pearson's correlation of value and measurement; NaN if one is constant.
+        lag: delay of the value against the measurement (s), from their cross-correlation; NaN if one is constant.
     """
 
     bias: float
@@ -69,12 +69,12 @@ def residual(
     t_measured: NDArray[np.float64],
     measured: NDArray[np.float64],
 ) -> Residual:
-    """`values` beside the measurements: at each, the newest value of that moment, unless it is stale or from a gap.
+    """Pair each measurement with the newest value, except for stale values and gaps.
 
     Args:
         t: times of the values (n,), s, ascending.
-        values: (n,).
-        gaps: intervals (k, 2), s, in which values are missing.
+        values: values (n,).
+        gaps: intervals without values (k, 2), s.
         t_measured, measured: times and values of the measurement (m,).
     """
     newest = held_samples(t, t_measured)
@@ -84,7 +84,7 @@ def residual(
 
 
 def statistics(residual: Residual) -> Statistics:
-    """Of a residual with at least two entries."""
+    """Compute the statistics of a residual with at least two entries."""
     r = residual.r
     worst = int(np.argmax(np.abs(r)))
     moves = min(np.ptp(residual.value), np.ptp(residual.measured)) > 0.0
@@ -100,8 +100,7 @@ def statistics(residual: Residual) -> Statistics:
 
 
 def _lag(residual: Residual) -> float:
-    """The shift (s) under which value and measurement spread least about each other; NaN: not known, because most of
-    what would be looked at is missing."""
+    """Lag (s) with the least spread between value and measurement; NaN if the log is mostly gaps."""
     period = max(float(np.median(np.diff(residual.t))), MIN_LAG_STEP)
     if np.ptp(residual.t) > MAX_LAG_PERIODS * period:
         return np.nan
@@ -109,21 +108,21 @@ def _lag(residual: Residual) -> float:
     value = np.interp(grid, residual.t, residual.value)
     measured = np.interp(grid, residual.t, residual.measured)
     most = min(int(MAX_LAG / period), len(grid) // 4)
-    # the same stretch of the measurement for every shift, so that none has an easier one
+    # the same part of the measurement for every shift, so that spreads are comparable
     core = measured[most : len(measured) - most]
     spread = [np.std(value[most + k : most + k + len(core)] - core) for k in range(-most, most + 1)]
     return period * (int(np.argmin(spread)) - most)
 
 
 class Rounding(NamedTuple):
-    """What the sensors' rounding alone makes of a residual, in its own unit: smaller differences cannot be seen.
+    """Effect of the sensors' rounding on a residual, in its unit: a lower limit of detectable differences.
 
-    Each encoder is off by up to half a count and, over poses, evenly distributed in that range: a deviation of
-    1/sqrt(12) count. At rest it does not average out.
+    Each encoder is off by up to half a count, uniformly distributed over poses: a standard deviation of 1/sqrt(12)
+    count. At rest it does not average out.
 
     Attributes:
-        bound: with every sensor half a step off, all in the same sense.
-        deviation: with every sensor off at random.
+        bound: effect with every sensor half a step off, all in the same sense.
+        deviation: standard deviation with independent errors.
     """
 
     bound: float
@@ -131,14 +130,14 @@ class Rounding(NamedTuple):
 
 
 def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) -> Rounding:
-    """Of estimated less measured pressing force (N), at the worst pose of a log.
+    """Effect of rounding on estimated less measured pressing force (N), at the worst pose of a log.
 
     F_z = -e_z J^T tau_l with tau_l = k_s N eta (theta_m - N theta_l), Eq. 19 to 21.
 
     Args:
-        belief: the estimator's.
+        belief: belief of the estimator.
         J: Jacobians (n, 9), rad/m, row by row.
-        resolution: of the measurement (N).
+        resolution: resolution of the measurement (N).
     """
     of_z = np.abs(J[:, 2::3]) * load_torque(belief.k_s, belief.N, belief.eta, 1.0)
     motor, joint = _counts(belief)
@@ -148,11 +147,12 @@ def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) ->
 
 
 def angle_rounding(belief: Belief) -> Rounding:
-    """Of a joint angle of the plant model less that of the log (rad): a free link follows its motor, theta_m / N."""
+    """Effect of rounding on a joint angle of the plant model less the log's (rad): a free link follows its motor,
+    theta_m / N."""
     motor, joint = _counts(belief)
     return Rounding((motor / belief.N + joint) / 2.0, float(np.hypot(motor / belief.N, joint) / np.sqrt(12.0)))
 
 
 def _counts(belief: Belief) -> tuple[float, float]:
-    """A count of the motor and of the joint encoders, rad."""
+    """Size of a count of the motor and of the joint encoders (rad)."""
     return 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts

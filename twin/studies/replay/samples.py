@@ -28,9 +28,9 @@ from twin.studies.replay.plausible import ANGLE_OF_COUNT, FORCE_SIGNAL, count_co
 from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
 
 MAX_LOG_TIME = 1e8
-"""s; three years, the longest log."""
+"""Maximum time of a log (s), three years."""
 MAX_LISTED_NAMES = 12
-"""So many names are not listed in a sentence."""
+"""Maximum number of names listed in an error message."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class RobotSamples:
 
     Attributes:
         t: sampling times (n,), s, ascending, by the robot's clock.
-        u: signals by `INPUTS` (n, 13), SI; NaN if none has come since the previous sample. Counts computed from angles
-            are not integers. A measured force is at the first sample at or after its own time.
-        force: measured pressing force at its own times (N); None if it is not known.
+        u: signals by `INPUTS` (n, 13), SI; NaN if none has arrived since the previous sample. Counts computed from
+            angles are not integers. A measured force is at the first sample at or after its own time.
+        force: measured pressing force at its own times (N); None if unknown.
         path: file of the log; empty for a live robot and a run in memory.
         notes: problems of the log, one sentence each.
         columns: column of each signal, see `Log`.
@@ -55,11 +55,11 @@ class RobotSamples:
     columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def rows(self, chosen: slice | NDArray) -> "RobotSamples":
-        """The samples at `chosen`, a slice, indices (k,) or a mask (n,)."""
+        """Select samples by a slice, indices (k,) or a mask (n,)."""
         return replace(self, t=self.t[chosen], u=self.u[chosen])
 
     def held_commands(self, omega_ref: NDArray[np.float64]) -> "RobotSamples":
-        """The samples with each command held until the next; omega_ref: commands (3,) before the first, rad/s."""
+        """Hold each command until the next; omega_ref: commands (3,) before the first, rad/s."""
         commanded = np.vstack([omega_ref, self.u[:, OMEGA_REF]])
         newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
         u = self.u.copy()
@@ -67,7 +67,7 @@ class RobotSamples:
         return replace(self, u=u)
 
     def only(self, name: str) -> NDArray[np.float64]:
-        """The columns of the input `name`, (n, size), a view."""
+        """Columns of the input `name` (n, size), a view."""
         return self.u[:, port_slices(INPUTS)[name]]
 
     @property
@@ -87,12 +87,12 @@ class RobotSamples:
 
 
 def samples_of(run: RunView) -> RobotSamples:
-    """The samples that the computer of the robot of `run` had: counts, its commands, what was measured besides.
+    """Extract the samples of the robot's computer from a run: counts, commands, torques and force.
 
-    Of a robot with broken encoders the counts are what they gave. A measured force is there at its own times only.
+    With faulty encoders the counts are the received ones. A measured force appears only at its own times.
 
     Raises:
-        InputRefused: there are no counts.
+        InputRefused: the run has no counts.
     """
     has = run.fields()
     if "encoder.count_m" not in has or "encoder.count_l" not in has:
@@ -114,20 +114,20 @@ def samples_of(run: RunView) -> RobotSamples:
 
 
 def robot_samples(log: Log, belief: Belief) -> RobotSamples:
-    """The encoders and the measured force of `log`.
+    """Extract encoders and measured force from a log.
 
     Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
-    in the place of either. Of a recording with faulty encoders, what the computer received: the last /fault/n that
-    carries counts. Measured force: `scale.F_z` (N), pressing positive. Samples of the encoders belong together as
-    `join_rows` has it; a time at which one of the six has none is left out.
+    instead. In a recording with faulty encoders, the received counts: those of the last /fault/n with counts. Measured
+    force: `scale.F_z` (N), pressing positive. Encoders are joined to rows by `join_rows`; times without all six are
+    left out.
 
     Args:
-        log: as `read_log` gives it.
-        belief: turns angles into counts.
+        log: log of `read_log`.
+        belief: converts angles to counts.
 
     Raises:
-        LogRefused: no encoders, other units, motor and joint encoders at different times, times before 0, or more than
-            `MAX_INVALID` of the samples of an encoder are invalid.
+        LogError: no encoders, other units, motor and joint encoders at different times, times before 0, or a share of
+            invalid samples above `MAX_INVALID_SHARE`.
     """
     sides = [_counts_in(log, name, belief) for name in ANGLE_OF_COUNT]
     counts = join_rows(sides)
@@ -146,7 +146,7 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
         raise LogError(
             f"{log.path}: ends at {counts.t[-1]:g} s, expected at most {MAX_LOG_TIME:g} s; is its unit right?"
         )
-    # a count that never came is the estimator's business; before the first there is nothing to hold
+    # the estimator holds its last value over missing counts, but needs a first one
     there = np.all(np.isfinite(counts.values), axis=1)
     if np.sum(there) < 2:
         raise LogError(f"{log.path}: fewer than two samples have all six counts")
@@ -170,13 +170,13 @@ def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64
 
 
 def _received(name: str, keys: Iterable[str]) -> str:
-    """Signal of the counts `name` that the computer received: of the last fault of the encoders, if there is one."""
+    """Name of the received counts: those of the last encoder fault, or of the encoder."""
     faults = [int(m[1]) for key in keys if (m := re.fullmatch(rf"fault/(\d+)\.{name}(\[0\])?", key))]
     return f"fault/{max(faults)}.{name}" if faults else f"encoder.{name}"
 
 
 def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
-    """Counts (n, 3) of the motor or the joint encoders."""
+    """Counts (n, 3) of the motor or the joint encoders, possibly from angles."""
     angle = f"estimator.{ANGLE_OF_COUNT[name]}"
     counts = _received(name, log.series)
     there = {name.rpartition("[")[0] for name in (*log.series, *log.left_out)}
@@ -189,7 +189,7 @@ def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
             f"{' ...' if len(has) > MAX_LISTED_NAMES else ''}; choose with --map '{angle}[0]=COLUMN[deg]' and so on"
         )
     series = _joint_series(log, angle, "rad")
-    # what `estimator.angle` takes off again
+    # the inverse of `estimator.angle`
     zero, per_rad = count_conversion(name, belief)
     return replace(series, values=(series.values + np.array(zero)) * per_rad, unit="1")
 

@@ -1,4 +1,4 @@
-"""A replay for people and tools: text of at most 80 columns, facts, and a picture."""
+"""Report of a replay: text of at most 80 columns, facts, and a picture."""
 
 from enum import StrEnum
 from math import degrees
@@ -35,7 +35,7 @@ MEASURED_COLOR, ESTIMATE_COLOR, TWIN_COLOR, PLANT_COLOR, ALARM_COLOR = INK, PAPE
 
 
 class ReplayVerdict(StrEnum):
-    """What a replay comes to."""
+    """Verdict of a replay."""
 
     MATCHES = "matches"
     DRIFTING = "drifting"
@@ -43,20 +43,20 @@ class ReplayVerdict(StrEnum):
 
 
 def verdict(replay: Replay) -> ReplayVerdict:
-    """Of all indicators; without one nothing can be said."""
+    """Verdict over all indicators; unknown without an indicator."""
     if not replay.indicators:
         return ReplayVerdict.UNKNOWN
     return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
 
 
 def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str], following: str) -> Result:
-    """The whole report.
+    """Create the report.
 
     Args:
         held: measures of the log's force.
-        name: of the log.
+        name: name of the log.
         files: kind -> path.
-        following: the command that comes next, or "".
+        following: command to run next, or "".
     """
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
     parts = [*_reasons(replay), "", *forces, note("held", measures_text(held)), *_samples(replay)]
@@ -132,14 +132,14 @@ def _samples(replay: Replay) -> list[Block]:
 
 
 def next_command(replay: Replay, log: str) -> list[str]:
-    """What finds out which part has changed, or, without a measured force, whether one has; then nothing."""
+    """Command that finds the changed part, or, without a measured force, the change; empty if there is none."""
     if replay.log.force is not None:
         return ["twin", "identify", log]
     return [] if replay.plant else ["twin", "replay", log, "--plant"]
 
 
 def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
-    """Everything that a replay says in numbers; keys carry units, what does not exist is None."""
+    """Return all results as numbers; keys carry units, missing values are None."""
     log = replay.log
     return {
         "log": log.path.name,
@@ -230,7 +230,7 @@ def _draw_joint_residuals(axes: Axes, joints: list[Indicator]) -> None:
 
 
 def _draw_residual(axes: Axes, one: Indicator, scale: float, color: str, label: str) -> None:
-    """Samples faint, means of blocks as steps, the band in which no sum fills."""
+    """Draw samples, block means, and the band in which no sum grows."""
     d = one.drift
     axes.plot(one.t, scale * one.r, color=color, lw=0.5, alpha=0.3)
     edges = np.concatenate([[d.t[0] - d.block], d.t])
@@ -243,7 +243,7 @@ def _draw_residual(axes: Axes, one: Indicator, scale: float, color: str, label: 
             ls="--",
             label="no sum fills in here" if side > 0 and one.name in ("force", "joint 1") else None,
         )
-    # single samples may be far off for a moment; what counts are the means
+    # scale by the means, since single samples may be far off
     reach = scale * max(3.0 * d.slack, 1.3 * float(np.max(np.abs(d.mean - d.baseline))))
     low, high = axes.get_ylim() if axes.has_data() and axes.lines else (0.0, 0.0)
     middle = scale * d.baseline

@@ -1,11 +1,11 @@
-"""The twin beside a robot that runs: it follows the robot's stamps, knows its state, and sees them part.
+"""Twin of a running robot: it follows the robot's stamps, estimates its state, and detects divergence.
 
-`filter` has the state, `alarm` the decision, and `fleet` what is normal for robots of which nothing is wrong.
+`filter` estimates the state, `alarm` decides, and `fleet` has the tolerances of healthy robots.
 """
 
 ACCEPT_PARAMETER, PROPOSAL_PARAMETER = "shadow.accept", "shadow.proposal"
-"""Parameters of a live session: true accepts what the other one says."""
+"""Parameters of a live session: the proposed change, and a button that accepts it when set to true."""
 ACCEPTED_PARAMETER = "shadow.accepted"
-"""What was accepted so far, JSON: see `twin.studies.shadow.live_view.accepted_values`."""
+"""Parameter with the changes accepted so far, JSON; see `twin.studies.shadow.live_view.accepted_values`."""
 LINE_PARAMETER = "shadow.line"
-"""How it goes, as in the terminal."""
+"""Parameter with the status line of the terminal."""

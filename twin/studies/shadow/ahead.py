@@ -1,13 +1,13 @@
-"""What the robot will do next: a branch from its present estimate, every half second, with a band.
+"""Predictions for the next second: branches from the estimated state of the robot, every half second, with a band.
 
-The band has three parts, joined as independent ones are, upwards and downwards each by itself:
+The band joins three independent causes, separately upwards and downwards:
 
-    estimate      P of the filter as far as it goes with force, height and speed: three columns of its Cholesky factor,
-                  with these states before all others. Each is a branch of its own, Z deviations away
-    surroundings  a surface that is higher, lower, stiffer or softer, as those of healthy robots are: a branch each
-    model         what branches do not have; calibrated on a fleet of healthy robots, see docs/shadow_method.md
+    estimate      covariance P of the filter along force, height and speed: three columns of its Cholesky factor, these
+                  states first. One branch each, Z deviations away
+    surroundings  a higher, lower, stiffer or softer surface, within the spread of healthy robots: one branch each
+    model         errors of the branches themselves, calibrated on a fleet of healthy robots, see docs/shadow_method.md
 
-A branch takes about a millisecond. One is run with each slice of samples, and the prediction is there when all are.
+A branch takes about a millisecond. One is run with each slice of samples; the prediction is given when all are done.
 """
 
 import math
@@ -39,28 +39,28 @@ from twin.studies.shadow.following import OwnController, PlantPart, RobotState
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
 
 PREDICTION_PERIOD = 0.5
-"""s from one prediction to the next."""
+"""Time between two predictions (s)."""
 PREDICTION_DELAY = 0.1
-"""s after the present at which a prediction is given: until then there is a slice for each of its branches."""
+"""Delay of a prediction after its estimate (s): long enough for one slice per branch."""
 CONTACT_PERIOD = 0.1
-"""s from one look at the surroundings to the next; and after a start of the filter to the first."""
+"""Time between two updates of the contact estimate, and from a start of the filter to the first one (s)."""
 SETTLING_TIME = 0.5
-"""s after a start of the filter from which on there is something to predict from."""
+"""Minimum time from a start of the filter to the first prediction (s)."""
 Z = 1.96
-"""Deviations of a normal number within which 95 % of all are."""
+"""Half width of a 95 % interval of a normal distribution, in standard deviations."""
 PRESSING_STATES = (FORCE + 2, POSITION + 2, VELOCITY + 2)
-"""Of the state, what says most of the force to come."""
+"""Indices of the states with the largest influence on the force to come."""
 HEIGHT_ERROR, TOUCHED_HEIGHT_ERROR = 0.5e-3, 0.1e-3
-"""m. How far a surface is from where it is believed, before and after it was touched."""
+"""Height error of a surface (m), before and after first touch."""
 STIFFNESS_ERROR, TOUCHED_STIFFNESS_ERROR = 0.2, 0.05
-"""The same of its stiffness, before and after the robot has pressed on it."""
+"""Relative stiffness error of a surface, before and after the robot has pressed on it."""
 MODEL_ERROR, MODEL_ERROR_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
-"""Of force (N, in contact) and height (m): how far branches are off besides, and by which share of the change that they
-predict. Calibrated on 36 robots of the healthy fleet, seeds 501 to 503, so that 98 % lie within: robots differ much,
-most by their dry friction."""
+"""Model error of force (N, in contact) and height (m), and its share of the predicted change. Calibrated so that 98 %
+of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) lie within; robots differ most by their dry
+friction."""
 FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE = 0.1, 0.5
-"""rad/s, and by the commands' rms: of the mean difference over half a second. Beyond both the robot is led by another
-controller, or by one that is elsewhere in its program."""
+"""Limits of the mean command difference over half a second (rad/s, and relative to the commands' rms). Beyond both,
+another controller moves the robot, or one at another point of its program."""
 MADE_PORT = Port("made", 1, "s", "time of the estimate that is gone out from")
 _TAU_L, _THETA_L = (port_slices(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
 _F_Z = port_slices(OUTPUTS)["F_ee_B"].start + 2
@@ -74,7 +74,7 @@ UNUSED_TABLES = {
     "scale": "it moves nothing",
     "fault": "branches have none",
 }
-"""Tables that say nothing of a branch, and why."""
+"""Tables without an effect on a branch -> reason."""
 
 
 def _meaning(what: str) -> str:
@@ -94,8 +94,11 @@ AHEAD_PORTS = (MADE_PORT, *PREDICTION_PORTS, *BAND_PORTS)
 
 
 def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATES) -> NDArray[np.float64]:
-    """The first columns (n, len(first)) of the Cholesky factor of `P` (n, n) with the states `first` before all others:
-    these have the whole of their own variances, and of others what goes with them."""
+    """Compute the first columns of the Cholesky factor of `P` (n, n), with the states `first` ordered before all
+    others.
+
+    The columns (n, len(first)) hold the whole variances of these states, and of the other states the correlated part.
+    """
     left, columns = P.copy(), []
     for k in first:
         deviation = math.sqrt(max(left[k, k], 0.0))
@@ -105,8 +108,7 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATE
 
 
 def branch_changes(P: NDArray[np.float64], around: ContactEstimate) -> list[list[BranchChange]]:
-    """The branches beside the first one, those of one cause together; a cause has one that stands for both senses, or
-    one for each."""
+    """List the changed branches of a prediction by cause; a cause has one branch for both signs, or one for each."""
     height = TOUCHED_HEIGHT_ERROR if math.isfinite(around.height) else HEIGHT_ERROR
     share = TOUCHED_STIFFNESS_ERROR if math.isfinite(around.share) else STIFFNESS_ERROR
     estimate = [[BranchChange(dx=Z * column)] for column in cholesky_first(P).T]
@@ -121,19 +123,19 @@ def band(
     now: NDArray[np.float64],
     unsure: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower and upper bounds (leads, 2) of force and height about a branch.
+    """Compute the lower and upper bounds (leads, 2) of force and height about a branch.
 
     Args:
-        first: the branch (leads, 2).
-        others: those of `branch_changes`; of a cause none that would be the branch itself.
-        now: force and height from which it goes out (2,).
-        unsure: deviation of the force (N) of a robot in contact by what is not known of zeros and friction.
+        first: force and height of the branch (leads, 2).
+        others: force and height of the `branch_changes` by cause, without branches that equal the first one.
+        now: force and height at the start (2,).
+        unsure: standard deviation of the contact force (N) due to encoder zeros and dry friction.
     """
     rest = np.where(first[:, :1] > 0.0, np.hypot(MODEL_ERROR, [Z * unsure, 0.0]), [0.0, MODEL_ERROR[1]])
     up = rest**2 + (MODEL_ERROR_SHARE * (first - now)) ** 2
     low = up.copy()
     for cause in filter(None, others):
-        # where a branch has ended, nothing is known of it
+        # a branch that failed has no rows after its end
         away = [np.nan_to_num(one - first) for one in cause]
         if len(cause) == 1:
             away.append(-away[0])
@@ -146,11 +148,11 @@ def band(
 
 @dataclass
 class ForceDifference:
-    """How far what might be is from what is predicted.
+    """Running statistics of a force difference.
 
     Attributes:
-        square, count: sum of the squared differences of force (N^2), and how many.
-        largest, at: the largest (N), and when (s).
+        square, count: sum of the squared differences (N^2), and their number.
+        largest, largest_time: difference of largest size (N), and its time (s).
     """
 
     square: float = 0.0
@@ -159,7 +161,7 @@ class ForceDifference:
     largest_time: float = math.nan
 
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
-        """Differences (n,), N, at `t` (n,), s; NaN are none."""
+        """Add differences (n,), N, at times `t` (n,), s; NaN is skipped."""
         there = np.isfinite(away)
         if not there.all():
             t, away = t[there], away[there]
@@ -172,22 +174,22 @@ class ForceDifference:
 
     @property
     def rms(self) -> float:
-        """N."""
+        """Root mean square (N); NaN without differences."""
         return math.sqrt(self.square / self.count) if self.count else math.nan
 
 
 @dataclass
 class PredictionScore:
-    """How predictions compare with the estimates of their time, without their past.
+    """Score of the predictions of a session against the estimates that followed.
 
     Attributes:
-        predictions: how many were given.
-        banded: values of the force that had a band.
-        within: of these estimates in the band.
-        no_band: why some predictions had none; "" if all have one.
-        error: of the predicted force against them.
-        holding: the same of the last value.
-        apart: of what might be, by what is other.
+        predictions: number of predictions.
+        banded: number of predicted forces with a band.
+        in_band: number of estimates inside the band.
+        no_band: reason why some predictions have no band; "" if all have one.
+        error: predicted less estimated force.
+        hold_error: error of a zero-order-hold prediction.
+        what_if_differences: difference from the prediction, per --what-if.
     """
 
     predictions: int = 0
@@ -200,13 +202,13 @@ class PredictionScore:
 
     @property
     def share(self) -> float:
-        """Of the estimates that lay in the band."""
+        """Share of the estimates inside the band; NaN without a band."""
         return self.in_band / self.banded if self.banded else math.nan
 
 
 @dataclass
 class _PendingPrediction:
-    """A prediction that is being made: from where, what is run, and what was."""
+    """Prediction under way: its start, the branches still to run, and the results so far."""
 
     t: float
     now: RobotSnapshot
@@ -218,23 +220,22 @@ class _PendingPrediction:
 
 
 class SessionBranches:
-    """What branches of one session there are: that of the twin, and what might be.
+    """Branching systems of a session: one for the twin, and one for each --what-if.
 
     Args:
-        experiment: of the robot.
-        changed: by what is other in it an experiment.
-        limit: of the pressing force (N), beyond which a prediction is a warning; infinite: none.
-        start: when the first prediction is made (s).
+        experiment: experiment of the robot.
+        changed: --what-if text -> changed experiment.
+        limit: pressing force (N) beyond which a prediction is a warning; infinite for none.
+        start: time of the first prediction (s).
 
     Attributes:
-        foreseen: so far.
-        limit, start: see there.
-        moves: whether the surface moves, by twin's clock: its phase is not estimated.
+        score: comparison of the predictions with the estimates so far.
+        moves: whether the surface moves, by the twin's clock; its phase is not estimated.
         taps: numbers of the tasks that tap.
-        own, changed: system of the twin, and those of what might be.
+        own, changed: system of the twin, and those of the --what-if experiments.
 
     Raises:
-        InputRefused: a part of the robot cannot be put where the robot's is.
+        InputRefused: a component of the robot has no state that can be set.
     """
 
     def __init__(
@@ -264,22 +265,22 @@ class SessionBranches:
         self._closing.close()
 
     def predicting_part(self, law: OwnController, state: RobotState) -> PlantPart:
-        """The part of a twin that has these two in it, and stops at the moments from which branches go out."""
+        """Create the part of a twin that wraps controller and state, and predicts."""
         return _PredictingPart(self, law, state)
 
     @property
     def branchings(self) -> list[Branching]:
-        """All systems that there are."""
+        """All systems, that of the twin first."""
         return [self.own, *self.changed]
 
 
 def _next_time(t: float, start: float, period: float) -> float:
-    """The first of the times `start`, `start` + `period` .. after `t`."""
+    """Return the first of the times `start`, `start` + `period`, ... after `t` (s)."""
     return start + period * (math.floor((t - start) / period + 1e-6) + 1)
 
 
 class _PredictingPart:
-    """See `Ahead.predicting_part`."""
+    """Part of a twin that predicts; see `SessionBranches.predicting_part`."""
 
     def __init__(self, ahead: SessionBranches, law: OwnController, state: RobotState):
         self._ahead, self._law, self._state = ahead, law, state
@@ -307,7 +308,7 @@ class _PredictingPart:
         self._per_motor = float(p["N"] * p["eta"])
 
     def accept(self, plant: PlantParameters) -> None:
-        """See `PlantPart`; what is being predicted is given up, for it began on the one before."""
+        """Use another plant, and cancel the pending prediction, which began with the previous plant."""
         self._pending = None
         self._state.accept(plant)
         for branching in self._ahead.branchings:
@@ -342,7 +343,8 @@ class _PredictingPart:
         return made
 
     def _look(self, sample: int, t: float, made: Rows) -> None:
-        """What is to be made or given at this one of the samples, at `t` (s), of which `made` has the rows."""
+        """Do the work due at one of the samples, at `t` (s): give a prediction into the rows `made`, learn the contact,
+        or begin a prediction."""
         giving = self._pending is not None and t >= self._pending.t + PREDICTION_DELAY
         looking, beginning = t >= self._next_look, t >= self._next
         if not (giving or looking or beginning):
@@ -370,7 +372,7 @@ class _PredictingPart:
                 self.happenings.append(Happening(t, f"no more predictions: {problem}"))
 
     def _catch_up(self) -> None:
-        """Let friction and drives follow what was laid aside, and compare it with what was predicted of it."""
+        """Advance friction and drives over the buffered samples, and score earlier predictions with them."""
         heard = np.concatenate(self._heard)
         self._heard.clear()
         times, robots = heard[:, 0], heard[:, 1:4]
@@ -382,16 +384,16 @@ class _PredictingPart:
         missing = np.isnan(robots)
         omega_ref = np.where(missing, heard[:, 4:7], robots) if np.any(missing) else robots
         if np.any(lacking := np.isnan(omega_ref[:, 0])):
-            # what was commanded last holds
+            # the last command holds
             newest = np.maximum.accumulate(np.where(lacking, 0, np.arange(1, len(omega_ref) + 1)))
             omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])[newest]
         for branching in self._ahead.branchings:
             branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
 
     def _is_foreign(self, t: float) -> bool:
-        """Whether the robot's commands since the last time were those of somebody else; it is said once.
+        """Whether another controller has commanded the robot since the last check; reported once.
 
-        Samples that are lost make the two differ for moments; what is elsewhere in its program differs for long.
+        Lost samples cause short differences, another point of the program long ones.
         """
         both = np.concatenate(self._strange)
         self._strange.clear()
@@ -408,7 +410,7 @@ class _PredictingPart:
         return foreign
 
     def _begin(self, t: float, law: NDArray[np.uint8]) -> _PendingPrediction | None:
-        """A prediction from now on, of which nothing is run yet; law: what the controller holds."""
+        """Begin a prediction at `t` (s) without running a branch; `law` is the controller's state."""
         x, P, J = self._estimate
         if not np.all(np.isfinite(x)):
             return None
@@ -435,7 +437,7 @@ class _PredictingPart:
         return pending
 
     def _write_prediction(self, sample: int, t: float, made: Rows) -> None:
-        """The prediction that is being made, as the row of this one of the samples, at `t` (s)."""
+        """Finish the pending prediction, and write it into the row of a sample at `t` (s)."""
         pending, self._pending = self._pending, None
         assert pending is not None
         for _ in pending.runs:
@@ -470,7 +472,8 @@ class _PredictingPart:
         return "no band: a tap's time of touch is not estimated" if task in self._ahead.taps else ""
 
     def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
-        """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
+        """Compare earlier predictions with the estimated forces `F_z` (n,), N, and their standard `deviation`, at `t`
+        (n,), s."""
         if not self._open:
             return
         foreseen, begin, end = self._ahead.score, float(t[0]) - 1e-9, float(t[-1])
@@ -491,15 +494,15 @@ class _PredictingPart:
 
 
 def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:
-    """By each of `what_if`, several keys with ";", the experiment with it.
+    """Load the experiment of each --what-if; one text may have several keys, separated by ";".
 
     Args:
-        path: of the experiment.
-        settings: of the robot.
-        what_if: as on the command line.
+        path: file of the experiment.
+        settings: "table.key=value" texts of the robot.
+        what_if: texts of the command line.
 
     Raises:
-        InputRefused: a key that there is not, or that cannot change in mid-run.
+        InputRefused: an unknown key, or one that cannot change in mid-run.
     """
     found = {}
     for text in what_if:
@@ -519,13 +522,14 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
 def session_branches(
     experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
 ) -> SessionBranches | None:
-    """The branches of a session; None if a part of the robot cannot be put where the robot's is, which `note` takes.
+    """Create the branches of a session; None, with a note, if the robot cannot be predicted.
 
     Args:
-        limit: of the pressing force (N); None: the monitor's, if there is one.
+        limit: maximum pressing force (N); None for the monitor's limit, if any.
+        note: receives the reason.
 
     Raises:
-        InputRefused: so it is, and somebody asks what might be.
+        InputRefused: the robot cannot be predicted, and --what-if was given.
     """
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf

@@ -1,17 +1,16 @@
-"""When have robot and twin parted? A sum over means of prior residuals, its threshold by the rate of false alarms.
+"""Alarm when robot and twin diverge: cumulative sums over means of prior residuals, with a chosen rate of false alarms.
 
-E. S. Page, Continuous inspection schemes, Biometrika 41 (1954) 100. With r_n the mean residual of block n and r_0 that
-of the first blocks,
+E. S. Page, Continuous inspection schemes, Biometrika 41 (1954) 100. With r_n the mean residual of block n and r_0 the
+mean of the first blocks,
 
     up_n = max(0, up_(n-1) + (r_n - r_0) - K),  low_n = max(0, low_(n-1) - (r_n - r_0) - K),  K = tolerance + sigma/2,
 
-and the alarm is a sum beyond H sigma. D. Siegmund, Sequential Analysis (1985), sec. 2.4 and (10.18): blocks from one
-false alarm to the next on one side, of a residual that stays at the very edge of its tolerance,
+and a sum beyond H sigma is an alarm. D. Siegmund, Sequential Analysis (1985), sec. 2.4 and (10.18): number of blocks
+between false alarms on one side, with a residual at the edge of its tolerance,
 
     ARL = 2 (e^b - 1 - b),  b = H + 1.166.
 
-The tolerance is that of a fleet of healthy robots (`fleet`), sigma how far its block means differ
-from one to the next.
+The tolerance comes from a fleet of healthy robots (`fleet`); sigma is the standard deviation between successive blocks.
 """
 
 import math
@@ -27,17 +26,18 @@ from twin.kernel.errors import InputRefused
 
 Columns = Mapping[str, NDArray[np.float64]]
 BLOCK_LENGTH = 1.0
-"""s: as long as those of a replay."""
+"""Length of a block (s), the shortest of a replay."""
 FIRST_BLOCKS = 2
-"""They say what is normal for this robot: zeros of encoders and motors are in every block alike."""
+"""Number of reference blocks of a robot; encoder zeros are the same in all blocks."""
 SETTLING_TIME = 0.5
-"""s after a start of the filter in which residuals do not count."""
+"""Time after a start of the filter in which residuals are ignored (s)."""
 MIN_BLOCK_SHARE = 0.5
-"""Share of a block's samples without which it is none."""
+"""Minimum share of a block's samples."""
 RATE_RESERVE = 5.0
-"""A threshold is chosen for a fifth of the rate that was asked: blocks are neither normal nor independent."""
+"""Factor between the requested rate and the rate that the threshold is computed for: blocks are neither normal nor
+independent."""
 CONFIRMING_LEVEL = 0.5
-"""Share of the threshold from which on a sum is worth watching."""
+"""Share of the threshold above which the state is CONFIRMING."""
 
 COMMAND_CHANNEL = "command"
 UNCOMPARED_NOTE = "the twin's controller is not compared"
@@ -49,19 +49,19 @@ CHANNELS = {
     "spread": ("NIS", 0, "1"),
     COMMAND_CHANNEL: ("residual_command", 0, "rad/s"),
 }
-"""Residuals that are watched: the filter's output, which of its values, unit. `spread` is NIS by the counts in it;
-`command` how far the robot's commands are from those of the twin's own controller."""
+"""Watched residuals -> output of the filter, element, unit. `spread` is NIS per count; `command` is the largest
+difference between the robot's commands and those of the twin's own controller."""
 ONE_SIDED_CHANNELS = ("spread", COMMAND_CHANNEL)
-"""Less of these is no news."""
+"""Channels whose decrease is ignored."""
 SUM_COUNT = 2 * len(CHANNELS) - len(ONE_SIDED_CHANNELS)
-"""Sums that may alarm."""
+"""Number of sums that may alarm."""
 RATE_ERROR = 0.1
 """Relative difference of a measured rate to one that has tolerances."""
 UNKNOWN_PARAMETER = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
-    """Blocks from one false alarm of one sum to the next, at the edge of the tolerance; `H`: threshold by sigma."""
+    """Mean number of blocks between false alarms of one sum at the edge of the tolerance; `H`: threshold by sigma."""
     b = H + 1.166
     return 2.0 * (math.expm1(b) - b)
 
@@ -69,10 +69,10 @@ def run_length(H: float) -> float:
 def threshold(
     per_hour: float, block: float = BLOCK_LENGTH, sides: int = SUM_COUNT, reserve: float = RATE_RESERVE
 ) -> float:
-    """H, by sigma, for so many false alarms an hour of all `sides` together.
+    """Compute the threshold H, by sigma, for a rate of false alarms per hour of all `sides` together.
 
     Raises:
-        InputRefused: no rate that can be asked.
+        InputRefused: a rate outside 1e-6 to 100.
     """
     if not 1e-6 <= per_hour <= 100.0:
         raise InputRefused(f"{per_hour:g} false alarms an hour: expected 1e-6 to 100")
@@ -86,11 +86,11 @@ def threshold(
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What is no news, by channel, in its own unit.
+    """Tolerances of healthy robots by channel, in the channel's unit.
 
     Attributes:
-        tolerance: largest change of a block's mean of healthy robots.
-        sigma: deviation of a block's mean.
+        tolerance: largest change of a block's mean.
+        sigma: standard deviation of a block's mean.
     """
 
     tolerance: Mapping[str, float]
@@ -102,18 +102,18 @@ RateTolerances = Mapping[float, Tolerances]
 
 
 def rate_of(t: NDArray[np.float64]) -> float:
-    """The sampling rate (Hz) of stamps `t` (n,), s: by the median interval; NaN if there is none."""
+    """Sampling rate (Hz) by the median interval of stamps `t` (n,), s; NaN with fewer than two stamps."""
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else math.nan
 
 
 def tolerances_at(limits: RateTolerances, rate: float) -> Tolerances | None:
-    """Tolerances for a measured rate (Hz); None if no rate is near."""
+    """Return the tolerances for a measured rate (Hz); None if no rate is near."""
     nearest = min(limits, key=lambda one: abs(one - rate), default=math.nan)
     return limits[nearest] if abs(nearest - rate) <= RATE_ERROR * rate else None
 
 
 class WatchState(StrEnum):
-    """What the watch is doing."""
+    """State of the watch."""
 
     LISTENING = "listening"
     CONFIRMING = "confirming"
@@ -124,22 +124,22 @@ class WatchState(StrEnum):
 
 
 WAITING_STATES = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
-"""In these no sum is looked at."""
+"""States in which sums are not updated."""
 
 
 @dataclass(frozen=True)
 class WatchEvent:
-    """A change of state, with its evidence.
+    """Change of the watch's state, with its evidence.
 
     Attributes:
-        t: when (s).
-        state: from now on.
-        channel: whose sum it is, "" if none.
+        t: time (s).
+        state: new state.
+        channel: channel of the largest sum; "" if no sum caused the change.
         level: that sum by its threshold.
-        since: when the sum began to grow (s).
-        size: mean residual since then less what is normal, in the channel's unit.
-        found: what was re-identified.
-        alarm: whether this is an alarm.
+        since: time at which the sum began to grow (s).
+        size: mean residual since then, less the reference, in the channel's unit.
+        found: result of the re-identification.
+        alarm: whether the change is an alarm.
     """
 
     t: float
@@ -171,10 +171,10 @@ class _Sum:
 
 
 class Blocks:
-    """Means of the filter's outputs over blocks of time, sample by sample or slice by slice.
+    """Means of the filter's outputs over blocks of time, updated with samples or slices.
 
     Args:
-        length: of a block (s).
+        length: length of a block (s).
     """
 
     def __init__(self, length: float = BLOCK_LENGTH):
@@ -184,11 +184,12 @@ class Blocks:
         self._most, self._anew = 0, math.inf
 
     def add_samples(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
-        """End (s) and means (channels,) of each block that ends within these samples; NaN where a channel had none.
+        """Yield end (s) and means (channels,) of each block that ends within these samples; NaN for channels without
+        values.
 
         Args:
-            t: times (n,), s, ascending, after those before.
-            y: what the filter said then.
+            t: times (n,), s, ascending from call to call.
+            y: outputs of the filter at these times.
         """
         values = residuals(y)
         values[t < self._settled] = math.nan
@@ -198,7 +199,7 @@ class Blocks:
             else:
                 self._anew = min(self._anew, at)
             self._settled = at + SETTLING_TIME
-            # the sample at which it starts anew tells why
+            # the sample of the restart itself shows the reason
             values[(t > at) & (t < self._settled)] = math.nan
         # after a gap the twin's controller is not where the robot's is
         values[t >= self._anew, list(CHANNELS).index(COMMAND_CHANNEL)] = math.nan
@@ -224,7 +225,7 @@ class Blocks:
             if self._samples >= MIN_BLOCK_SHARE * self._most:
                 with np.errstate(invalid="ignore"):
                     yield self._start + self._length, self._sums / self._counts
-            # of hours without a sample there is no block
+            # a gap of hours makes no blocks
             self._start += self._length * max(1.0, math.floor((t[end] - self._start) / self._length))
             self._clear()
             begin = end
@@ -234,8 +235,8 @@ class Blocks:
 
 
 def residuals(y: Columns) -> NDArray[np.float64]:
-    """Of every channel at every sample, (n, channels); NaN where there was none."""
-    # not every twin has a controller of its own
+    """Residuals of all channels (n, channels); NaN if a channel has no value."""
+    # a twin with a third-party controller has no commands
     command = y.get("residual_command", np.full(len(y["NIS"]), math.nan))
     spread = nis_per_count(y["NIS"], y["used"])
     single = {"residual_F": y["residual_F"], "NIS": spread, "residual_command": command}
@@ -243,32 +244,32 @@ def residuals(y: Columns) -> NDArray[np.float64]:
 
 
 def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64]:
-    """The filter's outputs of these names, divided; 1 on average if it is right, NaN where no count was new."""
+    """NIS per new count; 1 on average for a correct filter, NaN without new counts."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(NIS / used, dtype=float)
 
 
 class ParameterFinder(Protocol):
-    """What says which parameter has moved."""
+    """Search for the parameter that has changed."""
 
     def ask(self, since: float, t: float) -> None:
-        """Look at what has come since `since`, at `t` (s)."""
+        """Start the search in the samples since `since`, at `t` (s)."""
 
     def answer(self) -> str:
-        """What was found, a sentence; "": it is not known yet."""
+        """Return the result as a sentence; "" while the search is running."""
 
 
 class ShadowWatch:
-    """Page's sums over the block means of a robot, and what follows from them.
+    """Page's sums over the block means of a robot, and the alarm's state machine.
 
     Args:
-        limits: what is no news.
-        per_hour: false alarms that the user bears.
-        gathering: blocks after an alarm that are kept for a re-identification.
-        cooling: blocks after that in which nothing is looked at.
-        reidentifier: asked once after an alarm.
-        block: s.
-        share: of threshold and tolerance; less than 1 breaks the promise, for trials.
+        limits: tolerances.
+        per_hour: accepted rate of false alarms.
+        gathering: number of blocks after an alarm that are collected for a re-identification.
+        cooling: number of blocks after that without a watch.
+        reidentifier: called once after each alarm.
+        block: length of a block (s).
+        share: factor of threshold and tolerance; below 1 the rate of false alarms is not kept (for tests).
     """
 
     def __init__(
@@ -295,11 +296,11 @@ class ShadowWatch:
 
     @property
     def alarms(self) -> list[WatchEvent]:
-        """Those so far."""
+        """Alarms so far."""
         return [change for change in self.changes if change.alarm]
 
     def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
-        """A block that ended at `t` (s) with `means` by channel: what changes."""
+        """Update the sums with a block that ended at `t` (s), and return the changes of state."""
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
             self._change_state(WatchEvent(t, self._interrupted))
@@ -314,7 +315,7 @@ class ShadowWatch:
         return self.changes[first:]
 
     def _refuse_other_beginning(self, t: float) -> None:
-        """Robot and twin did not begin together if their commands differ from the first blocks on."""
+        """Stop comparing commands if they differ from the first blocks on: robot and twin did not begin together."""
         tolerance, sigma = (
             self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
             self._limits.sigma.get(COMMAND_CHANNEL, math.nan),
@@ -326,17 +327,17 @@ class ShadowWatch:
             )
 
     def change_tolerances(self, t: float, limits: Tolerances) -> None:
-        """Listen anew with other tolerances, from `t` (s) on."""
+        """Restart with other tolerances at `t` (s)."""
         self._limits = limits
         self.restart(t)
 
     def lose(self, t: float, why: str) -> None:
-        """Nothing is watched from `t` (s) on, until the next block."""
+        """Stop the watch at `t` (s) until the next block."""
         self._interrupted = self.state
         self._change_state(WatchEvent(t, WatchState.NOT_WATCHED, found=why))
 
     def restart(self, t: float) -> None:
-        """The twin has changed at `t` (s): what is normal for it is learnt anew, after cooling down."""
+        """Learn a new reference after cooling down, because the twin has changed at `t` (s)."""
         self._learns = True
         self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it listens anew after that"))
 
@@ -353,7 +354,7 @@ class ShadowWatch:
         found = UNKNOWN_PARAMETER
         if self._reidentifier is not None:
             if self.state is WatchState.GATHERING:
-                # of the block in which the sum began to grow a part is of before
+                # the block in which the sum began to grow is partly from before the change
                 self._reidentifier.ask(self._alarm.since + self._block, t)
             found = self._reidentifier.answer()
         if self.state is WatchState.GATHERING:
@@ -375,7 +376,7 @@ class ShadowWatch:
                 continue
             tolerance, sigma = self._limits.tolerance.get(name, math.nan), self._limits.sigma.get(name, math.nan)
             K = self._share * tolerance + 0.5 * sigma
-            # a channel that the fleet did not have, or that is silent, says nothing
+            # channels without tolerance or value are skipped
             if math.isfinite(shift[k] - K):
                 self.levels[name] = self._add(name, t, float(shift[k]), K) / (self._H * sigma)
         worst = max(self.levels, key=lambda name: self.levels[name])

@@ -1,11 +1,10 @@
-"""A robot's system that is put where an estimate has the robot, and run ahead from there.
+"""Simulation of a robot's system ahead from an estimated state.
 
-What six counts cannot tell comes from the past: the drives have followed the robot's commands and loads from the first
-sample on, and hold inside what these leave there; the controller is the twin's own on the robot's counts. Plant and
-encoders are put to the estimate, surface and dry friction to what the past has shown (`surroundings`). Where a drive's
-shaft is elsewhere than the estimate has it, or zeros of encoders load a spring, a belt slips by as much: springs,
-weight and contact are in balance as the filter has them. Left out are the monitor, faults, noise
-of the encoders, and what an energy tank has stored.
+Six counts do not determine every state; the past gives the rest. The drives have followed the robot's commands and
+loads since the first sample and keep their internal states; the controller is the twin's own on the robot's counts.
+Plant and encoders are set to the estimate, surface and dry friction to the `contact_estimate`. A belt slip compensates
+for a drive shaft off the estimate, and for encoder zeros that load a spring: springs, weight and contact are in balance
+as in the filter. Not simulated: the monitor, faults, encoder noise, and the energy stored in a tank.
 """
 
 import math
@@ -35,27 +34,27 @@ from twin.studies.shadow.contact_estimate import AIR_CLEARANCE, ContactEstimate
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, VELOCITY
 
 PREDICTION_HORIZON, LEAD_SPACING = 1.0, 0.05
-"""s ahead, and between two of the times that are looked at."""
+"""Length of a prediction, and spacing of its times (s)."""
 MAX_FOLLOWED_GAP = 1.0
-"""Longest gap (s) over which the drives are stepped; a longer one begins anew, so that it costs no memory."""
+"""Maximum gap (s) over which the drives are stepped; longer gaps are skipped, and need no memory."""
 LEAD_TIMES = np.linspace(LEAD_SPACING, PREDICTION_HORIZON, round(PREDICTION_HORIZON / LEAD_SPACING))
 Native = TypeVar("Native", bound=NativeComponent)
 ENDLESS_TICKS = 1 << 40
-"""Ticks. A session has no end that an FMU could be given."""
+"""End of a session for FMUs (ticks); a session has no end."""
 
 
 class RobotSnapshot(NamedTuple):
-    """Where the robot is.
+    """Start of a branch.
 
     Attributes:
-        tick: of the branch's system.
-        x: of the filter (15,).
-        J: d theta_l / d p_B there (3, 3).
-        omega_ref: commands that hold (3,), rad/s.
-        law: what the controller holds, its pieces one after the other.
-        drives: the state of the drives.
-        shafts: what their outputs are.
-        around: what the past has shown.
+        tick: tick of the branch's system.
+        x: state of the filter (15,).
+        J: d theta_l / d p_B (3, 3).
+        omega_ref: present commands (3,), rad/s.
+        law: controller state, its pieces concatenated.
+        drives: state of the drives.
+        shafts: outputs of the drives by component name.
+        contact_estimate: surface and dry friction.
     """
 
     tick: int
@@ -69,12 +68,12 @@ class RobotSnapshot(NamedTuple):
 
 
 class BranchChange(NamedTuple):
-    """What is other in one branch than in the present.
+    """Difference of one branch from the present.
 
     Attributes:
         dx: added to the state (15,).
-        height: added to that of the surface (m), where the robot does not touch it.
-        share: of its stiffness.
+        height: added to the height of the surface (m), unless the robot touches it.
+        share: factor of the surface's stiffness.
     """
 
     dx: NDArray[np.float64] = np.zeros(15)
@@ -84,7 +83,7 @@ class BranchChange(NamedTuple):
 
 @entry("double", PARAMETERS_RECORD, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
-    """The largest depth (m) of the head at `count` positions `p` (3) of the platform, seen from the surface."""
+    """Return the largest depth (m) of the head below the surface at `count` platform positions `p` (3 each)."""
     positions, most = carray(p, 3 * count), -math.inf
     for k in range(count):
         most = max(most, surface_depth(parameters, positions[3 * k], positions[3 * k + 1], positions[3 * k + 2]))
@@ -92,8 +91,8 @@ def _deepest(parameters, p, count):
 
 
 def _inputs(drive: Component, number: int) -> list[int]:
-    """Which of three commands, three loads and 1 are the inputs of a drive: those of its joint, or of all three; it has
-    power."""
+    """Map the inputs of a drive to columns of (three commands, three loads, 1): those of its joint, or all three; power
+    is 1."""
     found: list[int] = []
     for port in drive.inputs:
         first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(END_SUFFIX), 6)
@@ -103,26 +102,27 @@ def _inputs(drive: Component, number: int) -> list[int]:
 
 
 BranchRequest = tuple[list[NDArray[np.float64]], BranchChange]
-"""Where a branch goes to, and what is other in it."""
+"""List that receives the branch's rows, and the change of the branch."""
 
 
 def _spring(p: NDArray) -> NDArray[np.float64]:
-    """Torque on each joint by angle of its motor (3,), N m/rad."""
+    """Return the torque on each joint per angle of its motor (3,), N m/rad."""
     return np.asarray(p["k_s"] * p["k_s_share"] * p["N"] * p["eta"], dtype=np.float64)
 
 
 class Branching:
-    """The system of an experiment that is run ahead from wherever the robot is.
+    """System of an experiment that can be run ahead from any state of the robot.
 
     Args:
-        experiment: of the robot.
-        where: begins a refusal.
+        experiment: experiment of the robot.
+        where: begins the error messages.
 
     Attributes:
-        tick, period: of the system (s), and of its controller (ticks).
+        law: the controller.
+        tick, period: tick of the system (s), and period of its controller (ticks).
 
     Raises:
-        InputRefused: a part has no state, or is none that twin can put anywhere.
+        InputRefused: a component is third-party, or has no state.
     """
 
     def __init__(self, experiment: Experiment, where: str = ""):
@@ -177,25 +177,24 @@ class Branching:
         return component
 
     def close(self) -> None:
-        """Free the FMUs."""
         for state in filter(None, (self._fresh, self._away)):
             state.close()
         self._assembly.close()
 
     def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
-        """Let the drives go as the robot's do, up to the last sample; they are stepped when they are next asked for.
+        """Buffer commands and loads of the drives up to the last sample; `catch_up` steps the drives.
 
         Args:
-            t: of samples (n,), s, later than those before.
+            t: times of the samples (n,), s, ascending from call to call.
             omega_ref: commands (n, 3), rad/s.
-            tau_load: of the springs on the shafts (n, 3), N m.
+            tau_load: loads of the springs on the shafts (n, 3), N m.
 
         Returns:
-            The tick that they come to, one of those at which the controller is called.
+            The tick reached, at a call of the controller.
         """
         call = self.call
         gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))
-        # drives hold their state over a long gap: nothing is stepped, or stored, for it
+        # over a long gap drives keep their state; nothing is stepped or stored
         skips = np.where(gaps > MAX_FOLLOWED_GAP, call * np.floor(gaps / call), 0.0)
         t = t - self._skipped - np.cumsum(skips)
         self._last = float(t[-1]) + self._skipped + float(np.sum(skips))
@@ -204,17 +203,17 @@ class Branching:
         values[0], values[1:, :3], values[1:, 3:6] = self._now, omega_ref, tau_load
         self._now = values[-1]
         end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
-        # a sample that is a little late is that of its tick
+        # a sample slightly after a tick counts for that tick
         due = (np.arange(self._at, end) + 0.25) * self.tick
         self._held.append(values[t.searchsorted(due, side="right")])
         self._at = end
         return end
 
     def catch_up(self) -> None:
-        """Step the drives to where they are to be.
+        """Step the drives over the buffered samples.
 
         Raises:
-            ComponentFailed: one of them fails.
+            ComponentFailed: a drive fails.
         """
         self._restore_drives()
         held = np.concatenate([*self._held, np.empty((0, 7))])
@@ -233,21 +232,21 @@ class Branching:
 
     @property
     def command(self) -> NDArray[np.float64]:
-        """The newest one (3,), rad/s."""
+        """Newest command (3,), rad/s."""
         return self._now[:3]
 
     @property
     def call(self) -> float:
-        """From one call of the controller to the next, s."""
+        """Period of the controller (s)."""
         return self.period * self.tick
 
     @property
     def parameters(self) -> NDArray:
-        """Of the plant, a record."""
+        """Parameters of the plant, a record."""
         return self._as_made[0][1]["parameters"][0]
 
     def accept(self, plant: PlantParameters) -> None:
-        """Go on with what may have moved in a robot: springs, their zeros, stiffness of the contact; as in `plant`."""
+        """Use springs, slip and contact stiffness of another plant."""
         for memory in (self._plant.memory, self._as_made[0][1]):
             for name in ("k_s_share", "slip", "K"):
                 memory["parameters"][0][name] = getattr(plant, name)
@@ -256,27 +255,34 @@ class Branching:
     def present(
         self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: ContactEstimate
     ) -> RobotSnapshot:
-        """What a branch begins from, to be run now or later, once the drives have caught up; arguments: see there."""
+        """Take a snapshot to run branches from, now or later; call `catch_up` first. Arguments: see `RobotSnapshot`."""
         drives = self._drive_places.save_state(self._at)
         return RobotSnapshot(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.snapshot())
 
     def beginning(self, now: RobotSnapshot) -> NDArray[np.float64]:
-        """Pressing force (N) and height (m) that a branch goes out from (2,)."""
+        """Pressing force (N) and height (m) at the start of a branch (2,)."""
         return np.array([now.contact_estimate.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
 
     def refuse_other_law(self, law: Component, where: str) -> None:
-        """Raises InputRefused if this controller cannot go on from what `law` holds."""
+        """Refuse a controller whose state does not fit this one; `where` begins the message.
+
+        Raises:
+            InputRefused: the states differ in their pieces.
+        """
         mine, theirs = ({name: a.shape for name, a in one.pieces().items()} for one in (self.law, law))
         if mine != theirs:
             raise InputRefused(f"{where}the controller cannot be another one in mid-run")
 
     def run(self, now: RobotSnapshot, other: BranchChange = BranchChange()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
-        """Pressing force (N) and height (m) at each of `LEAD_TIMES` (leads, 2); NaN from where a component fails."""
+        """Run a branch, and return pressing force (N) and height (m) at each of `LEAD_TIMES` (leads, 2).
+
+        NaN after the time at which a component fails.
+        """
         self._set_state(now, other)
         return self._run_ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
-        """As `run`, from a state of the robot itself."""
+        """Run ahead from a saved state of the robot itself; returns as `run`."""
         self._save_drives()
         for component, memory in self._as_made:
             component.memory[...] = memory
@@ -284,30 +290,31 @@ class Branching:
         return self._run_ahead()
 
     def _save_drives(self) -> None:
-        """Let the drives be used by branches, and remember where they were."""
+        """Save the drives' state before branches use them."""
         self._away = self._away or self._drive_places.save_state(self._at)
 
     def _restore_drives(self) -> None:
-        """Let the drives be where the robot's are."""
+        """Restore the drives' state of the robot."""
         if self._away:
             self._drive_places.restore_state(self._away)
             self._away.close()
             self._away = None
 
     def differing_branches(self, now: RobotSnapshot, wanted: Sequence[BranchRequest]) -> list[BranchRequest]:
-        """Those whose branches are not bit for bit the one with nothing other, which was run last.
+        """Return the requests whose branches differ from the unchanged one, which must have been run last.
 
-        Where the robot presses, its surface is no higher otherwise; and of one that it stays clear of nothing counts.
+        While the robot presses, a changed height has no effect; while it stays clear of the surface, no change of the
+        surface has.
         """
         presses, clear = self.beginning(now)[0] > 0.0, False
         if not presses:
             p = self._rows[:, self._p_at] - sum(self._rows[:, place] for place in self._s_at)
-            # heights of others differ by less
+            # changed heights differ by less
             clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -AIR_CLEARANCE
         return [one for one in wanted if np.any(one[1].dx) or (not clear and (one[1].share != 1.0 or not presses))]
 
     def _run_ahead(self) -> NDArray[np.float64]:
-        """What `run` says, once the robot was put there."""
+        """Run from the state that is set; returns as `run`."""
         self._rows = rows = self._simulation.advance()
         found = np.full((len(LEAD_TIMES), 2), np.nan)
         there = rows[self._steps :: self._steps, self._columns]
@@ -315,7 +322,7 @@ class Branching:
         return found
 
     def _set_state(self, now: RobotSnapshot, other: BranchChange) -> None:
-        """Be where a branch begins."""
+        """Set the whole system to the start of a branch."""
         self._save_drives()
         self._places.restore_state(self._fresh)
         self._drive_places.restore_state(now.drives)
@@ -355,10 +362,10 @@ class Branching:
         self._simulation.jump_to(now.tick, outputs)
 
     def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Displacement and velocity of a surface that moves, by the twin's clock (6,), SI; outputs of what moves it.
+        """Displacement and velocity of a moving surface by the twin's clock (6,), SI, and the outputs of its component.
 
         Args:
-            tick: when; None: now.
+            tick: the time; None for now.
         """
         t = self.tick * (self._at if tick is None else tick)
         for body in self._assembly.components_by_row["body"]:

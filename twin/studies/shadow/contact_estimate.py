@@ -1,9 +1,8 @@
-"""What the past of a running robot has shown of it and of what it presses on, beside its state.
+"""Estimate of encoder zeros, dry friction and the touched surface from the past of a running robot.
 
-Springs read too much by zeros of encoders, each its own, and by what dry friction carries of the load. In free air both
-are all that they read, and a robot that moves up and down tells one from the other: a least-squares fit, whose prior is
-that of healthy robots. In contact both are taken off. The surface is where the force of first touch has it; deeper down
-it is as stiff as the force says.
+Spring torques contain errors by encoder zeros, one for each joint, and dry friction. In free air nothing else loads the
+springs, and up and down motion separates the two: a least-squares fit with the spread of healthy robots as prior. In
+contact both are subtracted. The force at first touch gives the surface's height, larger forces its stiffness.
 """
 
 import math
@@ -21,31 +20,32 @@ from twin.robot.plant.dynamics import PARAMETERS_RECORD
 from twin.studies.shadow.layout import FORCE, POSITION, TOUCH_FORCE, VELOCITY
 
 AIR_CLEARANCE = 1e-3
-"""m. Higher than that over the believed surface the robot is in free air: heights of healthy robots differ by 0.5 mm,
-and zeros of encoders by 0.05 deg are 0.2 mm."""
+"""Minimum height over the believed surface for free air (m): surfaces of healthy robots differ by 0.5 mm, and encoder
+zeros of 0.05 deg are 0.2 mm."""
 STIFFNESS_FORCE = 1.5
-"""N. From there on the force says how stiff the surface is, below where it is."""
+"""Force (N) above which it gives the stiffness of the surface, and below which its height."""
 MAX_DEPTH = 0.1
 """m."""
 MIN_STIFFNESS_SHARE, MAX_STIFFNESS_SHARE = 0.5, 2.0
-"""A surface is within this of the believed stiffness; what is left of a force moves the surface."""
+"""Limits of the surface's stiffness relative to the believed one; a remaining difference moves the surface."""
 SMOOTHING_TIME = 0.05
-"""s over which joint angles are made smooth: the noise of an estimate would shake off what friction carries."""
+"""Time constant of the low-pass filter of joint angles (s); estimation noise would release dry friction."""
 ENCODER_ZERO, JOINT_FRICTION, MAX_FRICTION = math.radians(0.05), 0.02, 0.04
 """rad, N m. Zeros of encoders and dry friction of healthy robots lie within the first two."""
 TORQUE_DEVIATION, FORGETTING_FACTOR = 1e-2, 0.995
-"""N m. Deviation of one look at the springs' torques in free air; and what a look leaves of those before."""
+"""Standard deviation of one measurement of the springs' torques in free air (N m), and the weight that each measurement
+leaves to earlier ones."""
 MAX_LEARNING_SPEED = 0.02
-"""m/s. Faster motions are explained by forces, too, that are none of the surface's."""
+"""Maximum vertical speed (m/s): the filter explains faster motions by forces that the surface does not exert."""
 AIR_FORCE_DEVIATION = 0.15
-"""N. How much the force of a robot in free air differs from what zeros and friction look like."""
+"""Standard deviation of the force in free air from the effect of zeros and friction (N)."""
 
 _TOUCH_RECORD = record(
     parameters=PARAMETERS_RECORD, **dict.fromkeys(("p", "v", "F"), "3f8"), along=("f8", (2,)),
     **dict.fromkeys(("depth", "up", "pressing", "wanted", "law"), "f8"),
 )  # fmt: skip
-"""Position, velocity and force on the surface (SI, B); the force's parts along it; depth (m), z of the normal, force
-into it (N), the depth at which the law has that force, and the law's force at this depth."""
+"""Position, velocity and force on the surface (SI, B); the force's components along it; depth (m), z component of the
+normal, normal force (N), depth at which the law gives this force, and force of the law at this depth."""
 
 
 @entry("nothing", _TOUCH_RECORD, at_once=True)
@@ -68,9 +68,9 @@ def _evaluate_contact(m):
 
 @entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double", at_once=True)
 def _drag(theta_l, h, count, smooth, anchors, presliding):
-    """Move the `anchors` (3) of dry friction along `count` rows of three joint angles, one after the other (P14).
+    """Move the `anchors` (3) of dry friction along `count` successive rows of three joint angles (P14).
 
-    Angles are made smooth first: what noise there is in an estimate would shake off what friction carries.
+    Angles are low-pass filtered first, because estimation noise would release the friction.
     """
     angles, steps, mean, held = carray(theta_l, 3 * count), carray(h, count), carray(smooth, 3), carray(anchors, 3)
     for k in range(count):
@@ -84,19 +84,19 @@ def _drag(theta_l, h, count, smooth, anchors, presliding):
 
 
 class ContactEstimate:
-    """See the module.
+    """Estimate of zeros, friction and surface; see the module.
 
     Args:
-        parameters: of the plant as it is believed, a record of `PARAMETERS_RECORD`.
+        parameters: believed parameters of the plant, a record of `PARAMETERS_RECORD`.
 
     Attributes:
-        height: of the surface over the believed one (m); NaN: it was never touched.
-        share: of the believed stiffness; NaN: not known.
-        carried: share of what dry friction can carry that it does (3,), positive against a joint that turns down.
-        zeros: torques (3,), N m, that zeros of encoders look like; and of dry friction, one for all joints, last.
+        height: height of the surface over the believed one (m); NaN before first touch.
+        share: stiffness relative to the believed one; NaN if unknown.
+        friction_share: dry friction of each joint by its maximum (3,), positive against downward rotation.
+        zeros: apparent torques of the encoder zeros (3,), N m, then the dry friction of all joints.
 
-    Below, x is the filter's state (15,), J = d theta_l / d p_B there (3, 3), and s_B where a surface that moves is, and
-    its velocity (6,), SI.
+    Methods take the filter's state x (15,), J = d theta_l / d p_B (3, 3), and displacement and velocity s_B of a moving
+    surface (6,), SI.
     """
 
     def __init__(self, parameters: NDArray):
@@ -107,7 +107,7 @@ class ContactEstimate:
         self._touch, self._z_s, self._K = memory_of(_TOUCH_RECORD, parameters=p), float(p["z_s"]), float(p["K"])
         self._presliding = float(p["joint_presliding"])
         zero = float(p["k_s"] * p["N"] * p["eta"] * (1.0 + p["N"])) * ENCODER_ZERO
-        # evenly spread within
+        # uniform distributions
         variances = np.array([zero**2, zero**2, zero**2, (JOINT_FRICTION / 2.0) ** 2], dtype=np.float64) / 3.0
         self._prior: NDArray[np.float64] = np.diag(np.asarray(1.0 / variances, dtype=np.float64))
         self._A, self._b = np.zeros((4, 4)), np.zeros(4)
@@ -120,31 +120,31 @@ class ContactEstimate:
         self._solve_zeros()
 
     def snapshot(self) -> "ContactEstimate":
-        """As they are now, for good."""
+        """Return a copy that later updates do not change."""
         found = copy(self)
         found._touch = self._touch.copy()
         return found
 
     def _solve_zeros(self) -> None:
-        """What the looks so far make of zeros and friction."""
+        """Solve the least-squares fit of zeros and friction."""
         found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
         found[3] = min(max(found[3], 0.0), MAX_FRICTION)
         self.zeros = found
 
     def tare(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Force (3,), N, that zeros and dry friction look like."""
+        """Return the apparent force (3,), N, of zeros and dry friction."""
         force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
         return force
 
     def force_deviation(self, J: NDArray[np.float64]) -> float:
-        """Deviation of the pressing force (N) by what is not known of zeros and dry friction."""
+        """Return the standard deviation of the pressing force (N) due to zeros and dry friction."""
         reads = np.append(J[:, 2], J[:, 2] @ self.friction_share)
         return math.sqrt(float(reads @ np.linalg.solve(self._prior + self._A, reads)))
 
     def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
-        """Take note of how the joints turn, by their angles (n, 3), rad, at `t` (n,), s."""
+        """Update the joints' friction with their angles (n, 3), rad, at `t` (n,), s."""
         h = t - np.concatenate([[t[0] if math.isnan(self._last) else self._last], t[:-1]])
-        # copies of this share what they do not change
+        # new arrays, since copies of this object share the old ones
         joints, anchors, angles = self._joints.copy(), self._anchors.copy(), np.ascontiguousarray(theta_l)
         _drag(angles, h, len(angles), joints, anchors, self._presliding)
         self._joints, self._anchors, self._last = joints, anchors, float(t[-1])
@@ -152,7 +152,7 @@ class ContactEstimate:
         self.friction_share = np.where(np.isnan(carried), 0.0, carried)
 
     def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> None:
-        """Take from an estimate what it says of the surroundings."""
+        """Update zeros, height or stiffness from an estimate."""
         if not abs(x[VELOCITY + 2]) < MAX_LEARNING_SPEED:
             return
         seen = self._contact_record(x, J, s_B)
@@ -174,8 +174,11 @@ class ContactEstimate:
     def correct_in_air(
         self, x: NDArray[np.float64], P: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]
     ) -> None:
-        """Put right, in place, an estimate of a robot in free air: however the filter explains a fast motion, there is
-        no force but what zeros and friction look like. It is one more measurement; P: of the filter (15, 15), SI."""
+        """Correct a state in free air in place: the only force is that of zeros and friction, whatever the filter
+        infers from a fast motion.
+
+        The correction is one more measurement; P: covariance of the filter (15, 15), SI.
+        """
         if self._contact_record(x, J, s_B)["depth"] < -AIR_CLEARANCE:
             force = slice(FORCE, FORCE + 3)
             gain = np.linalg.solve(P[force, force] + AIR_FORCE_DEVIATION * AIR_FORCE_DEVIATION * np.eye(3), P[force]).T
@@ -195,15 +198,15 @@ class ContactEstimate:
         higher: float = 0.0,
         share: float = 1.0,
     ) -> tuple[float, float, NDArray[np.float64]]:
-        """Height (m) and stiffness (N/m) of a surface that answers as the estimate has it, and its bristle (2,), m.
+        """Return height (m), stiffness (N/m) and bristle (2,), m, of a surface that exerts the estimated force.
 
         Args:
-            higher: added to the height (m) where the robot does not touch it.
-            share: of the stiffness that it has besides.
+            higher: added to the height (m) unless the robot touches the surface.
+            share: factor of the stiffness.
         """
         seen, p = self._contact_record(x, J, s_B), self._touch["parameters"][0]
         if not touches(seen):
-            # it is no higher than where the robot is without touching it
+            # a robot in the air is above the surface
             above = max(0.0, float(seen["depth"]) / float(seen["up"]) + higher)
             return float(p["z_s"]) + higher - above, float(p["K"]) * share, np.zeros(2)
         if math.isfinite(self.height) and seen["pressing"] > STIFFNESS_FORCE and seen["law"] > 0.0:
@@ -217,11 +220,8 @@ class ContactEstimate:
         return height, float(p["K"]), along / float(p["sigma_0"]) * (min(1.0, limit / size) if size else 1.0)
 
     def _contact_record(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
-        """The contact as the estimate has it, less what zeros and friction look like, on the surface as it is known.
-
-        Returns:
-            A record of `_TOUCH_RECORD`.
-        """
+        """Compute the contact at an estimate, without the effect of zeros and friction, as a record of
+        `_TOUCH_RECORD`."""
         seen: NDArray = self._touch[0]
         seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
         seen["F"] = x[FORCE : FORCE + 3] - self.tare(J)

@@ -1,8 +1,8 @@
-"""Deviations of the filter's state for a healthy robot that is not quite what its twin believes.
+"""Standard deviations of the filter's state for a healthy robot that differs from its twin's belief.
 
-The filter's covariance is that of a robot with the believed encoders, springs and joints. Healthy robots differ from it
-(docs/shadow_method.md): zeros of encoders, springs, dead zones and dry friction shift the estimate for good, and noise
-of encoders that the twin does not know of widens it, which its NIS shows. With J = d theta_l / d p_B and k = k_s N eta,
+The filter's covariance assumes the believed encoders, springs and joints. Healthy robots differ from them
+(docs/shadow_method.md): encoder zeros, springs, dead zones and dry friction shift the estimate permanently, and unknown
+encoder noise, which appears in the NIS, widens it. With J = d theta_l / d p_B and k = k_s N eta,
 
     var p_B = J^-1 zero_l^2 J^-T,  var theta_m = zero_m^2,
     var F = J^T [(k (1 + N) zero)^2 + (k dead_zone)^2 + friction^2 + (spring tau_l)^2] J   per leg.
@@ -17,25 +17,25 @@ from twin.studies.shadow.contact_estimate import ENCODER_ZERO, JOINT_FRICTION
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, STATES
 
 SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
-"""Largest relative errors of a spring and of a dead zone that were not identified, in the shipped fleet of healthy
+"""Largest relative errors of springs and dead zones that were not identified, in the shipped fleet of healthy
 robots."""
 DEVIATION_SHARE = 0.75
-"""Deviation by the largest error: at the corners of the fleet, where several causes are largest at once, at most a
-tenth of all samples lies beyond 1.96 deviations."""
+"""Standard deviation by the largest error. At the corners of the fleet, where several causes are largest at once, at
+most a tenth of all samples lies beyond 1.96 deviations."""
 SPRING_KEY, DEAD_ZONE_KEY = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
 NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
 NIS_SAMPLES = 500
-"""Samples over which NIS is averaged."""
+"""Number of samples over which NIS is averaged."""
 
 
 def is_identified(experiment: Experiment, key: str) -> bool:
-    """Whether the origin of a value of [plant], or of the [robot] that it comes from, is `twin identify`."""
+    """Whether a value of [plant], or the value of [robot] that it comes from, was identified by `twin identify`."""
     origins = experiment.origins
     return origins.get(key, origins.get(key.replace("plant.", "robot.", 1), "")).startswith("identified")
 
 
 class HealthyDeviation:
-    """Widens the filter's deviations to those of a healthy robot, slice by slice."""
+    """Conversion of the filter's deviations to those of a healthy robot, slice by slice."""
 
     def __init__(self, experiment: Experiment):
         plant = plant_parameters(experiment.plant, experiment.contact)
@@ -52,7 +52,7 @@ class HealthyDeviation:
         self, deviation: NDArray[np.float64], NIS: NDArray[np.float64], used: NDArray[np.float64],
         J: NDArray[np.float64], tau_l: NDArray[np.float64],
     ) -> NDArray[np.float64]:  # fmt: skip
-        """Deviations (n, 15) from the filter's (n, 15), its NIS and new counts (n,), J (n, 3, 3) and tau_l (n, 3)."""
+        """Widen the filter's deviations (n, 15) by its NIS and new counts (n,), J (n, 3, 3) and tau_l (n, 3)."""
         added = np.zeros((len(deviation), STATES))
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))
@@ -65,7 +65,7 @@ class HealthyDeviation:
         return wide
 
     def _mean_nis(self, NIS, used) -> NDArray[np.float64]:
-        """NIS per count, averaged over `NIS_SAMPLES` samples; 1 at least."""
+        """Average NIS per count over `NIS_SAMPLES` samples; at least 1."""
         keep = 1.0 - 1.0 / NIS_SAMPLES
         spread = np.empty(len(NIS))
         for k, (square, count) in enumerate(zip(np.nan_to_num(NIS).tolist(), used.tolist(), strict=True)):

@@ -1,15 +1,15 @@
-"""The state of a running robot from its encoder counts: an extended Kalman filter, one compiled step a sample.
+"""Extended Kalman filter for the state of a running robot from its encoder counts, one compiled step per sample.
 
-x = (p_B, v_B, theta_m, omega_m, F_ee_B), three of each. The platform moves as the plant does (P5), whatever it presses
-on being a force that wanders, grows with the way into a surface and turns with the way across it by w; the drives
-follow their commands with a lag and give way under load (P12):
+x = (p_B, v_B, theta_m, omega_m, F_ee_B), three of each. The platform moves as the plant does (P5). The contact force is
+a random walk that grows with the speed into the surface and turns with the direction across it by w; the drives follow
+their commands with a lag and droop under load (P12):
 
     dp/dt = v,  dv/dt = a(p, v, theta_m, F) + n_v,  d theta_m/dt = omega,
     d omega/dt = (omega_ref - droop tau_load - omega)/T_m + n_omega,  dF/dt = (-w F_y, w F_x, K v_z) + n_F.
 
-Measured are theta_m and theta_l(p) by counts. docs/shadow_method.md has the derivation, where the noises come from, and
-what six counts cannot tell. A motor's torque and a measured force are compared with the estimate and do not enter it:
-what is to contradict an estimate may not be a part of it.
+The counts measure theta_m and theta_l(p). docs/shadow_method.md has the derivation, the source of the noises, and the
+limits of six counts. Motor torque and measured force are compared with the estimate but not used in it, so that they
+can contradict it.
 """
 
 import math
@@ -52,7 +52,7 @@ from twin.studies.shadow.prediction import linearise, pose, predict, push, stiff
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def measured_angle(m, sensor, count):
-    """The angle (rad) that a count of `sensor`, 0 to 5, stands for."""
+    """Return the angle (rad) of a count of `sensor`, 0 to 5."""
     if sensor < 3:
         return angle(count, m.belief.motor_counts, m.belief.motor_zero[sensor])
     return angle(count, m.belief.joint_counts, m.belief.joint_zero[sensor - 3])
@@ -60,7 +60,7 @@ def measured_angle(m, sensor, count):
 
 @njit(cache=True, error_model="numpy")
 def speed_variance(m, sensor):
-    """Of the speed of a shaft, (rad/s)^2."""
+    """Return the variance of the speed of a sensor's shaft ((rad/s)^2)."""
     P, leg = m.P, sensor % 3
     if sensor < 3:
         return P[SPEED + leg, SPEED + leg]
@@ -73,10 +73,11 @@ def speed_variance(m, sensor):
 
 @njit(cache=True, error_model="numpy")
 def innovation(m, sensor, count, h, expected):
-    """What a count says, into `m.nu` and `m.R` (rad, rad^2); NaN if it says nothing new.
+    """Compute the innovation of a count and its variance into `m.nu` and `m.R` (rad, rad^2); NaN for a count without
+    news.
 
-    The angle was in the cell of the count before, and has moved as the filter expects; it is in the cell of this one.
-    Where both overlap it lies. A count that stays is in the same cell: nothing new, unless noise dithers it.
+    The angle was in the cell of the previous count, has moved as the filter expects, and is in the cell of this count:
+    it lies where both overlap. A repeated count is the same cell, hence no news unless noise dithers it.
     """
     motor = sensor < 3
     turn = 2.0 * math.pi / (m.belief.motor_counts if motor else m.belief.joint_counts)
@@ -98,7 +99,7 @@ def innovation(m, sensor, count, h, expected):
             # near an edge: half a count off
             wide = JUST_CHANGED
         else:
-            # both cells, seen from the middle of this one
+            # both cells relative to the middle of the present one
             way = (expected - m.before[sensor]) / turn - (count - last)
             low, high = max(-0.5, way - 0.5), min(0.5, way + 0.5)
             if high - low > -1.0:
@@ -111,7 +112,8 @@ def innovation(m, sensor, count, h, expected):
 
 @njit(cache=True, error_model="numpy")
 def correct(m, h, y):
-    """Take the counts in, one after the other; the squared residuals by their variances are summed into `y.NIS`."""
+    """Correct the state with the counts, one after the other, and sum squared residuals by their variances into
+    `y.NIS`."""
     P, PH, total = m.P, m.PH, m.total
     for i in range(STATES):
         total[i] = 0.0
@@ -152,7 +154,7 @@ def correct(m, h, y):
 
 @njit(cache=True, error_model="numpy")
 def begin(m, u):
-    """Start where the counts have the robot, at rest, with the force of statics; False where they fit no pose."""
+    """Initialise the state from the counts, at rest, with the force of statics; return False if they fit no pose."""
     for leg in range(3):
         m.theta_l[leg] = measured_angle(m, 3 + leg, u.count_l[leg])
         m.x[MOTOR + leg] = measured_angle(m, leg, u.count_m[leg])
@@ -170,7 +172,7 @@ def begin(m, u):
     special = has_effects(m.parameters)
     linearise(m, special)
     a = push(m, special, triple(m, POSITION), triple(m, VELOCITY), triple(m, MOTOR), triple(m, FORCE))
-    # the force that would take this acceleration away: slope F = -a
+    # the force that cancels this acceleration: slope F = -a
     F = solve_force(m.slope, a)
     for i in range(3):
         m.x[FORCE + i] = -F[i]
@@ -183,7 +185,7 @@ def begin(m, u):
 
 @njit(cache=True, error_model="numpy")
 def solve_force(slope, a):
-    """F of slope_F F = a, a triple."""
+    """Solve slope_F F = a for F, a triple."""
     m11, m12, m13 = slope[0, FORCE], slope[0, FORCE + 1], slope[0, FORCE + 2]
     m21, m22, m23 = slope[1, FORCE], slope[1, FORCE + 1], slope[1, FORCE + 2]
     m31, m32, m33 = slope[2, FORCE], slope[2, FORCE + 1], slope[2, FORCE + 2]
@@ -197,7 +199,7 @@ def solve_force(slope, a):
 
 @njit(cache=True, error_model="numpy")
 def write_outputs(m, y):
-    """The state and its deviations into the outputs."""
+    """Write the state and its standard deviations into the outputs."""
     for i in range(3):
         y.p_B[i], y.v_B[i] = m.x[POSITION + i], m.x[VELOCITY + i]
         y.theta_m[i], y.omega_m[i], y.F_ee_B[i] = m.x[MOTOR + i], m.x[SPEED + i], m.x[FORCE + i]
@@ -207,7 +209,7 @@ def write_outputs(m, y):
 
 @njit(cache=True, error_model="numpy")
 def residuals(m, h, u, y):
-    """What came less what was expected, before any of it is taken in."""
+    """Write the prior residuals into the outputs."""
     pose(m)
     m.still += h
     for sensor in range(ENCODER_COUNT):
@@ -223,7 +225,7 @@ def residuals(m, h, u, y):
     for leg in range(3):
         _, tau_load = stiffness(m, leg)
         target = m.omega_ref[leg] - m.drive.droop * tau_load
-        # of a motor without a known command no acceleration is expected
+        # without a known command the expected acceleration is 0
         known = m.drive.lag > 0.0 and not math.isnan(target)
         alpha = (target - m.x[SPEED + leg]) / m.drive.lag if known else 0.0
         y.residual_tau[leg] = u.tau_motor[leg] - tau_load - m.drive.inertia * alpha
@@ -251,7 +253,7 @@ def step(m, t, h, u, y):
             residuals(m, h, u, y)
             correct(m, h, y)
             pose(m)
-        # what no pose goes with, or counts do not go with, cannot be corrected any more
+        # a state without a pose, or far from the counts, cannot be corrected
         y.started = math.isnan(m.theta_l[0] + m.theta_l[1] + m.theta_l[2] + m.x[FORCE])
         for sensor in range(ENCODER_COUNT):
             y.started = y.started or m.refused[sensor] > LONGEST_GAP
@@ -270,21 +272,19 @@ def step(m, t, h, u, y):
 
 
 def _without_dry_friction(parameters: PlantParameters) -> tuple[object, ...]:
-    """Without dry friction, whose direction no count tells of a robot that stands."""
+    """Remove dry friction from the parameters; counts of a robot at rest do not determine its direction."""
     return tuple(parameters._replace(joint_friction=0.0, spring_hysteresis=0.0))
 
 
 class Shadow(NativeComponent):
-    """Sampled component: counts and commands of a robot in, its state out; a step is one sample.
+    """Sampled component: counts and commands of a robot in, its state out, one step per sample.
 
-    The length of a step is the time since the sample before, by the robot's stamps; of the first one it may be
-    anything.
+    The step length is the time since the previous sample by the robot's stamps; that of the first step is ignored.
 
     Args:
-        parameters: of the plant; of its contact the stiffness counts alone, and dry friction of joints and springs does
-            not.
-        believed: what turns counts into angles.
-        sensors, drive, noises: see there.
+        parameters: parameters of the plant; of the contact only the stiffness is used, and no dry friction.
+        believed: belief that converts counts to angles.
+        sensors, drive, noises: see these types.
     """
 
     def __init__(
@@ -296,14 +296,14 @@ class Shadow(NativeComponent):
         noises: Noises = Noises(),  # noqa: B008, it is a tuple
     ):
         memory = memory_of(
-            MEMORY, parameters=_without_dry_friction(parameters), belief=tuple(believed), sensors=tuple(sensors), drive=tuple(drive),
-            noises=tuple(noises), anchors=INITIAL_ANCHORS,
+            MEMORY, parameters=_without_dry_friction(parameters), belief=tuple(believed), sensors=tuple(sensors),
+            drive=tuple(drive), noises=tuple(noises), anchors=INITIAL_ANCHORS,
         )  # fmt: skip
         super().__init__("shadow", INPUTS, OUTPUTS, True, step, memory)
         self.finite = False
 
     def accept(self, parameters: PlantParameters) -> None:
-        """Go on from where it is with other parameters of the plant."""
+        """Continue with other parameters of the plant."""
         self.memory["parameters"][0] = _without_dry_friction(parameters)
 
     def explain(self, status: int) -> str:

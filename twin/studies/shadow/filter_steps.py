@@ -1,4 +1,4 @@
-"""The filter of a robot stepped over its samples: as they arrive, or all at once."""
+"""Steps of the filter over samples, one by one or all at once."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,14 @@ from twin.studies.shadow.layout import OUTPUTS, Noises, Sensors, ShadowDrive
 
 Columns = dict[str, NDArray[np.float64]]
 UNKNOWN_DRIVE = ShadowDrive(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
-"""Of a drive whose equations are not known: the lag that a controller believes, and much that it does besides."""
+"""Model of a drive with unknown equations: the lag that controllers believe, and much process noise."""
 KNOWN_DRIVE = 0.1
-"""rad/s2/sqrt(Hz). A lag of 20 ms that is 1 % off is as much, at 10 rad/s2 that change ten times a second."""
+"""Process noise of a known drive (rad/s2/sqrt(Hz)): the effect of a lag of 20 ms that is off by 1 %, at 10 rad/s2
+changing ten times a second."""
 
 
 def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
-    """The filter beside the robot that `experiment` describes, before the first sample.
+    """Create the filter of the robot that `experiment` describes.
 
     Raises:
         InputRefused: a drive does not fit.
@@ -38,7 +39,7 @@ def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # n
 
 
 def drive_model(experiment: Experiment) -> ShadowDrive:
-    """What is known of the drives of `experiment`: all of `velocity_servo`'s equations, little of any other.
+    """Return the drive model of `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`.
 
     Raises:
         InputRefused: a drive does not fit.
@@ -51,16 +52,16 @@ def drive_model(experiment: Experiment) -> ShadowDrive:
 
 
 class FilterFeed:
-    """A filter that is given its samples one by one, as they come; nothing is allocated for one.
+    """Filter stepped sample by sample, without an allocation per sample.
 
     Args:
         shadow: the filter.
 
     Attributes:
-        u: the sample that is taken next (13,), by `sample_columns.INPUTS`; NaN in the beginning.
-        inputs: views of it by port.
-        y: what the filter said last (24,), by `layout.OUTPUTS`.
-        outputs: views of it by port.
+        u: next sample (13,), by `sample_columns.INPUTS`; NaN at first.
+        inputs: views of `u` by port.
+        y: newest outputs (24,), by `layout.OUTPUTS`.
+        outputs: views of `y` by port.
     """
 
     def __init__(self, shadow: Shadow):
@@ -70,10 +71,10 @@ class FilterFeed:
         self.inputs, self.outputs = by_port(INPUTS, self.u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
-        """Take the sample of time `t` (s), later than the one before, that lies in `u`.
+        """Step the filter with the sample in `u` of time `t` (s), later than the previous one.
 
         Raises:
-            ComponentFailed: it is the first, and its counts fit no pose.
+            ComponentFailed: the counts of the first sample fit no pose.
         """
         status = self._step(self._shadow.self_address, t, t - self._last, *self._at)
         if status:
@@ -82,10 +83,10 @@ class FilterFeed:
 
 
 def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
-    """What the filter says at each of `samples`, by `layout.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
+    """Step the filter over `samples`, and return its outputs by `layout.OUTPUTS`: (n,) or (n, size).
 
     Raises:
-        ComponentFailed: its first counts fit no pose.
+        ComponentFailed: the first counts fit no pose.
     """
     h = samples.periods
     rows, status = play(shadow, samples.t, np.where(np.isfinite(h), h, 1e9), samples.u)

@@ -1,7 +1,7 @@
-"""Healthy robots that are not what their twin believes, and what the residuals of such robots come to.
+"""Healthy robots that differ from their twin's belief, and tolerances from their residuals.
 
-A fleet is a sweep file: skin, height, friction and noise vary as it says. The zeros of the encoders and motors, samples
-that are lost and stamps that are late are drawn besides, from the seed in the file and the robot's number.
+A fleet is a sweep file that varies skin, height, friction and noise. Encoder and motor zeros, lost samples and stamp
+errors are drawn in addition, from the file's seed and the robot's number.
 """
 
 import math
@@ -39,32 +39,32 @@ from twin.studies.shadow.following import farthest_command, own_controllers
 from twin.studies.sweep.plan import Vary, plan_of, read_definition
 
 ZERO_RANGE = 0.05
-"""deg. The zeros of all six encoders are anywhere within it, either way."""
+"""Range of the encoder zeros, to both sides (deg)."""
 MAX_LOST_SHARE = 0.05
-"""Maximum share of the samples that do not arrive."""
+"""Maximum share of lost samples."""
 MAX_STAMP_ERROR, MAX_STAMP_ERROR_SHARE = 0.8e-3, 0.4
 """Maximum error of a stamp, either way (s), and as a share of the sampling period: stamps stay in order."""
 TOLERANCE_MARGIN = 1.25
-"""A tolerance by the largest shift that the fleet shows: of robots that are drawn, and of one at each corner of what
-varies, where shifts are largest. The largest of 96 bounds 97 % of all robots with 95 % confidence (S. S. Wilks, Ann.
+"""Factor between a tolerance and the largest shift in the fleet: of random robots, and of one at each corner of the
+intervals, where shifts are largest. The largest of 96 bounds 97 % of all robots with 95 % confidence (S. S. Wilks, Ann.
 Math. Statist. 12 (1941) 91)."""
 MAX_CORNERS = 64
-"""Maximum number of corners. Of twice as many every second one is run, so that each corner left out differs from one
-that is run in one value only; of more, none is."""
+"""Maximum number of corners. Of up to twice as many every second one is run, so that each omitted corner differs from
+one that is run in one value only; with more, none is run."""
 SCALE_SETTINGS = ("scale.resolution_g=5", "scale.period_ms=10")
-"""A measured force, of an experiment that has none."""
+"""Settings that measure the force in an experiment without a scale."""
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Robots like one experiment's.
+    """Healthy robots around one experiment.
 
     Attributes:
-        experiment: file of what the twin believes.
-        settings: of all robots and their twin, as of `twin run --set`.
-        robots: settings of each.
-        corners: settings of robots at the ends of all intervals at once.
-        seed: of what is drawn besides.
+        experiment: file of the twin's experiment.
+        settings: settings of all robots and their twin, as of `twin run --set`.
+        robots: settings of each robot.
+        corners: settings of robots at the ends of all intervals.
+        seed: seed of the additional random values.
     """
 
     experiment: Path
@@ -75,20 +75,20 @@ class Fleet:
 
     @property
     def all_robots(self) -> tuple[tuple[str, ...], ...]:
-        """Those that are drawn, then those at corners."""
+        """Random robots, then those at corners."""
         return self.robots + self.corners
 
     def twin(self) -> Experiment:
-        """What is believed of every robot."""
+        """Load the experiment that is believed of every robot."""
         return load_experiment(self.experiment, self.settings)
 
     def run(self, number: int, settings: Sequence[str] = ()) -> RobotSamples:
-        """Samples of robot `number` of `all_robots`, from 0, as its computer takes them.
+        """Simulate robot `number` of `all_robots`, from 0, and return the samples of its computer.
 
-        A healthy robot whose monitor trips counts until then: without power it does not follow its commands.
+        The samples of a healthy robot end where its monitor trips: without power it does not follow its commands.
 
         Args:
-            settings: of this robot besides, a fault for example.
+            settings: additional settings of this robot, a fault for example.
         """
         random = np.random.default_rng([self.seed, number])
         zeros = [
@@ -105,9 +105,9 @@ class Fleet:
         return RobotSamples(samples.t[healthy], samples.u[healthy])
 
     def transmit(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
-        """One in `every` samples of robot `number`, after a way on which some are lost and stamps are off.
+        """Keep one in `every` samples of robot `number`, lose some of them, and disturb their stamps.
 
-        A robot at a corner loses the most, and its stamps are off by the most.
+        A robot at a corner has the largest loss and stamp errors.
         """
         random = np.random.default_rng([self.seed, number, every])
         share = random.uniform(0.0, 1.0, 2) if number < len(self.robots) else np.ones(2)
@@ -116,24 +116,24 @@ class Fleet:
         )
 
     def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> RobotSamples:
-        """One in `every` samples of robot `number` as they arrive; see `run`."""
+        """Simulate robot `number`, and return one in `every` samples as they arrive; see `run`."""
         return self.transmit(number, self.run(number, settings), every)
 
 
 def read_fleet(
     path: Path, experiment: Path | None = None, runs: int = 0, seed: int | None = None, settings: Sequence[str] = ()
 ) -> Fleet:
-    """The fleet of a sweep file.
+    """Read the fleet of a sweep file.
 
     Args:
-        path: of the file.
-        experiment: in place of the one that the file names; intervals are scaled by its own value over that one's,
-            and values that were identified do not vary.
-        runs, seed: in place of those in the file, if given: fresh robots.
-        settings: of all robots and their twin.
+        path: the file.
+        experiment: experiment in place of the file's; intervals are scaled by the ratio of both values, and identified
+            values do not vary.
+        runs, seed: replacements of the file's values, if given, for other robots.
+        settings: settings of all robots and their twin.
 
     Raises:
-        InputRefused: with every mistake of the file.
+        InputRefused: all errors of the file.
     """
     definition, named = read_definition(path)
     settings = (*SCALE_SETTINGS, *settings)
@@ -145,7 +145,7 @@ def read_fleet(
     definition = definition.model_copy(update=changed)
     plan = plan_of(definition, experiment or named, path.stem, str(path), settings)
     robots = tuple(task.settings[len(settings) :] for task in plan.tasks)
-    # of what has no ends there is no corner
+    # unbounded distributions have no corners
     ends = [one.model_copy(update={"count": 2}) for one in vary if one.low is not None]
     corners: tuple[tuple[str, ...], ...] = ()
     if 2 ** len(ends) <= 2 * MAX_CORNERS:
@@ -153,13 +153,13 @@ def read_fleet(
         grid = plan_of(at_ends, experiment or named, path.stem, str(path), settings)
         corners = tuple(task.settings[len(settings) :] for task in grid.tasks)
         if len(corners) > MAX_CORNERS:
-            # those with an even number of upper ends
+            # corners with an even number of upper ends
             corners = tuple(one for k, one in enumerate(corners) if k.bit_count() % 2 == 0)
     return Fleet(plan.experiment, settings, robots, definition.seed, corners)
 
 
 def _scale_interval(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:
-    """An interval about a value of one experiment, about the same value of another one; as it is about 0."""
+    """Scale an interval around a value of one experiment to another experiment's value; unchanged around 0."""
     table, _, key = one.label.partition(".")
     about, value = (values.get(table, {}).get(key) or 0.0 for values in (there, here))
     ratio = value / about if about and value / about > 0.0 else 1.0
@@ -170,7 +170,7 @@ def _scale_interval(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]
 def transmit_samples(
     samples: RobotSamples, random: np.random.Generator, lost: float = MAX_LOST_SHARE, late: float = MAX_STAMP_ERROR
 ) -> RobotSamples:
-    """`samples` of which a share is lost and stamps are off by `late` (s) at most."""
+    """Lose a share of the samples, and disturb their stamps by up to `late` (s)."""
     keep = random.random(len(samples.t)) >= lost
     # the filter starts with the first one
     keep[0] = True
@@ -180,10 +180,11 @@ def transmit_samples(
 
 
 def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
-    """How far the commands of the twin's own controller, on the same counts, are from the robot's: `farthest_command`.
+    """Compute the difference between the commands of the twin's own controller, on the same counts, and the robot's;
+    see `farthest_command`.
 
-    Empty if the twin has no controller of its own, or one that tasks lead: where it is in its program depends on single
-    samples, and some are lost.
+    Empty for a third-party controller, and for one with tasks: its point in the program depends on single samples, and
+    some are lost.
     """
     law = [] if twin.reference is None else own_controllers(twin)
     estimator = SampledSteps(Estimator(belief(twin), twin.controller.gravity_compensation))
@@ -196,30 +197,30 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
 def block_means(
     twin: Experiment, samples: RobotSamples, block: float = BLOCK_LENGTH
 ) -> tuple[list[float], NDArray[np.float64]]:
-    """Ends (s) and means (n, channels) of all blocks of a robot beside its twin."""
+    """Compute ends (s) and means (n, channels) of all blocks of a robot."""
     y = filter_outputs(shadow_of(twin), samples) | own_commands(twin, samples)
     found = list(Blocks(block).add_samples(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 
 def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
-    """What is no news for robots of which none has anything wrong.
+    """Compute the tolerances from healthy robots.
 
     Args:
-        means: block means (n, channels) of each, from its first block on.
+        means: block means (n, channels) of each robot, from its first block.
 
     Raises:
         InputRefused: all runs are too short for a shift.
     """
-    # two blocks after those that say what is normal: the spread is that of neighbours
+    # at least two blocks after the reference: the spread is computed from neighbours
     if max(map(len, means)) < (blocks := FIRST_BLOCKS + 2):
         least = SETTLING_TIME + blocks * BLOCK_LENGTH
         raise InputRefused(f"runs of healthy robots are too short; expected at least {least:g} s")
     shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
-    # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
+    # differences of neighbours cancel slow changes; their variance is twice that of a block
     steps, every = np.concatenate([np.diff(one, axis=0) for one in shifts]), np.concatenate(shifts)
     tolerance, sigma = np.full(len(CHANNELS), math.nan), np.full(len(CHANNELS), math.nan)
-    # a channel that no robot has stays unknown
+    # a channel without values stays NaN
     there = np.isfinite(steps).any(axis=0)
     sigma[there] = np.sqrt(np.nanmean(steps[:, there] ** 2, axis=0) / 2.0)
     tolerance[there] = TOLERANCE_MARGIN * np.nanmax(np.abs(every[:, there]), axis=0)
@@ -228,9 +229,9 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 
 
 def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_progress) -> list[Tolerances]:
-    """The `limits_of` the robots of a fleet, of which one in so many samples arrives, for each of `thinned`.
+    """Compute the tolerances of a fleet for each of `thinned`, the number of samples of which one arrives.
 
-    `say` takes the progress.
+    `say` receives the progress.
     """
     twin, count = fleet.twin(), len(fleet.all_robots)
     means: list[list[NDArray[np.float64]]] = [[] for _ in thinned]
@@ -243,7 +244,7 @@ def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_
 
 
 def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
-    """The alarms of one robot."""
+    """Return the alarms of one robot."""
     for t, one in zip(ends, means, strict=True):
         watch.add_block(t, one)
     return watch.alarms
@@ -251,11 +252,11 @@ def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: Shado
 
 @dataclass(frozen=True)
 class FalseAlarmRate:
-    """False alarms of healthy robots.
+    """Rate of false alarms of healthy robots.
 
     Attributes:
-        alarms: how many.
-        hours: that were watched, the blocks that say what is normal left out.
+        alarms: number of alarms.
+        hours: watched time without the reference blocks (h).
     """
 
     alarms: int
@@ -263,5 +264,6 @@ class FalseAlarmRate:
 
     @property
     def upper(self) -> float:
-        """Rate (1/h) below which the true one is with 95 %: exact, of Poisson (F. Garwood, Biometrika 28 (1936))."""
+        """Upper 95 % confidence bound of the rate (1/h), exact for a Poisson process (F. Garwood, Biometrika 28
+        (1936))."""
         return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)

@@ -1,7 +1,7 @@
-"""The twin as it follows the robot: parts that make rows of its samples, one after the other.
+"""Twin of a running robot: parts that turn samples into rows, one after the other.
 
-Each part sees the robot's samples and the rows of the parts before it, in slices of any length; what comes out does not
-depend on how they are cut. A state estimator is one more part.
+Each part receives the samples and the rows of the previous parts, in slices of any length; the rows do not depend on
+the slices.
 """
 
 import math
@@ -55,14 +55,14 @@ RARE_TOPICS = ("ahead", "what_if", "scale")
 
 
 class PlantPart(Part, Protocol):
-    """A part that is made of a plant."""
+    """A part that depends on the plant's parameters."""
 
     def accept(self, plant: PlantParameters) -> None:
-        """Go on with another one."""
+        """Continue with another plant."""
 
 
 class StateEstimate(NamedTuple):
-    """What the filter says. x: state (15,); P: its covariance (15, 15); J: Jacobian of the joints (3, 3), SI."""
+    """Estimate of the filter. x: state (15,); P: covariance (15, 15); J: Jacobian of the joints (3, 3), SI."""
 
     x: NDArray[np.float64]
     P: NDArray[np.float64]
@@ -70,12 +70,12 @@ class StateEstimate(NamedTuple):
 
 
 class OwnController:
-    """The twin's own controller on the robot's counts; beside the robot's commands, if those are known.
+    """The twin's own controller on the robot's counts, compared with the robot's commands if they are known.
 
-    It begins with the first sample. One that joins a program under way is not where the robot's is.
+    It begins with the first sample; if the robot's program is already running, it is at another point.
 
     Args:
-        experiment: whose controller it is.
+        experiment: experiment with the controller.
 
     Attributes:
         controller: the component.
@@ -107,15 +107,16 @@ class OwnController:
         return {"controller": found, "residual/command": omega_ref - samples.u[:, COMMANDS]}
 
     def controller_state(self, sample: int) -> NDArray[np.uint8]:
-        """All that the controller held after this one of the last samples, its pieces one after the other."""
+        """Return the controller's state after one of the last samples, its pieces concatenated."""
         calls = int(np.searchsorted(self._calls, sample, side="right"))
         held: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
         return held
 
     def _call_samples(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Which of the samples at `t` (n,), s, are those of a call; one that is a little early still is."""
+        """Return the indices of the samples at `t` (n,), s, at which the controller is called, including slightly early
+        ones."""
         T, number = self._period, np.arange(-1, len(t))
-        # when the next one is due if each sample so far was one
+        # due time of the next call if each sample so far was one
         due = np.maximum.accumulate(np.concatenate([[self._next], t + 0.5 * T]) - T * number) + T * number
         if np.all(t >= due[:-1] - 0.25 * T):
             self._next = float(due[-1])
@@ -129,12 +130,12 @@ class OwnController:
 
 
 class RobotState:
-    """The state of the robot with its deviations, by the filter; its residuals are those of what it expected before.
+    """State of the robot with standard deviations, by the filter; its residuals are prior residuals.
 
-    Samples are estimated in slices, or each one at once.
+    Samples are estimated in slices, or each one as it arrives.
 
     Args:
-        experiment: of the robot.
+        experiment: experiment of the robot.
     """
 
     def __init__(self, experiment: Experiment):
@@ -147,21 +148,21 @@ class RobotState:
         self._estimates, self._healthy = self._stepped.copies, HealthyDeviation(experiment)
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
-        # the thread that estimates must not find parameters half new
+        # the estimating thread must not see half of the new parameters
         self._stepping = Lock()
 
     def accept(self, plant: PlantParameters) -> None:
-        """Go on from where it is with another plant."""
+        """Continue with another plant."""
         with self._stepping:
             self._shadow.accept(plant)
 
     def estimate_at_once(self, sample: Sample) -> None:
-        """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
+        """Estimate a sample that has just arrived; `feed`, possibly in another thread, returns its row later."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
         self._one.u[:] = sample.row
         for k, command in enumerate(held):
-            # one that has not come holds
+            # a missing command keeps its value
             if commands[k] != commands[k]:
                 commands[k] = command
         try:
@@ -169,12 +170,12 @@ class RobotState:
                 self._one(sample.t / NS_PER_SECOND)
             y = self._one.y.copy()
         except ComponentFailed:
-            # of counts without a pose `Estimates` has more to say
+            # `Estimates` reports counts without a pose
             y = np.full(width(OUTPUTS), np.nan)
         self._made.append((y, self._estimated.save()))
 
     def estimate(self, sample: int) -> StateEstimate:
-        """After this one of the last samples."""
+        """Return the estimate after one of the last samples."""
         x, P, J = np.split(self._estimates[sample].view(np.float64).copy(), (STATES, STATES + STATES * STATES))
         return StateEstimate(x, P.reshape(STATES, STATES), J.reshape(3, 3))
 
@@ -194,7 +195,7 @@ class RobotState:
     def _widen_deviations(
         self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
     ) -> NDArray[np.float64]:
-        """Rows of the filter with the deviations of a healthy robot."""
+        """Replace the filter's deviations in rows by those of a healthy robot."""
         y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
         J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
         found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
@@ -202,26 +203,26 @@ class RobotState:
 
 
 def own_controllers(experiment: Experiment) -> list[OwnController]:
-    """The twin's own controller, if it has one of its own."""
+    """The twin's own controller; empty if the controller is third-party."""
     return [] if "controller" in experiment.stand_ins else [OwnController(experiment)]
 
 
 def farthest_command(rows: Rows) -> Rows:
-    """Of the three commands how far the one that is farthest is off (n,), rad/s, for the alarm."""
+    """Largest of the three command differences (n,), rad/s, for the alarm; empty without commands."""
     return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
 
 
 class AlarmWatch:
-    """Says when robot and twin have parted, with the rate of false alarms that was asked for.
+    """Part that raises the alarm, with the requested rate of false alarms.
 
     Args:
-        limits: tolerances, or tolerances by sampling rate (Hz): those of the rate of the first second are used.
-        per_hour: false alarms that the user bears.
-        reidentifier: says which parameter has moved; None: nothing does.
+        limits: tolerances, or tolerances by sampling rate (Hz), chosen by the rate of the first second.
+        per_hour: accepted rate of false alarms.
+        reidentifier: search for the changed parameter; None for no search.
         caution: begins the text of each alarm.
 
     Attributes:
-        why_not: why nothing is watched; "" if something is.
+        why_not: reason why nothing is watched; "" if the alarm is active.
     """
 
     def __init__(
@@ -245,11 +246,11 @@ class AlarmWatch:
 
     @property
     def changes(self) -> list[WatchEvent]:
-        """Of the state so far."""
+        """Changes of state so far."""
         return self._watch.changes if self._watch else []
 
     def change_rate(self, t: float, rate: float) -> None:
-        """Use the tolerances of another sampling rate (Hz) from `t` (s) on, and learn anew what is normal."""
+        """Use the tolerances of another sampling rate (Hz) from `t` (s), and learn a new reference."""
         if self._count and not isinstance(self._limits, Tolerances):
             self._blocks.change_rate()
             self._choose(t, rate)
@@ -299,13 +300,13 @@ class AlarmWatch:
         return {"alarm": levels}
 
     def lose(self, t: float, why: str) -> None:
-        """Nothing is watched from `t` (s) on, until samples come again."""
+        """Stop the watch at `t` (s) until samples arrive again."""
         if self._watch:
             self._watch.lose(t, why)
 
     @property
     def proposals(self) -> list[str]:
-        """All so far, sentences."""
+        """Sentences on all proposals so far."""
         if self.reidentifier is None:
             return []
         accepted = self.reidentifier.adaptations
@@ -313,7 +314,7 @@ class AlarmWatch:
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
-        """What the robot is believed to be from now on; the alarm listens anew after cooling down."""
+        """Accept a proposal, learn a new reference after cooling down, and return the new plant."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.restart(self._t)
@@ -323,15 +324,15 @@ class AlarmWatch:
 
 @dataclass
 class Twin:
-    """All parts in their order.
+    """All parts of a twin, in their order.
 
     Attributes:
-        parts: see `Part`.
-        state: the one among them, or within one, that estimates at once.
-        check: of the column map.
-        on_plant: those that take another plant.
-        adapts: accepts each proposal by itself.
-        records_calls: whether only rows at calls of the controller are recorded, `[recording] rate`.
+        parts: the parts, see `Part`.
+        state: part that estimates samples as they arrive; may be inside another part.
+        check: check of the column map.
+        plant_parts: parts that depend on the plant.
+        adapts: whether each proposal is accepted automatically.
+        records_calls: whether only rows at controller calls are recorded, `[recording] rate`.
     """
 
     parts: Sequence[Part]
@@ -343,11 +344,11 @@ class Twin:
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
-        """What they give."""
+        """Ports by topic."""
         return {topic: ports for part in self.parts for topic, ports in part.topics.items()}
 
     def feed(self, samples: RobotSamples) -> Rows:
-        """Rows of all parts for `samples`."""
+        """Return the rows of all parts for `samples`."""
         rows: Rows = {}
         for part in self.parts:
             rows |= part.feed(samples, rows)
@@ -356,7 +357,7 @@ class Twin:
         return rows
 
     def rows_to_record(self, rows: Rows) -> Rows:
-        """Those of `rows` that are recorded."""
+        """Select the rows to record."""
         if not self.records_calls or "controller" not in rows:
             return rows
         called = np.isfinite(rows["controller"]).any(axis=1, keepdims=True)
@@ -366,7 +367,7 @@ class Twin:
         }
 
     def estimate_at_once(self, sample: Sample) -> None:
-        """What does not wait for a slice."""
+        """Estimate a sample before its slice is complete."""
         self.state.estimate_at_once(sample)
 
     @property
@@ -375,22 +376,21 @@ class Twin:
 
     @property
     def proposal(self) -> Adaptation | None:
-        """What has moved, for somebody to accept; None: nothing that anything knows of."""
+        """Open proposal of changed parameters; None if there is none."""
         return self._reidentifier.proposal if self._reidentifier else None
 
     @property
     def adaptations(self) -> Sequence[Adaptation]:
-        """What it goes on with."""
+        """Accepted proposals."""
         return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
-        """Go on with what `proposal` says: the filter, the plant model, predictions, and the alarm after
-        cooling down.
+        """Accept `proposal`: the filter, the plant model, predictions, and the alarm after cooling down.
 
-        To be called between two calls of `feed`, from the thread that calls it.
+        To be called between two calls of `feed`, from the same thread.
 
         Returns:
-            Whether it was done; not if it is not the `proposal` that is open any more.
+            Whether `proposal` was still open.
         """
         if proposal is not self.proposal:
             return False
@@ -401,7 +401,7 @@ class Twin:
         return True
 
     def happenings(self) -> list[Happening]:
-        """What has happened since the last call, in order of time."""
+        """Return and clear the events since the last call, in order of time."""
         found = sorted((one for part in self.parts for one in part.happenings), key=lambda one: one.t)
         for part in self.parts:
             part.happenings.clear()
@@ -417,13 +417,13 @@ def twin_of(
     ahead: Callable[[OwnController, RobotState], PlantPart] | None = None,
     columns: Mapping[str, MappedColumn] = {},
 ) -> Twin:
-    """The twin of the robot that `experiment` describes.
+    """Create the twin of the robot that `experiment` describes.
 
     Args:
-        where: begins sentences about what comes from the robot.
-        watched: raises the alarm; None: there is no alarm.
+        where: begins error messages on the robot's data.
+        watched: part that raises the alarm; None for no alarm.
         adapts: see `Twin`.
-        ahead: makes of controller and state one part that has them and predicts; None: nothing is predicted.
+        ahead: function that wraps controller and state in a predicting part; None for no predictions.
         columns: column map of the robot; empty for a recording of twin.
     """
     check = MapCheck(where, model.belief_with_dead_zone, columns)

@@ -1,4 +1,4 @@
-"""What the filter of a running robot keeps in memory, what it takes and what it says; and what it believes."""
+"""Memory, outputs and parameters of the filter."""
 
 import math
 from typing import NamedTuple
@@ -10,34 +10,35 @@ from twin.robot.plant.joints import ANCHOR_SIZE
 
 STATES = 15
 MATRIX_WIDTH = 16
-"""Columns of a matrix: whole registers of four."""
+"""Number of columns of a matrix: whole registers of four."""
 POSITION, VELOCITY, MOTOR, SPEED, FORCE = 0, 3, 6, 9, 12
-"""Where each triple begins in the state."""
+"""First index of each triple in the state."""
 ENCODER_COUNT = 6
 LONGEST_STEP = 2.5e-3
-"""s. The springs' fastest swing, 120 rad/s, turns by 0.3 rad in it; see docs/physics.md."""
+"""Maximum step length (s). The springs' fastest oscillation, 120 rad/s, advances by 0.3 rad in it; see
+docs/physics.md."""
 DITHER_NOISE = 0.5
-"""Deviation of an encoder's noise, in counts, from which on rounding is white: each sample is a new measurement."""
+"""Minimum encoder noise (standard deviation, counts) for white rounding errors: each sample is a new measurement."""
 TOUCH_FORCE = 0.3
-"""N. Pressing less than that the robot is in free air, where a force does not wander."""
+"""Minimum pressing force in contact (N); below it the force does not wander."""
 HEADING_TIME, HEADING_SPEED = 0.1, 5e-3
-"""s, m/s. The way across a surface is known by a mean over so long, where it is faster than that."""
+"""Averaging time of the direction across a surface (s), and the speed above which the direction is defined (m/s)."""
 EDGE_WIDTH = 0.1
-"""Counts. Where a count changes is not known better than that."""
+"""Uncertainty of the angle at which a count changes (counts)."""
 JUST_CHANGED = math.sqrt(3.0)
-"""Counts. Evenly spread over so much, an error has a deviation of half a count."""
+"""Width (counts) of a uniform distribution whose standard deviation is half a count."""
 REPEAT_TIME = 0.004
-"""s. A count that stays is taken in again after so long; until then it says nothing new."""
+"""Time (s) after which a repeated count is used again."""
 MAX_SQUARED_INNOVATION = 1e4
-"""Squared deviations. A count so far off shows in the residual; it is not taken in before it stays for
-`LONGEST_GAP`."""
+"""Maximum squared innovation by its variance. A count beyond it appears in the residual, and is used only if it
+persists for `LONGEST_GAP`."""
 STANDSTILL_TIME = 0.1
-"""s. If no count has changed for so long the robot stands still."""
+"""Time without a changed count (s) after which the robot is at rest."""
 INITIAL_DEVIATIONS = (1e-3, 0.05, 1e-3, 0.5, 1.0)
-"""Deviations of position, velocity, motor angle, its speed and force in the beginning, SI."""
+"""Initial standard deviations of position, velocity, motor angle, motor speed and force, SI."""
 NO_POSE = 2
 STATUS_RUNNING, STATUS_LOST = 1, 2
-"""What the filter is doing: following, or waiting for counts that fit a pose again; 0: not begun."""
+"""Status of the filter: running, or waiting for counts that fit a pose; 0 before the start."""
 OUTPUTS = (
     Port("p_B", 3, "m", "estimated platform position, base frame B"),
     Port("v_B", 3, "m/s", "estimated platform velocity, base frame B"),
@@ -58,13 +59,13 @@ MATRIX_TYPE = ("f8", (STATES, MATRIX_WIDTH))
 
 
 class ShadowDrive(NamedTuple):
-    """What is known of the drives, SI.
+    """Drive model of the filter, SI.
 
     Attributes:
-        lag: T_m (s), 0: the speed is the commanded one.
-        droop: rad/s per N m.
-        inertia: of a rotor (kg m2), for the motor's torque.
-        wander: intensity of what their acceleration does besides (rad/s2/sqrt(Hz)).
+        lag: T_m (s); 0 if the speed is the commanded one.
+        droop: speed loss per load (rad/s per N m).
+        inertia: inertia of a rotor (kg m2), for the motor's torque.
+        wander: intensity of the unmodelled acceleration (rad/s2/sqrt(Hz)).
     """
 
     lag: float
@@ -74,16 +75,16 @@ class ShadowDrive(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """How much of what the filter knows nothing of there is, SI; see docs/shadow_method.md.
+    """Process noise of the filter, SI; see docs/shadow_method.md.
 
     Attributes:
-        v: intensity of accelerations that the mechanism does not have (m/s2/sqrt(Hz)).
-        F: intensity of the wander of a force on a platform that stands (N/sqrt(s)).
+        v: intensity of unmodelled platform acceleration (m/s2/sqrt(Hz)).
+        F: intensity of the force's random walk on a platform at rest in contact (N/sqrt(s)).
         air: the same in free air.
-        unsure: share of the stiffness of what is touched that is not known.
-        mu: share of that which changes a force sideways.
-        touch: for how long (s) such a change goes on in one sense.
-        omega: intensity of the wander of a motor's acceleration whose command is not known (rad/s2/sqrt(Hz)).
+        unsure: relative uncertainty of the surface's stiffness.
+        mu: lateral share of a force change.
+        touch: correlation time of a force change (s).
+        omega: intensity of a motor's acceleration without a known command (rad/s2/sqrt(Hz)).
     """
 
     v: float = 1e-3
@@ -96,7 +97,7 @@ class Noises(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Deviation (rad) of the encoders' white noise, besides their rounding."""
+    """Standard deviation (rad) of the encoders' white noise, without rounding."""
 
     motor_noise: float
     joint_noise: float

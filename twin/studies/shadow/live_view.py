@@ -1,4 +1,4 @@
-"""A session served to viewers: twin and robot over each other, all that the twin says; and the button that accepts."""
+"""Live view of a session: robot and plant model in one scene, all topics, and the button that accepts a proposal."""
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,33 +40,33 @@ if TYPE_CHECKING:
     from twin.robot.live.server import LiveServer
 
 MODEL_PREFIX = "plant/"
-"""Before the frames of the twin's plant model; those of the robot have the names that they have in a run."""
+"""Prefix of the frames of the plant model; the robot's frames have the names of a run."""
 
 
 class ProposingTwin(Protocol):
-    """A twin that proposes to change itself."""
+    """A twin that proposes changes of its parameters."""
 
     @property
     def proposal(self) -> object | None:
-        """What waits for an answer; its text is a sentence. Read by any thread."""
+        """Open proposal, whose text is a sentence; None if there is none. Thread-safe."""
 
     @property
     def adaptations(self) -> Sequence[Adaptation]:
-        """What was accepted so far, by whatever way. Read by any thread."""
+        """Changes accepted so far. Thread-safe."""
 
     def accept(self, proposal: Any, /) -> bool:
-        """Go on with what `proposal` says, unless another one is open by now; called between two slices.
+        """Accept `proposal` if it is still open; called between two slices.
 
         Returns:
-            Whether it was done, which the twin says itself.
+            Whether it was accepted.
         """
 
 
 def accepted_values(accepted: Sequence[Adaptation]) -> str:
-    """JSON for programs: of each parameter the newest value, as a list of objects.
+    """Return the newest value of each accepted parameter as JSON, a list of objects.
 
-    "text" is the sentence of the proposal, "field" and "leg" (-1: of all) say of which of `PlantParameters`, "value"
-    and "half_width" (95 %) have SI "unit"; of "k_s_share" they are those of the spring itself, N m/rad.
+    "text" is the sentence of the proposal, "field" and "leg" (-1: all) name a field of `PlantParameters`, "value" and
+    "half_width" (95 %) are in the SI "unit"; for "k_s_share" they are the spring's, N m/rad.
     """
     newest = {(one.field, one.leg): one for adaptation in accepted for one in adaptation.changes}
     return json_text([
@@ -77,13 +77,13 @@ def accepted_values(accepted: Sequence[Adaptation]) -> str:
 
 
 class AcceptButton:
-    """The parameters of a session: `shadow.accept`, and what the twin says. Any thread may call.
+    """Parameters of a live session: `shadow.accept`, the proposal and the status line. Thread-safe.
 
     Args:
-        twin: that proposes; None: it never does.
+        twin: the proposing twin; None if there are no proposals.
 
     Attributes:
-        line: how it goes.
+        line: the status line.
     """
 
     def __init__(self, twin: ProposingTwin | None):
@@ -92,7 +92,7 @@ class AcceptButton:
         self._lock = threading.Lock()
 
     def values(self) -> Mapping[str, bool | float | str]:
-        """As of `Parameters`."""
+        """See `Parameters`."""
         accepted = accepted_values(self._twin.adaptations if self._twin else ())
         proposal = str(self._open_proposal() or "")
         return {
@@ -103,10 +103,10 @@ class AcceptButton:
         }
 
     def request(self, name: str, value: object, /) -> None:
-        """As of `Parameters`: true accepts the proposal that is open now, and no other.
+        """See `Parameters`; true accepts the proposal that is open now, and no other.
 
         Raises:
-            InputRefused: it is no button, no boolean, or there is no proposal.
+            InputRefused: an unknown parameter, no boolean, or no open proposal.
         """
         if name in (PROPOSAL_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER):
             raise InputRefused(
@@ -127,7 +127,7 @@ class AcceptButton:
             self._asked = proposal if value else None
 
     def press(self) -> str | None:
-        """Accept what was asked for: why that was not done, "" if it was; None: nothing was asked for."""
+        """Accept the requested proposal. Return an error message, "" on success, or None without a request."""
         with self._lock:
             asked, self._asked = self._asked, None
         if asked is None or self._twin is None:
@@ -139,14 +139,14 @@ class AcceptButton:
 
 
 class TwoRobots:
-    """Draws the robot where its counts have it, and over it the twin's plant model; a `Drawn` of the server.
+    """Drawing of the robot by its counts, and over it of the plant model; a `Drawn` of the server.
 
     Args:
-        experiment: of the robot.
+        experiment: experiment of the robot.
         places: columns of the topics in a row.
 
     Attributes:
-        forms: as of `Drawn`.
+        forms: see `Drawn`.
     """
 
     def __init__(self, experiment: Experiment, places: Mapping[str, slice]):
@@ -160,11 +160,11 @@ class TwoRobots:
             MessageForm(f"{MODEL_PREFIX}tf", transforms_example(MODEL_PREFIX), POSE_SIZE * len(SCENE_FRAMES), 1),
             MessageForm("force", force_example(), ARROWS_WIDTH, 1),
         )
-        # what is compiled is loaded before the first sample comes
+        # load compiled functions before the first sample arrives
         list(self.drawings(0, np.zeros((1, max(place.stop for place in places.values())))))
 
     def drawings(self, first: int, rows: NDArray[np.float64], /) -> Iterator[Drawing]:
-        """As of `Drawn`, of one row; a robot whose pose is not known is not drawn."""
+        """See `Drawn`; a robot without a known pose is not drawn."""
         yield Drawing("scene", first, np.empty((1, 0)))
         robot = values_by_port(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
         model = values_by_port(MOTION, rows[:, self._places["plant"]])
@@ -179,12 +179,12 @@ class TwoRobots:
 
 
 class ShadowViewer:
-    """Shows a session to viewers; what a viewer is slow to take is not waited for.
+    """Connection of a session to viewers; slow viewers do not delay it.
 
     Args:
-        server: that does not wait for its first viewer.
-        topics: of the twin, ports by topic.
-        experiment: of the robot.
+        server: server that does not wait for its first viewer.
+        topics: ports of the twin's topics.
+        experiment: experiment of the robot.
         twin: see `AcceptButton`.
     """
 
@@ -203,27 +203,27 @@ class ShadowViewer:
             self._places[name] = slice(end, end := len(whole))
             streams.append(RowStream(Topic(name, port_fields(ports), 1), self._places[name]))
         self._whole, self._answers = np.array(whole), {PROPOSAL_PARAMETER: "", ACCEPTED_PARAMETER: accepted_values(())}
-        # of a topic that has said nothing yet there is no number; what is no fraction has no sign for that
+        # topics without a row yet have no numbers; only fractions can be NaN
         self._row = np.where(self._whole, 0.0, np.nan)[None]
         self._tick = 0
         server.begin(streams, TwoRobots(experiment, self._places), NANOSECOND_TICK, self._button)
 
     def press(self) -> str:
-        """Accept what was asked for: a sentence if that was not done."""
+        """Accept the requested proposal. Return an error message, or None."""
         text = self._button.press()
         if text is not None:
             self._server.send_parameters([ACCEPT_PARAMETER, PROPOSAL_PARAMETER, ACCEPTED_PARAMETER])
         return text or ""
 
     def say(self, line: str) -> None:
-        """How it goes, as in the terminal."""
+        """Show the status line."""
         self._button.line = line
         self._server.send_parameters([LINE_PARAMETER])
 
     def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
-        """Samples at `times` (n,), ns, maybe none, what the twin made of them, and what has happened."""
+        """Send samples at `times` (n,), ns, with the twin's rows, and events."""
         for topic, own in rows.items():
-            # mostly the last one
+            # usually the last one
             newest = next((row for row in own[::-1] if not np.isnan(row).all()), None)
             if newest is not None:
                 self._row[0, self._places[topic]] = newest

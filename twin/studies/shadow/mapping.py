@@ -1,4 +1,4 @@
-"""Signals that a column map may name, and the samples of a log."""
+"""Signals of a column map that a twin follows, and readings from a log."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -21,7 +21,7 @@ NS_PER_SECOND = 1e9
 
 
 def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
-    """Every signal that a map may name, and what becomes of it."""
+    """Return the signals that a map may name, with their columns and conversions."""
     found = {FORCE_SIGNAL: WantedSignal(F_Z.start, "N")}
     for i in range(3):
         for name, place in zip(ANGLE_OF_COUNT, (COUNT_M, COUNT_L), strict=True):
@@ -36,10 +36,10 @@ def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
 def followed_columns(
     where: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal]
 ) -> dict[str, MappedColumn]:
-    """Those of a map of messages that the twin follows; a map may serve other commands, too.
+    """Select the columns that the twin follows; a map may serve other commands, too.
 
     Raises:
-        LogRefused: one of the six encoders is lacking, or a column names no topic; every mistake.
+        LogError: an encoder is missing, or a column names no topic; all errors.
     """
     found = {name: column for name, column in columns.items() if name == TIME_SIGNAL or name in wanted}
     others = [name for name in columns if name not in found]
@@ -59,10 +59,10 @@ def followed_columns(
 
 
 def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
-    """The samples of a table or of a recording of twin, each arriving at its own time.
+    """Yield the samples of a table or of a recording of twin, each arriving at its own time.
 
     Raises:
-        LogRefused: it has no encoders, see `robot_samples`.
+        LogError: no encoders, see `robot_samples`.
     """
     robot = robot_samples(log, belief)
     for name, one in wanted_signals(belief).items():

@@ -1,4 +1,4 @@
-"""The state of a running robot a moment later, and how sure it is then: the filter's model and its derivative.
+"""Prediction of the filter's state and covariance over one step, and its derivative.
 
 docs/shadow_method.md has the derivation.
 """
@@ -22,8 +22,8 @@ from twin.studies.shadow.layout import (
 )
 
 BY_ANGLE, BY_WAY, BY_SPEED = 3e-4, 1e-5, 1e-3
-"""rad, m, m/s. Slopes are taken across so much: the deviation of a motor's angle, and what turns a joint by half of
-that, so that the edge of a dead zone is as soft as it is known."""
+"""Steps of numerical derivatives (rad, m, m/s): the standard deviation of a motor angle, and the displacement that
+turns a joint by half of it, so that a dead zone's edge is as soft as its position is uncertain."""
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -48,7 +48,8 @@ def _extrapolate(a, rate, t):
 
 @njit(cache=True, error_model="numpy")
 def pose(m):
-    """Joint angles and Jacobian of the estimated position into `m.theta_l` and `m.J`; NaN outside the workspace."""
+    """Compute joint angles and Jacobian at the estimated position into `m.theta_l` and `m.J`; NaN outside the
+    workspace."""
     p = m.parameters
     for leg in range(3):
         k_r, k_z, r, w, h, q = leg_vectors(p, leg, m.x[0], m.x[1], m.x[2])
@@ -61,7 +62,7 @@ def pose(m):
 
 @njit(cache=True, error_model="numpy")
 def linearise(m, special):
-    """How dv/dt depends on the state, into `m.slope`: differences of the plant's own equation."""
+    """Differentiate dv/dt by the state into `m.slope`, by differences of the plant's own equation."""
     p, v, theta_m, F = triple(m, POSITION), triple(m, VELOCITY), triple(m, MOTOR), triple(m, FORCE)
     base = push(m, special, p, v, theta_m, F)
     for i in range(3):
@@ -81,7 +82,7 @@ def linearise(m, special):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stiffness(m, leg):
-    """d tau_load / d theta_m (N m/rad) of a leg, and tau_load (N m): 0 inside the dead zone."""
+    """Return d tau_load / d theta_m (N m/rad) and tau_load (N m) of a leg; 0 inside the dead zone."""
     p, theta_m = m.parameters, m.x[MOTOR + leg]
     d = loaded_deflection(p, m.anchors, leg, theta_m, m.theta_l[leg])
     high = loaded_deflection(p, m.anchors, leg, theta_m + BY_ANGLE, m.theta_l[leg])
@@ -92,14 +93,15 @@ def stiffness(m, leg):
 
 @njit(cache=True, error_model="numpy")
 def transition(m, h, E, reach, droop, K, turn):
-    """d x(t + h) / d x(t) into `m.phi`: exact for the drives, a series up to h^3 for the platform.
+    """Compute the transition matrix d x(t + h) / d x(t) into `m.phi`: exact for the drives, a series to h^3 for the
+    platform.
 
     Args:
-        h: s.
-        E: what is left of a difference of speed after h.
-        reach: the way that it goes in that time (s).
-        droop: rad/s per N m.
-        K, turn: of the force, see `predict`.
+        h: step length (s).
+        E: remaining share of a speed difference after h.
+        reach: distance per speed difference in that time (s).
+        droop: speed loss per load (rad/s per N m).
+        K, turn: derivatives of the force, see `predict`.
     """
     phi, term, after, slope = m.phi, m.term, m.next, m.slope
     for i in range(STATES):
@@ -110,12 +112,12 @@ def transition(m, h, E, reach, droop, K, turn):
         k, _ = stiffness(m, leg)
         w, a = SPEED + leg, MOTOR + leg
         phi[w, w], phi[a, w] = E, reach
-        # the speed that is aimed at is less by the droop
+        # the droop reduces the target speed
         phi[w, a], phi[a, a] = -(1.0 - E) * droop * k, 1.0 - (h - reach) * droop * k
         for i in range(3):
             by = droop * k * m.parameters.N * m.J[leg, i]
             phi[w, POSITION + i], phi[a, POSITION + i] = (1.0 - E) * by, (h - reach) * by
-    # first derivative of (p, v); the motors are in the middle of their way
+    # first derivative of (p, v), with the motors at their mid-step angles
     for i in range(3):
         for j in range(MATRIX_WIDTH):
             term[i, j] = 0.0
@@ -126,7 +128,7 @@ def transition(m, h, E, reach, droop, K, turn):
             term[3 + i, VELOCITY + k] = slope[i, VELOCITY + k]
             term[3 + i, FORCE + k] = slope[i, FORCE + k]
             term[3 + i, MOTOR + k] += 0.5 * slope[i, MOTOR + k]
-        # the force is that of the middle of the step
+        # the force at mid-step
         slope[i, VELOCITY + 2] += 0.5 * h * K * slope[i, FORCE + 2]
         term[3 + i, VELOCITY + 2] = slope[i, VELOCITY + 2]
         c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
@@ -163,7 +165,7 @@ def transition(m, h, E, reach, droop, K, turn):
 
 @njit(cache=True, error_model="numpy")
 def propagate_covariance(m):
-    """P becomes phi P phi^T, in place."""
+    """Replace P by phi P phi^T."""
     P, phi, left = m.P, m.phi, m.left
     for i in range(STATES):
         for j in range(MATRIX_WIDTH):
@@ -173,7 +175,7 @@ def propagate_covariance(m):
             if by != 0.0:
                 for j in range(MATRIX_WIDTH):
                     left[i, j] += by * P[k, j]
-    # the product is symmetric: its lower half, twice
+    # the product is symmetric: compute the lower half, copy it
     for i in range(STATES):
         for j in range(i + 1):
             total = 0.0
@@ -185,7 +187,7 @@ def propagate_covariance(m):
 
 @njit(cache=True, error_model="numpy")
 def wander(m, h, commanded, touching):
-    """What half a step of `h` (s) adds to P."""
+    """Add the process noise of half a step of `h` (s) to P."""
     P, n = m.P, m.noises
     v = 0.5 * h * n.v * n.v
     own = m.drive.wander if commanded else n.omega
@@ -193,7 +195,7 @@ def wander(m, h, commanded, touching):
     v_x, v_y, v_z = triple(m, VELOCITY)
     own_F = n.F * n.F if touching else n.air * n.air
     across = n.mu * n.mu * (v_x * v_x + v_y * v_y) if touching else 0.0
-    # in the air it is not known whether it touches
+    # in free air contact is uncertain
     unsure = m.parameters.K * (n.unsure if touching else 1.0)
     rate = n.touch * unsure * unsure
     F = 0.5 * h * (own_F + rate * (n.mu * n.mu * v_z * v_z + across))
@@ -206,7 +208,8 @@ def wander(m, h, commanded, touching):
 
 @njit(cache=True, error_model="numpy")
 def heading(m, h):
-    """How far (rad) the platform turns its way across the surface in `h` (s), by its slow velocity `m.slow`."""
+    """Return the angle (rad) by which the platform's direction across the surface turns in `h` (s), from its slow
+    velocity `m.slow`."""
     s_x, s_y, across = m.slow[0], m.slow[1], h / HEADING_TIME
     d_x, d_y = across * (m.x[VELOCITY] - s_x), across * (m.x[VELOCITY + 1] - s_y)
     m.slow[0], m.slow[1] = s_x + d_x, s_y + d_y
@@ -221,14 +224,14 @@ def _rotate(F, by):
 
 @njit(cache=True, error_model="numpy")
 def predict(m, h, special):
-    """State and covariance `h` seconds later: Runge-Kutta for the platform, (6) of velocity_servo for the drives.
+    """Predict state and covariance over `h` (s): Runge-Kutta for the platform, (6) of velocity_servo for the drives.
 
-    What the platform touches gives way by the believed stiffness K, and its friction turns as its way does.
+    The touched surface yields with the believed stiffness K, and friction turns with the direction of motion.
     """
     pose(m)
     touching = abs(m.x[FORCE + 2]) > TOUCH_FORCE
     turn = heading(m, h)
-    # nothing that it touches pulls
+    # contact forces only push
     K, turn = (m.parameters.K, turn) if m.x[FORCE + 2] < -TOUCH_FORCE else (0.0, 0.0)
     commanded = not math.isnan(m.omega_ref[0] + m.omega_ref[1] + m.omega_ref[2])
     lag = m.drive.lag if commanded else math.inf

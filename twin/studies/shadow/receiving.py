@@ -1,6 +1,6 @@
-"""Messages as they come, samples as soon as they are complete, and of each one the estimate at once.
+"""Reception of messages: samples as soon as they are complete, and the estimate of each one at once.
 
-Beside a robot that runs all this has a thread of its own; who records and draws takes what has come in slices.
+Beside a live robot reception has its own thread; recording and display take its results in slices.
 """
 
 import math
@@ -15,19 +15,19 @@ from twin.kernel.recording.sources.signals import MessageReader, Reading
 from twin.kernel.recording.sources.stamps import Aligner, Sample
 
 SLICE_TIME = 0.05
-"""s of arrivals that are taken together."""
+"""Length of a slice of arrivals (s)."""
 NS_PER_SECOND = 1e9
 
 
 @dataclass
 class ReceivedSlice:
-    """What has come since the last slice.
+    """Arrivals since the last slice.
 
     Attributes:
         arrivals: messages.
-        samples: that they made, in order.
-        unread: messages that could not be read, as sentences.
-        late: how long after its sample each estimate came that missed its deadline, s.
+        samples: completed samples, in order.
+        unread: error messages of unreadable messages.
+        late: delays after their samples (s) of the estimates that missed their deadline.
     """
 
     arrivals: list[Arrival] = field(default_factory=list)
@@ -37,22 +37,22 @@ class ReceivedSlice:
 
 
 class Receiver:
-    """Takes messages from a source.
+    """Receiver of a source's messages.
 
-    The deadline of an estimate is one period after its sample is due: after the message that completed it or the one
-    that came before it, or after the time to wait for that.
+    The deadline of an estimate is one period after its sample is due: after the message that completed it or the
+    previous one, or after the waiting time.
 
     Args:
-        source: of messages or readings.
-        readers: by topic.
-        aligner: makes samples of readings.
-        estimate: is given each sample as soon as it is there, in the thread that receives; None: nothing is in a hurry.
+        source: source of messages or readings.
+        readers: reader by topic.
+        aligner: aligner of the readings.
+        estimate: called with each sample in the receiving thread; None if estimates are not urgent.
 
     Attributes:
-        in_hand: from when a sample is due to its estimate; since there was none waiting for the first time.
-        missed: estimates that came after their deadline.
-        lock: holds the aligner and what it counts as they are.
-        heard: arrival of the last message of each topic, ns.
+        in_hand: times from due samples to their estimates, after the session first caught up.
+        missed: number of estimates after their deadline.
+        lock: guards the aligner and its counts.
+        heard: arrival of the last message by topic, ns.
     """
 
     def __init__(
@@ -72,27 +72,27 @@ class Receiver:
 
     @property
     def thread(self) -> int | None:
-        """Its number for the operating system, once it is there."""
+        """Native id of the thread; None before it runs."""
         return self._thread.native_id
 
     def start(self) -> None:
-        """Receive in a thread of its own."""
+        """Start the receiving thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Receive no more; what was received is still to be taken."""
+        """Stop receiving; the last slice can still be drained."""
         self._alive = False
         if self._thread.is_alive():
             self._thread.join()
 
     def drain(self, end: bool = False) -> ReceivedSlice:
-        """All that has come since the last call.
+        """Return all results since the last call.
 
         Args:
-            end: nothing comes any more.
+            end: whether the source has ended.
 
         Raises:
-            LogRefused: a message that cannot be read, before the first sample.
+            LogError: an unreadable message before the first sample.
         """
         with self.lock:
             if self._failure is not None:
@@ -103,12 +103,12 @@ class Receiver:
         return taken
 
     def receive_once(self) -> None:
-        """Wait for messages, a short time; take in what comes."""
+        """Wait briefly for messages, and process them."""
         wait = SLICE_TIME
         if self._aligner.due is not None:
             wait = min(wait, max(0.0, (self._aligner.due - self._source.now_ns()) / NS_PER_SECOND))
         arrivals = self._source.receive(wait)
-        # what had come before anybody listened is not in a hurry
+        # messages queued before the start have no deadline
         self._on_time |= len(arrivals) < 2 and self._aligner.period < math.inf
         with self.lock:
             self._received.arrivals += arrivals

@@ -1,4 +1,4 @@
-"""Both sides in one file: the robot's messages as they came, and what the twin made of them."""
+"""Recording of a session: the robot's messages as they arrived, and the twin's rows."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,20 +19,20 @@ from twin.studies.replay.recording import NANOSECOND_TICK
 
 
 class ShadowRecording:
-    """A recording of twin that grows; its times count from the first sample.
+    """Growing recording of a session; times count from the first sample.
 
-    The robot's messages have their times of arrival, on the scale of the first sample's, so that delays are seen.
+    The robot's messages have their arrival times relative to the first sample's, so that delays are visible.
 
     Args:
-        path: of the finished file.
-        topics: of the twin, ports by topic.
-        others: of the robot.
-        model: the twin.
-        source: where the robot's messages come from.
+        path: the finished file.
+        topics: ports of the twin's topics.
+        others: topics of the robot.
+        model: belief about the robot.
+        source: name of the robot's source.
         first: stamp and arrival of the first sample, ns.
 
     Raises:
-        RecordingFailed: (each method) the disk refuses.
+        RecordingFailed: (each method) the file cannot be written.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class ShadowRecording:
         self._writer = Writer(path, declared, NANOSECOND_TICK, metadata, others=others)
 
     def write(self, arrivals: Iterable[Arrival], times: NDArray[np.int64], rows: Rows) -> None:
-        """What has come, and `rows` of the twin for samples at `times` (n,), ns."""
+        """Write messages, and the twin's `rows` for samples at `times` (n,), ns."""
         messages: dict[str, tuple[list[int], list[bytes]]] = {}
         for one in arrivals:
             if one.topic in self._others:
@@ -70,18 +70,18 @@ class ShadowRecording:
         self._writer.end_slice()
 
     def event(self, happening: Happening, level: str = "WARNING") -> None:
-        """Something that happened."""
+        """Write an event."""
         self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), level, happening.text, "shadow")
 
     def flush(self) -> None:
-        """What was written survives the end of this process."""
+        """Flush to the operating system, so that the data survive a crash of this process."""
         self._writer.flush()
 
     def finish(self, facts: Mapping[str, object]) -> Path:
-        """The finished file, with what the session came to in its metadata; see `recorded_facts`."""
+        """Finish the file with the session's facts in its metadata, see `recorded_facts`; return its path."""
         self._writer.write_metadata("followed", {"facts": json_text(facts)})
         return self._writer.finish()
 
     def abandon(self) -> Path:
-        """The file as far as it goes."""
+        """Close the incomplete file; return its path."""
         return self._writer.abandon()

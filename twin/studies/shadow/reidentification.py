@@ -1,19 +1,18 @@
-"""Which parameter has moved? Springs, their zeros and the contact's stiffness from the last samples of a robot.
+"""Search for the changed parameter: springs, their zeros and the contact's stiffness from a robot's last samples.
 
-By windows of slow, even motion (`identify.windows`), means in which the encoders' rounding runs out, and intervals
-by the scatter between groups of them (`identify.line`). Of each leg, with w = theta_m - N theta_l - slip, b the half
-width of its dead zone, s = sign(tau), and tau its motor's torque less that of its rotor,
+Windows of slow, even motion (`identify.windows`) average out the encoders' rounding; the scatter between groups of
+windows gives intervals (`identify.clustered`). For each leg, with w = theta_m - N theta_l - slip, b the half width of
+its dead zone, s = sign(tau), and tau the motor's torque less that of its rotor,
 
     w - s b = tau (1/k_s + N^2 c_belt) + zero + s db:
 
-the encoders' error is then one of the response. db, by which the dead zone is wider than believed, is fitted too where
-a leg is loaded both ways; loaded one way only it is a part of the zero. A measured force in place of torques does not
-do: dry friction of 0.02 N m in the joints moves it as much as a spring does. The contact is that of a spring on a
-plane, as in `identify`:
+the encoders' error is then an error of the response. db, the excess of the dead zone, is fitted if the leg is loaded
+both ways; otherwise it is part of the zero. A measured force cannot replace the torques: dry friction of 0.02 N m in
+the joints changes it as much as a spring does. The contact is a spring on a plane, as in `identify`:
 
     p_z = z_s + m_x p_x + m_y p_y - F/K.
 
-What the samples do not say is not known, with why.
+A parameter that the samples do not determine is reported with the reason.
 """
 
 import math
@@ -44,45 +43,45 @@ from twin.studies.shadow.contact_estimate import ENCODER_ZERO
 from twin.studies.shadow.filter_steps import drive_model
 
 MAX_SAMPLE_AGE = 60.0
-"""s of samples that are looked at, at most."""
+"""Maximum age of the samples used (s)."""
 MAX_SAMPLES = 60_000
-"""Samples that are kept: at more than 1 kHz they are of less than `MAX_SAMPLE_AGE`."""
+"""Maximum number of stored samples: above 1 kHz less than `MAX_SAMPLE_AGE`."""
 NEWS_HALF_WIDTHS = 2.0
-"""Half widths of its 95 % interval that a value is off to be a proposal: seven are looked at after each alarm."""
+"""Minimum change of a proposal in half widths of its 95 % interval; seven parameters are tested after each alarm."""
 MAX_UNCERTAINTY = 0.1
-"""Share of a spring or a contact to which it has to be known to be reported."""
+"""Maximum relative half width of a reported spring or contact stiffness."""
 SPRING_CHANGE, CONTACT_CHANGE = 0.02, 0.25
-"""Shares by which a spring and a contact are off that are news: healthy bodies differ by a fifth."""
+"""Minimum relative changes of a spring and a contact in a proposal; bodies of healthy robots differ by a fifth."""
 PLACE_SIZE = 5e-3
-"""m. Less is one place, in which no slope is seen."""
+"""Minimum extent (m) of positions that determine a slope."""
 MIN_SAMPLES = 100
-"""Samples, and values of a force, without which nothing is said."""
+"""Minimum number of samples, and of force values."""
 MIN_GROUPS = 4
-"""Groups of windows, 2 s each, of which fewer say nothing about their scatter."""
+"""Minimum number of groups of windows, 2 s each, for their scatter."""
 SPRING_PRECISION = 1e-3
-"""Share to which a spring is known at best: a rotor's inertia and what it does in a window are not known better."""
+"""Best relative precision of a spring, limited by the rotor's inertia and its motion in a window."""
 DEAD_ZONE_PRECISION = 4e-3
-"""The same where its dead zone is fitted, too: what a torque has wrong with its sign moves both."""
+"""The same if the dead zone is fitted, too: a torque error that changes sign with it moves both."""
 MAX_GROUP_SHARE = 0.85
-"""Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
+"""Maximum share of one group in a contact's stiffness: other groups do not reveal errors of a single press."""
 NO_SLOW_MOTION = "nothing moves slowly and evenly"
 NOT_WITH_DRIVE = "not known with this drive"
 TORQUE_ERROR = 0.02
-"""Maximum rms difference of motor torques and springs' loads, by the largest load, in the twin's own run: with more of
-it (friction of a gear, cogging) a motor's torque does not say what its spring carries."""
+"""Maximum rms difference of motor torques and spring loads, by the largest load, in the twin's own run. With more (gear
+friction, cogging) the motor's torque is not the spring's load."""
 
 
 class ParameterChange(NamedTuple):
-    """One parameter of the robot: what it was believed to be, and what the window says.
+    """Believed and found value of one parameter.
 
     Attributes:
-        name: for people.
-        field, leg: of `PlantParameters`, and of which leg, -1: of all.
-        was: believed.
-        now: None: not known.
-        unit: SI.
-        least: a smaller difference is no news.
-        why: it is not known.
+        name: name in texts.
+        field, leg: field of `PlantParameters` and its leg; -1 for all.
+        was: believed value.
+        now: found value; None if not determined.
+        unit: SI unit.
+        least: minimum change.
+        why: reason if not determined.
     """
 
     name: str
@@ -96,7 +95,7 @@ class ParameterChange(NamedTuple):
 
     @property
     def is_news(self) -> bool:
-        """Whether it lies clearly outside of its interval, and farther than healthy robots differ."""
+        """Whether the change exceeds its interval and the spread of healthy robots."""
         if self.now is None:
             return False
         return abs(self.now.value - self.was) > max(NEWS_HALF_WIDTHS * self.now.half_width, self.least)
@@ -112,11 +111,11 @@ class ParameterChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Adaptation:
-    """What has moved, for somebody to accept.
+    """Proposal of changed parameters.
 
     Attributes:
-        t: when it was found (s).
-        changes: at least one.
+        t: time of the search (s).
+        changes: at least one change.
     """
 
     t: float
@@ -126,7 +125,7 @@ class Adaptation:
         return "; ".join(str(one) for one in self.changes)
 
     def apply_to(self, plant: PlantParameters) -> PlantParameters:
-        """`plant` with the changes."""
+        """Return `plant` with the changes."""
         for one in self.changes:
             assert one.now is not None
             value = one.now.value
@@ -142,11 +141,11 @@ class Adaptation:
 
 
 class SlowMotion(NamedTuple):
-    """What is looked at.
+    """Data of a search.
 
     Attributes:
-        seen: windows of slow motion; without a measured force theirs is 0.
-        tau: mean torques of the motors in each (n, 3), N m; NaN: none.
+        seen: windows of slow motion; their force is 0 if none was measured.
+        tau: mean motor torques in each window (n, 3), N m; NaN if none.
         force: whether a force was measured.
     """
 
@@ -156,7 +155,7 @@ class SlowMotion(NamedTuple):
 
 
 Spring = tuple[Estimate, Estimate, bool] | None
-"""k_s (N m/rad), zero of the deflection (rad), and whether the zero is without the dead zone. None if not known."""
+"""k_s (N m/rad), zero of the deflection (rad), and whether the zero excludes the dead zone. None if not determined."""
 
 
 def torque_error(experiment: Experiment) -> float:
@@ -177,11 +176,11 @@ def torque_error(experiment: Experiment) -> float:
 def reidentify(
     samples: RobotSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
 ) -> tuple[ParameterChange, ...]:
-    """What `samples`, all since something changed, say of springs, their zeros and the contact.
+    """Fit springs, their zeros and the contact to `samples` since a change.
 
     Args:
-        plant: what the robot is believed to be by now.
-        believed: of its geometry, masses, N and counts.
+        plant: present belief about the plant.
+        believed: geometry, masses, N and counts.
         rotor: inertia of a motor (kg m2).
         loads: whether a motor's torque is its spring's load; see `TORQUE_ERROR`.
     """
@@ -195,7 +194,7 @@ def reidentify(
         torque = slow.tau - rotor * believed.N * slow.seen.acceleration
         zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
         w = slow.seen.motor - believed.N * slow.seen.joint - zeros - plant.slip
-        # on which side of the dead zone says the torque, whatever has become of the zero
+        # the torque gives the side of the dead zone, independent of the zero
         d = w - np.sign(torque) * (plant.backlash + np.array(plant.backlash_added))
         usable = np.abs(torque) > plant.k_s * slow.seen.spread
         belt = believed.N**2 * plant.belt_compliance
@@ -209,7 +208,7 @@ def reidentify(
 
 
 def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
-    """None: the robot nowhere moves slowly and evenly."""
+    """Find windows of slow, even motion; None if there are none."""
     t = samples.t
     if len(t) < MIN_SAMPLES:
         return None
@@ -235,7 +234,8 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
 
 
 def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """The `line`, no surer than if all errors were independent: few groups can agree by chance. None: too few.
+    """Fit a `line` with intervals at least as wide as for independent errors, since few groups can agree by chance;
+    None with too few groups.
 
     Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
     Sec. VI.D).
@@ -252,9 +252,10 @@ def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDAr
 
 
 def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
-    """Of one leg, from its loaded deflection and its motor's torque (n,); `belt`: rad per N m of the motor.
+    """Fit the spring of one leg to its loaded deflection and motor torque (n,); `belt`: compliance (rad per N m of the
+    motor).
 
-    A spring is fitted together with its dead zone, which loaded one way only is a part of the zero.
+    A spring is fitted together with its dead zone, which is part of the zero if the leg is loaded one way only.
     """
     side = np.sign(torque)
     both = len(np.unique(side[usable])) > 1
@@ -269,7 +270,7 @@ def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
-    """Stiffness of what is pressed, by p_z = z_s + m_x p_x + m_y p_y - F/K."""
+    """Fit the stiffness of the contact, p_z = z_s + m_x p_x + m_y p_y - F/K; None if not determined."""
     pressed = seen.select(on_scale(seen))
     if not len(pressed.t):
         return None
@@ -309,37 +310,37 @@ def _contact(K: Estimate | None, why: str, plant: PlantParameters) -> ParameterC
 
 
 class SampleRing:
-    """The last samples of a robot; what it takes does not grow."""
+    """Ring buffer of a robot's last samples."""
 
     def __init__(self) -> None:
         self._t, self._u = np.full(MAX_SAMPLES, -np.inf), np.full((MAX_SAMPLES, width(INPUTS)), np.nan)
         self._next = 0
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Samples at `t` (n,), s, after those before, with the inputs of the filter `u` (n, 13)."""
+        """Store samples at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n, 13)."""
         at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MAX_SAMPLES
 
     def samples_since(self, t: float) -> RobotSamples:
-        """A copy of those after `t` (s), `MAX_SAMPLE_AGE` at most."""
+        """Return a copy of the samples after `t` (s), at most `MAX_SAMPLE_AGE` old."""
         order = np.argsort(self._t)
         at = order[self._t[order] >= max(t, self._t.max() - MAX_SAMPLE_AGE, 0.0)]
         return RobotSamples(self._t[at], self._u[at])
 
 
 class Reidentifier:
-    """Keeps samples, and says after an alarm which parameters have moved, while samples go on coming.
+    """Sample buffer with a search for changed parameters in a background thread.
 
     Args:
-        experiment: what the robot is believed to be.
-        wait: for the answer, so that a log gives the same at any speed.
+        experiment: belief about the robot.
+        wait: whether to wait for the result, so that a log gives the same result at any speed.
 
     Attributes:
-        plant: what the robot is believed to be by now.
-        proposal: the newest one, until it is accepted; None: there is none.
-        proposals: all.
-        accepted: those of them that were.
+        plant: present belief about the plant.
+        proposal: newest open proposal; None if there is none.
+        proposals: all proposals.
+        adaptations: accepted proposals.
     """
 
     def __init__(self, experiment: Experiment, wait: bool):
@@ -361,14 +362,14 @@ class Reidentifier:
         self._ring.keep(t, u)
 
     def ask(self, since: float, t: float) -> None:
-        """Look at what has come since `since`, at `t` (s)."""
+        """Start a search in the samples after `since`, at `t` (s)."""
         self._asked_at = t
         self._answer = self._pool.submit(
             reidentify, self._ring.samples_since(since), self.plant, self._belief, self._rotor, self._loads
         )
 
     def answer(self) -> str:
-        """What was found, a sentence; "": it is not known yet."""
+        """Return the result as a sentence; "" while the search is running."""
         assert self._answer is not None
         if not (self._wait or self._answer.done()):
             return ""
@@ -385,6 +386,6 @@ class Reidentifier:
         return f"{UNKNOWN_PARAMETER}: {'; '.join(reasons)}"
 
     def accept(self, proposal: Adaptation) -> None:
-        """From now on the robot is believed to be what `proposal` says."""
+        """Use the values of `proposal` from now on."""
         self.plant, self.proposal = proposal.apply_to(self.plant), None
         self.adaptations.append(proposal)

@@ -1,4 +1,4 @@
-"""A session beside a robot: wait for its topics, follow its samples, record both, say how it goes."""
+"""Session of a twin and a robot: wait for topics, follow the samples, record both, and report."""
 
 import math
 import time
@@ -44,45 +44,45 @@ from twin.studies.shadow.verdict import (
 )
 
 LINE_PERIOD = 0.25
-"""s between two lines."""
+"""Time between two status lines (s)."""
 FLUSH_PERIOD = 0.5
-"""s after which what was recorded is with the operating system."""
+"""Maximum time of recorded data in buffers (s)."""
 SILENCE_TIMEOUT = 2.0
 """Time without a sample (s) after which the session reports it."""
 HINT_TIMEOUT = 10.0
 """Time of waiting for a topic (s) after which the usual causes are printed."""
 JOINT_SEARCH_MESSAGES = 200
-"""Messages after which a joint that none of them names is said to be lacking."""
+"""Number of messages without a joint's name after which the joint is reported as missing."""
 MIN_PERIOD_SAMPLES = 100
-"""Samples that have a period, if they are regular."""
+"""Minimum number of samples for a report on an irregular period."""
 MAX_LISTED_TOPICS = 6
-"""Topics that are listed."""
+"""Maximum number of listed topics."""
 RATE_CHANGE = 0.1
-"""Relative change of the period that is an event."""
+"""Minimum relative change of the period that is an event."""
 LONGEST_STEP = 1e6
-"""s. A clock that jumps further was not set, but counts from another beginning."""
+"""Maximum step of a clock that was set (s); a larger one is a clock with another epoch."""
 MAX_EVENTS_PER_KIND = 1000
-"""Of one kind; a stream of bad samples must not fill the disk with sentences."""
+"""Maximum number of recorded events per kind, so that bad samples cannot fill the disk."""
 
 Say = Callable[[str], None]
 
 
 class Session:
-    """Follows a source.
+    """Session that follows a source.
 
     Args:
-        source: the robot.
-        columns: where its signals are; without, arrivals are readings already.
-        wanted: what becomes of each signal.
-        twin: what follows.
-        model: what it believes.
-        lateness: budget, s.
-        duration: after which it ends, s by the robot's stamps; infinite: never by itself.
-        live: whether arrivals are of now, so that silence is an event.
-        say: takes the line for the terminal.
-        announce: takes a sentence that is printed where no line is seen.
-        watched: the part of `twin` that raises alarms, if there is one.
-        viewer: shows it besides.
+        source: the robot or a log.
+        columns: columns of the signals; empty if arrivals are readings.
+        wanted: column and conversion of each signal.
+        twin: the twin.
+        model: belief about the robot.
+        lateness: budget for late messages (s).
+        duration: maximum length (s) by the robot's stamps; infinite for none.
+        live: whether the source is live, so that silence is an event.
+        say: receives the status line.
+        announce: receives messages for terminals without a status line.
+        watched: part of `twin` that raises alarms, if any.
+        viewer: live view, if any.
     """
 
     def __init__(
@@ -107,8 +107,8 @@ class Session:
         self._happenings: list[Happening] = []
         self._readers: dict[str, MessageReader] = {}
         self._others: list[ForeignTopic] = []
-        self._aligner = Aligner(width(INPUTS), list(ENCODER_COLUMNS), lateness)
-        # a log is as fast in slices as it can be; a robot does not wait
+        self._aligner = Aligner(width(INPUTS), list(ENCODER_COLUMNS), lateness, learns_first=not live)
+        # a log is fastest in slices; a live robot needs each estimate at once
         self._receiver = Receiver(source, self._readers, self._aligner, twin.estimate_at_once if live else None)
         self._recording: ShadowRecording | None = None
         self._before: list[Arrival] = []
@@ -125,10 +125,10 @@ class Session:
         self.followed = SessionSummary(source.name)
 
     def wait_for_topics(self) -> None:
-        """Subscribe to every topic of the map as soon as somebody publishes it.
+        """Subscribe to every topic of the map as soon as it is published.
 
         Raises:
-            LogRefused: the type of one is not known, or is not read.
+            LogError: the type of a topic is unknown or unsupported.
         """
         by_topic: dict[str, dict[str, MappedColumn]] = {}
         for signal, column in self._columns.items():
@@ -161,21 +161,21 @@ class Session:
         time.sleep(0.1)
 
     def _report_once(self, text: str) -> None:
-        """Say something new: without a terminal, too."""
+        """Report a new text, also without a terminal."""
         if text != self._announced:
             self._announced = text
             self._announce(text)
         self._say(text)
 
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
-        """Until the source ends, the time is over, or somebody presses Ctrl-C.
+        """Follow until the source ends, the duration is over, or Ctrl-C.
 
         Args:
-            path: makes that of the recording, at the first sample.
+            path: returns the path of the recording, called at the first sample.
 
         Raises:
-            InputRefused: what comes is not of this robot.
-            RecordingFailed: the disk refuses.
+            InputRefused: the data are not of this robot.
+            RecordingFailed: the file cannot be written.
         """
         if self._live:
             self._receiver.start()
@@ -207,10 +207,10 @@ class Session:
         self._path = path
         shown = flushed = time.monotonic()
         next_slice, begun = 0.0, math.inf
-        # of a robot that has fallen silent the time goes on, too
+        # time also passes without samples
         while not self._source.at_end and self._t < self._duration > time.monotonic() - begun - SILENCE_TIMEOUT:
             if self._live:
-                # what comes meanwhile is taken together
+                # arrivals in between form one slice
                 next_slice = max(next_slice + SLICE_TIME, time.monotonic())
                 time.sleep(max(0.0, next_slice - time.monotonic()))
             else:
@@ -231,7 +231,7 @@ class Session:
                 self._recording.flush()
 
     def _process_slice(self, end: bool = False) -> bool:
-        """One slice: samples to rows, both sides to the file and to who looks on; whether samples have come."""
+        """Process one slice: rows of the samples, recording and live view. Return whether samples have arrived."""
         if self._viewer and (text := self._viewer.press()):
             self._record_event(Happening(self._t, text), "accepted")
         received = self._receiver.drain(end)
@@ -304,7 +304,7 @@ class Session:
             gaps, self._aligner.gaps = self._aligner.gaps, []
             noted, now = self._noted, replace(self._aligner.counts)
         for start, end in gaps:
-            # single samples are counted; a network that loses some must not fill the list
+            # single lost samples are only counted, so that they do not fill the list of events
             if end - start > LONGEST_GAP * 1e9:
                 self._record_event(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
         if now.restarts > noted.restarts:
@@ -327,7 +327,7 @@ class Session:
         self._noted = now
 
     def _note_silence(self, sampled: bool) -> None:
-        """Report that no sample has come for `SILENCE_TIMEOUT`, with the missing topic or joint, and stop the watch."""
+        """Report the missing topic or joint after `SILENCE_TIMEOUT` without a sample, and stop the watch."""
         if sampled or self._newest is None:
             if sampled or self._live or self._receiver.heard:
                 self._newest, self.followed.silent = self._source.now_ns(), ""
@@ -342,7 +342,7 @@ class Session:
             self._watched.lose(self._t, text)
 
     def _why_silent(self) -> str:
-        """What is missing: a topic, a joint that messages do not name any more, or numbers."""
+        """Return the cause of a silence: a missing topic, a missing joint, or values that are not finite."""
         since = self._source.now_ns() - SILENCE_TIMEOUT * 1e9
         columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME_SIGNAL}
         for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_encoder(signal)}):
@@ -359,7 +359,7 @@ class Session:
         return self._wanted[signal].column in ENCODER_COLUMNS
 
     def _watch_publishers(self) -> None:
-        """Say if more than one publishes a topic: they may contradict each other."""
+        """Report topics with more than one publisher, which may contradict each other."""
         for topic in self._readers if self._live else ():
             count = self._source.publisher_count(topic)
             if count > max(1, self._several.get(topic, 1)):
@@ -374,13 +374,13 @@ class Session:
             self._happenings += [one] if self._viewer else []
 
     def _refuse_lacking(self) -> None:
-        """Before the first sample: say which joint none of the messages names."""
+        """Refuse messages without a needed joint before the first sample."""
         if len(self._before) < JOINT_SEARCH_MESSAGES:
             return
         sentences = [text for reader in self._readers.values() for text in reader.missing_signals()]
         if sentences:
             raise LogError("\n".join(sentences))
-        # messages before the first sample are few, or of other joints
+        # keep only recent messages from before the first sample
         del self._before[:-JOINT_SEARCH_MESSAGES]
 
     def _why_nothing(self) -> str:
@@ -420,13 +420,13 @@ class Session:
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self) -> str:
-        """How it goes, in less than 80 columns."""
+        """Return the status line, below 80 columns."""
         counts, period = self._aligner.counts, self._aligner.period
         if self.followed.silent and self._newest is not None:
             quiet = (self._source.now_ns() - self._newest) / 1e9
             return f"{self._t:.1f} s  no sample for {quiet:.0f} s: {self.followed.silent}"[:LINE_WIDTH]
         NIS = self.followed.residuals.get("NIS")
-        # a robot that stands still has none
+        # a robot at rest has no NIS
         recent = NIS.recent if NIS and self._t - NIS.last < 1.0 else math.nan
         late = self._aligner.clocks.lateness.quantile(0.99)
         return status_line(self._t, 1e-9 * period, late, counts, recent, self._level, self._joints())

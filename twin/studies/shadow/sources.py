@@ -1,4 +1,4 @@
-"""What `--source` names: topics of a robot that runs, or a log."""
+"""Sources of `--source`: topics of a live robot, or a log."""
 
 import socket
 from collections.abc import Mapping
@@ -16,20 +16,20 @@ from twin.studies.shadow.mapping import followed_columns, readings_of
 
 TRANSPORT_NAMES = ("ros2", "zenoh")
 JOINT_NAMES = ("m1", "m2", "m3", "l1", "l2", "l3")
-"""Names of joints that a map is proposed with."""
+"""Joint names of a map template."""
 
 
 def transport_of(source: str) -> str:
-    """`ros2` of `ros2:/joint_states`; "" of a log."""
+    """Transport of a source, `ros2` for `ros2:/joint_states`; "" for a log."""
     first, colon, _ = source.partition(":")
     return first if colon and first in TRANSPORT_NAMES else ""
 
 
 def refuse_source(source: str) -> None:
-    """See whether `source` can be a source, before anything is loaded.
+    """Check `source` before anything is loaded.
 
     Raises:
-        InputRefused: no topic behind a transport, or no file.
+        InputRefused: no topic after a transport, or no file.
     """
     transport = transport_of(source)
     if transport and not source.partition(":")[2].startswith("/"):
@@ -49,15 +49,15 @@ def open_source(
     notes: list[str],
     part: tuple[float | None, float | None] = (None, None),
 ) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
-    """The source, the columns of its signals (empty for a recording of twin), and whether it is of now.
+    """Open a source. Return it, the columns of its signals (empty for a recording of twin), and whether it is live.
 
     Args:
-        source: as on the command line.
-        columns: of the map.
+        source: text of the command line.
+        columns: columns of the map.
         wanted: signals that a map may name.
-        belief: turns angles of a log into counts.
-        speed: of a log.
-        notes: what is missing of a log is added to it.
+        belief: converts angles of a log to counts.
+        speed: pace of a log.
+        notes: list that receives notes on missing data of a log.
         part: start and end (s) of the part of a log, see `read_log`.
 
     Raises:
@@ -93,10 +93,10 @@ def open_source(
 
 
 def live_source(transport: str, name: str) -> RobotSource:
-    """The transport's end on this side.
+    """Open a live source of a transport.
 
     Raises:
-        InputRefused: its package is not installed, or there is no network that it can use.
+        InputRefused: its package is not installed, or there is no usable network.
     """
     if transport == "zenoh":
         from twin.kernel.recording.sources.zenoh_topics import ZenohSource
@@ -108,7 +108,7 @@ def live_source(transport: str, name: str) -> RobotSource:
 
 
 def waiting_hint(source: str, topics: list[str]) -> str:
-    """A sentence on why `topics` may not be seen for long: domain, network interfaces, the usual causes."""
+    """Explain why `topics` may be missing: domain, network interfaces, usual causes."""
     from twin.kernel.recording.sources.dds import domain_id
 
     names = ", ".join(name for _, name in socket.if_nameindex()) if hasattr(socket, "if_nameindex") else "not known"
@@ -122,6 +122,6 @@ def waiting_hint(source: str, topics: list[str]) -> str:
 
 
 def proposed_map(topic: str) -> str:
-    """Lines of a map for a topic with the joints of a robot."""
+    """Return the lines of a map template for a topic with the joints of a robot."""
     names = [f"estimator.theta_{side}[{i}]" for side in "ml" for i in range(3)]
     return "\n".join(f'"{name}" = "{topic}.position.{joint}"' for name, joint in zip(names, JOINT_NAMES, strict=True))

@@ -1,4 +1,4 @@
-"""`twin shadow`: the twin beside a robot that runs, or beside its log."""
+"""`twin shadow`: the twin of a live robot, or of its log."""
 
 import math
 import sys
@@ -41,10 +41,10 @@ def _find_source(asked: ArgumentValues) -> None:
 def _limits(
     fleet: Path | None, experiment: Path, settings: Sequence[str], say: Say
 ) -> "tuple[Tolerances | RateTolerances | None, str]":
-    """Return the alarm's tolerances for an experiment, or why there are none.
+    """Return the alarm's tolerances for an experiment, or the reason why they are missing.
 
     Raises:
-        InputRefused: `fleet` is given and cannot be used; with every mistake of the file.
+        InputRefused: `fleet` is given and cannot be used; all errors of the file.
     """
     from twin.kernel.errors import TwinError
     from twin.robot.experiment.experiment_files import experiment_file
@@ -60,48 +60,48 @@ def _limits(
 
 
 def _announce(text: str) -> None:
-    """Print a sentence to standard error, where no line of progress is seen."""
+    """Print a sentence to standard error, unless a terminal shows the status line."""
     if not sys.stderr.isatty():
         _print(text)
 
 
 def _print(text: str) -> None:
-    """Print a sentence to standard error, over a line of progress."""
+    """Print a sentence to standard error, over the status line."""
     print(("\r" if sys.stderr.isatty() else "") + terminal_text(text), file=sys.stderr, flush=True)
 
 
 @study(reported=True, before=[_find_source, find_experiments, print_latest])
 def shadow(
     experiment: ExperimentName,
-    source: Annotated[str, Option("ros2:/TOPIC or zenoh:/TOPIC of a robot that runs, or a log.", "SOURCE")],
+    source: Annotated[str, Option("ros2:/TOPIC or zenoh:/TOPIC of a live robot, or a log.", "SOURCE")],
     maps: ColumnMaps = (),
     settings: Settings = (),
     speed: Annotated[float, Option("Pace of a log: 1 is real time, 0 as fast as possible.", "N", least=0.0)] = 1.0,
     lateness_ms: Annotated[
-        float, Option("How long to wait for a sample; one that comes later is missing.", "MS", least=0.0)
+        float, Option("Time to wait for a late message; later ones count as missing.", "MS", least=0.0)
     ] = 30.0,
     from_s: FromS = None,
     to_s: ToS = None,
     duration_s: Annotated[
-        float | None, Option("End after so much of the robot's time; default: at the log's end, or by Ctrl-C.", "S")
+        float | None, Option("End after this time by the robot's stamps; default: at the log's end, or by Ctrl-C.", "S")
     ] = None,
     fleet: Annotated[
         Path | None,
         Option("Healthy robots that the alarm's tolerances come from (a sweep file); default: the shipped.", "FILE"),
     ] = None,
     no_alarm: Annotated[bool, Option("Raise no alarm, and compute no tolerances.", flags="--no-alarm")] = False,
-    false_alarms_per_hour: Annotated[float, Option("How many false alarms to accept.", "N")] = 0.01,
-    adapt: Annotated[bool, Option("Accept what has moved after an alarm, and continue with it.")] = False,
+    false_alarms_per_hour: Annotated[float, Option("Accepted rate of false alarms.", "N")] = 0.01,
+    adapt: Annotated[bool, Option("Accept the proposed change after an alarm, and continue with it.")] = False,
     what_if: Annotated[
         Sequence[str],
         Option(
-            "Predict besides how it would go on with another value; several keys with ';'; may be repeated.",
+            "Also predict with another value; several keys with ';'; may be repeated.",
             "KEY=VALUE",
             complete="setting",
         ),
     ] = (),
     force_limit_N: Annotated[
-        float | None, Option("Warn of a force to come beyond it; default: the monitor's limit.", "N", least=0.0)
+        float | None, Option("Warn of a predicted force beyond it; default: the monitor's limit.", "N", least=0.0)
     ] = None,
     live: Annotated[bool, Option("Serve twin and robot to Lichtblick or Foxglove.")] = False,
     port: LivePort = DEFAULT_PORT,
@@ -109,26 +109,26 @@ def shadow(
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
     say: Say = ignore_progress,
 ) -> Result:
-    """Follow a robot that runs: its state, and where robot and twin part.
+    """Follow a live robot: its state, and when robot and twin diverge.
 
-    The twin listens to the robot's encoders and never sends anything to it.
-    It is stepped by the stamps of the messages. The recording has the robot's
-    messages as they came, and beside them what the twin makes of them. Every
-    0.5 s it predicts force and height of the next second, with a band.
-    Beside a robot it goes before other work (SCHED_FIFO), where it may.
-    Domain of DDS and zenoh: ROS_DOMAIN_ID.
+    The twin receives the robot's encoders and never sends anything to it. It
+    is stepped by the stamps of the messages. The recording has the robot's
+    messages as they arrived, and the twin's topics. Every 0.5 s the twin
+    predicts force and height of the next second, with a band. With a live
+    robot it has real-time priority (SCHED_FIFO), where permitted. Domain of
+    DDS and zenoh: ROS_DOMAIN_ID.
 
     The alarm's tolerances are shipped for the experiments of Fig. 4 and the
     tasks. With another drive, body or setting they are computed once, in one
     to three minutes, and cached.
 
-    Exit code: 0 robot and twin match, or nothing could be watched; 1 they part;
+    Exit code: 0 robot and twin match, or nothing was watched; 1 they diverge;
     2 input refused.
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
 
     Raises:
-        InputRefused: source, map, experiment or folder cannot be used, or what comes is not of this robot.
+        InputRefused: source, map, experiment or folder cannot be used, or the data are not of this robot.
     """
     from contextlib import ExitStack
     from datetime import datetime

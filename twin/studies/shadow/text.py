@@ -1,4 +1,4 @@
-"""What a session beside a robot came to: text of at most 80 columns, facts."""
+"""Summary of a session: text of at most 80 columns, and facts."""
 
 import math
 from collections.abc import Mapping
@@ -13,9 +13,9 @@ from twin.studies.shadow.alarm import CHANNELS, WatchEvent
 from twin.studies.shadow.verdict import SIGNAL_COLUMNS, RunningStatistics, SessionSummary, verdict_of
 
 LINE_WIDTH = 79
-"""Of the line; some terminals go on to the next one behind column 80."""
+"""Width of the status line; some terminals wrap at column 80."""
 LATENESS_BOUNDS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0)
-"""s. Bounds by which lateness is counted."""
+"""Bounds of the lateness histogram (s)."""
 RESIDUAL_COLUMNS = (
     Column("twin less robot", 26, left=True),
     Column("mean", 9, "+.4f"),
@@ -35,22 +35,22 @@ UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
-    """How it goes, in `LINE_WIDTH`; what is not there, NaN, is left out.
+    """Format the status line, at most `LINE_WIDTH` wide; NaN values are left out.
 
     Args:
-        t: of the last sample (s).
-        period: of the samples (s); infinite: not known.
-        late: what 99 % of the messages are not later than (s).
-        counts: of samples.
-        NIS: per count, mean of the last second.
-        level: of the alarm.
-        joints: the largest mean residual of a joint in the last second (rad).
+        t: time of the last sample (s).
+        period: period of the samples (s); infinite if unknown.
+        late: 99 % quantile of the messages' lateness (s).
+        counts: counts of samples.
+        NIS: mean NIS per count of the last second.
+        level: level of the alarm.
+        joints: largest mean joint residual of the last second (rad).
     """
     gaps = count_text(counts.gaps, "gap")
     missing, joint = f"{counts.missing} missing in {gaps}", f"joints {math.degrees(joints):.3f} deg"
     rate = f"{1.0 / period:.0f} Hz" if period < math.inf else "- Hz"
     line = ""
-    # where there is no room
+    # shorter texts for a full line
     for lost, last in ((missing, joint), (missing, ""), (gaps, "")):
         parts = [f"{t:.1f} s", rate, "" if math.isnan(late) else f"late {1e3 * late:.3g} ms", lost]
         parts += [f"{name} {value:.3g}" for name, value in (("NIS", NIS), ("alarm", level)) if math.isfinite(value)]
@@ -61,7 +61,7 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
 
 
 def shadow_result(followed: SessionSummary, name: str, files: Mapping[str, Path]) -> Result:
-    """The whole report; name: of the experiment; files: kind -> path."""
+    """Create the report of a session; name: experiment; files: kind -> path."""
     counts = followed.counts
     rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
     body: list[Block] = []
@@ -103,7 +103,7 @@ def _row(key: str, one: RunningStatistics) -> list[str | float]:
 
 
 def _kind(key: str) -> tuple[str, str]:
-    """Kind and number of a residual: `plant joint` and `1`."""
+    """Split the key of a residual into kind and number: `plant joint` and `1`."""
     name = key.rstrip("0123456789")
     return name.rstrip(), key.removeprefix(name)
 
@@ -143,7 +143,7 @@ def _clock(followed: SessionSummary) -> str:
 
 
 def _band(foreseen: PredictionScore, is_promised: bool) -> str:
-    """What is said of the band; of a robot that was not identified a share below 95 % is no failure."""
+    """Text on the band; for a robot that was not identified a share below 95 % is no failure."""
     if not foreseen.banded:
         return foreseen.no_band or "no band"
     text = f"{100.0 * foreseen.share:.0f} % of the estimated forces lay in the band"
@@ -168,7 +168,7 @@ def _ms(seconds: float) -> str:
 
 
 def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
-    """All of it in numbers; keys carry units, what does not exist is None."""
+    """Return all results as numbers; keys carry units, missing values are None."""
     NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
@@ -216,7 +216,7 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
 
 
 def _change(one: WatchEvent) -> dict[str, object]:
-    """A change of the alarm's state with its evidence."""
+    """Return a change of the alarm's state with its evidence."""
     evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
                 "level": one.level} if one.channel else {}  # fmt: skip
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}

@@ -30,10 +30,10 @@ from twin.studies.shadow.fleet import (
 SHIPPED_FOLDER = PROJECT_FOLDER / "tests" / "baselines" / "shadow"
 FLEET_FILE = PROJECT_FOLDER / "experiments" / "sweeps" / "healthy_fleet.toml"
 PERIOD_FACTORS = (1, 2, 5, 10)
-"""Sampling periods that have tolerances, by the controller's."""
+"""Sampling periods with tolerances, in periods of the controller."""
 CHECKED_RATE = 1.0
-"""False alarms per hour at which the alarm must find the `CHECKED_FAULTS` before the run ends, from a third of it on; of a
-sequence of tasks from a third of the mean one on, since it may load a spring in one of them alone."""
+"""Rate of false alarms per hour at which the alarm must find the `CHECKED_FAULTS` before the run ends. They begin at a
+third of the run; in a sequence of tasks at a third of the mean task, since only one task may load a spring."""
 CHECKED_FAULTS = (
     "kind = 'spring_softened', target = 'joint_2', magnitude_factor = 0.8",
     "kind = 'drive_dead', target = 'drive_2'",
@@ -41,7 +41,7 @@ CHECKED_FAULTS = (
 
 
 def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateTolerances, str]:
-    """Tolerances of a fleet by rate, and where they come from: shipped, cached, or computed now.
+    """Return the tolerances of a fleet by rate, and their origin: shipped, cached or computed.
 
     Raises:
         TwinError: a robot of the fleet cannot be simulated.
@@ -58,12 +58,12 @@ def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateToleran
 
 
 def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET_FILE) -> Fleet:
-    """The fleet of `path` around an experiment with `settings`."""
+    """Read the fleet of `path` around an experiment with `settings`."""
     return read_fleet(path, experiment, settings=settings)
 
 
 def fleet_digest(fleet: Fleet) -> str:
-    """SHA-256 of all that tolerances are computed from, but for twin's own code."""
+    """Return the SHA-256 of all inputs of the tolerances, without twin's own code."""
     facts = [
         fleet.twin().values,
         fleet.robots,
@@ -80,7 +80,7 @@ def fleet_digest(fleet: Fleet) -> str:
 
 
 def read_tolerances(path: Path, digest: str) -> RateTolerances | None:
-    """Tolerances of a file; None if there is none, or if it belongs to another experiment or fleet."""
+    """Read the tolerances of a file; None if it is missing, or of another experiment or fleet."""
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         if facts["digest"] != digest:
@@ -102,7 +102,7 @@ def _with_nan(facts: Mapping[str, Mapping[str, float | None]]) -> Tolerances:
 
 
 def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
-    """Tolerances for each sampling rate (Hz) at which the alarm finds the `CHECKED_FAULTS`."""
+    """Compute the tolerances for each sampling rate (Hz) at which the alarm finds the `CHECKED_FAULTS`."""
     twin = fleet.twin()
 
     def progress(what: str, share: float | None = None) -> None:
@@ -115,7 +115,7 @@ def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
 
 
 def finds_faults(fleet: Fleet, limits: Tolerances, every: int = 1) -> bool:
-    """Whether the alarm finds the `CHECKED_FAULTS` in a robot that is as its twin believes, one in `every` samples of it."""
+    """Whether the alarm finds the `CHECKED_FAULTS` in a robot that is as believed, with one in `every` samples."""
     twin = fleet.twin()
     fleet = replace(fleet, robots=((),))
     onset = round(twin.duration_ticks // (3 * max(1, len(twin.tasks))) * twin.cosim.tick, 9)

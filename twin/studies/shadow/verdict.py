@@ -1,4 +1,4 @@
-"""The verdict of a session: robot and twin match, they part, or nothing could be watched."""
+"""Verdict of a session: robot and twin match, they part, or nothing was watched."""
 
 import math
 from collections.abc import Mapping
@@ -14,29 +14,29 @@ from twin.studies.shadow.ahead import PredictionScore
 from twin.studies.shadow.alarm import WatchEvent
 
 SIGNAL_COLUMNS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
-"""Columns of a sample by their names in a summary."""
+"""Columns of a sample by the names in a summary."""
 PLANT_JOINT = "plant joint"
-"""Begins the names of the plant model's joint residuals; `joint 1` is an encoder of the alarm's channels."""
+"""Prefix of the plant model's joint residuals; `joint 1` is an encoder channel of the alarm."""
 GROSS_JOINT = math.radians(2.0)
-"""Mean joint residual over each of 2 s (rad) that no healthy robot has: their tolerance is a hundredth of it."""
+"""Limit of the mean joint residual over each of 2 s (rad); the tolerance of healthy robots is a hundredth of it."""
 GROSS_NIS = 50.0
-"""Mean NIS per count over each of 2 s that no healthy robot has: it is 20 at most at the corners of the fleet."""
+"""Limit of the mean NIS per count over each of 2 s; at the corners of the fleet it is at most 20."""
 GROSS_BAND, MIN_BANDED_FORCES = 0.2, 200
 """Minimum share of the estimated forces in the band of 95 %, and minimum number of forces for that test."""
 
 
 @dataclass
 class RunningStatistics:
-    """A residual in numbers, without its past.
+    """Running statistics of a residual.
 
     Attributes:
-        count: of values.
-        mean, rms: of all.
-        largest, at: the largest by size, and when (s).
+        count: number of values.
+        mean, rms: mean and root mean square of all values.
+        largest, largest_time: value of largest size, and its time (s).
         recent: mean over the last second.
-        last: when the last value was (s).
-        worst, worst_at: the largest size that the means of two consecutive seconds reach, with its sign, and when these
-            began (s).
+        last: time of the last value (s).
+        worst, worst_at: largest size reached by the means of two consecutive seconds, with its sign, and their start
+            (s).
     """
 
     count: int = 0
@@ -51,7 +51,7 @@ class RunningStatistics:
     worst_at: float = math.nan
 
     def add(self, t: NDArray[np.float64], r: NDArray[np.float64]) -> None:
-        """Values r (n,) at t (n,), s; NaN are none."""
+        """Add values r (n,) at t (n,), s; NaN is skipped."""
         there = np.isfinite(r)
         if not np.any(there):
             return
@@ -66,7 +66,7 @@ class RunningStatistics:
         if t[-1] - self._block[2] >= 1.0:
             if self._block[1]:
                 before, self.recent = self.recent, self._block[0] / self._block[1]
-                # one sample after a gap can raise the mean of its second
+                # one sample after a gap can dominate the mean of its second
                 lasting = min(abs(before), abs(self.recent)) if math.isfinite(before) else 0.0
                 if lasting > abs(self.worst):
                     self.worst, self.worst_at = math.copysign(lasting, self.recent), self._block[2] - 1.0
@@ -85,28 +85,29 @@ class RunningStatistics:
 
 @dataclass
 class SessionSummary:
-    """What a session came to.
+    """Summary of a session.
 
     Attributes:
-        source: what was followed.
-        recording: of it.
-        seconds: from the first to the last sample, by the robot's stamps.
-        counts: of samples.
-        period: of them (s); infinite without a clock.
-        lateness: of messages; offset, drift: of the robot's clock, see `Clocks`.
-        in_hand: from a sample in our hands to its estimate.
-        missed: estimates that came later than a period after their samples.
+        source: name of the source.
+        recording: path of the recording.
+        seconds: time from the first to the last sample, by the robot's stamps.
+        counts: counts of samples.
+        period: sampling period (s); infinite without a clock.
+        lateness: lateness of messages.
+        offset, drift: offset and drift of the robot's clock, see `Clocks`.
+        in_hand: times from due samples to their estimates.
+        missed: number of estimates later than a period after their samples.
         residuals: `force` (N), `plant joint 1` .. `plant joint 3` (rad), `command 1` .. (rad/s); `NIS` per count in
             motion.
-        dropped: messages that the transport or we lost knowingly.
-        notes: sentences.
-        changes: of the alarm's state; None: there was no alarm.
-        no_alarm: why there was none.
-        caution: what an alarm is to be read with; "" of an identified robot.
-        ahead: how predictions compare with what came; None: there were none.
-        measured: names of the `SIGNAL_COLUMNS` that came.
-        silent: what was missing when the session ended; "" if samples came to the end.
-        mistake: of the column map, with the one to write; "" if none was seen.
+        dropped: number of messages lost by the transport or by a full queue.
+        notes: further sentences.
+        changes: changes of the alarm's state; None without an alarm.
+        no_alarm: reason for the missing alarm.
+        caution: caution for alarms; "" for an identified robot.
+        ahead: score of the predictions; None without predictions.
+        measured: names of the `SIGNAL_COLUMNS` that arrived.
+        silent: missing topic or joint at the end; "" if samples arrived until the end.
+        mistake: error of the column map, with the correct map; "" if there is none.
     """
 
     source: str
@@ -138,11 +139,11 @@ class SessionSummary:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict of a session on robot and twin.
+    """Verdict of a session.
 
     Attributes:
         kind: "match", "part" or "not watched".
-        since: when they parted (s); NaN if they did not.
+        since: time of divergence (s); NaN if robot and twin match.
         text: half a sentence.
     """
 
@@ -152,11 +153,11 @@ class Verdict:
 
 
 def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str = "") -> Verdict | None:
-    """Whether residuals are so large that no tolerance is needed, or the map is wrong; None if neither.
+    """Return the verdict on residuals that need no tolerance, or on a wrong map; None if neither applies.
 
     Args:
-        residuals: of a session.
-        mistake: of the column map, see `MapCheck`.
+        residuals: residuals of a session.
+        mistake: error of the column map, see `MapCheck`.
     """
     if mistake:
         return Verdict("part", 0.0, f"robot and twin part: {mistake}")
@@ -177,7 +178,7 @@ def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str 
 
 
 def verdict_of(followed: SessionSummary) -> Verdict:
-    """The verdict of a finished session."""
+    """Return the verdict of a finished session."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
         caution = f"; {followed.caution}" if followed.caution else ""

@@ -268,19 +268,31 @@ def test_a_burst_that_comes_too_late_is_counted_and_is_no_clock_that_was_set():
     assert aligner.counts.late > 0
 
 
-def test_rows_of_two_topics_before_their_periods_are_known_are_counted():
+@pytest.mark.parametrize(("learns_first", "least", "most"), [(False, 1, 25), (True, 0, 0)])
+def test_rows_of_two_topics_before_their_periods_are_known_are_counted_or_kept(
+    learns_first: bool, least: int, most: int
+):
     later = 40_000
     streams = {"/motors": (0,), "/joints": (1,)}
-    aligner, found = Aligner(3, NEEDED, BUDGET), list[Sample]()
+    aligner, found = Aligner(3, NEEDED, BUDGET, learns_first), list[Sample]()
     for k in range(100):
         for place, (topic, columns) in enumerate(streams.items()):
             stamp = 10**18 + k * PERIOD + place * later
             found += aligner.add(topic, stamp, Reading(stamp, columns, (float(k),)))
     found += aligner.ready_samples(10**19, end=True)
-    assert 0 < aligner.counts.unmatched < 25
+    assert least <= aligner.counts.unmatched <= most
     assert len(found) + aligner.counts.unmatched == 100
     assert aligner.counts.incomplete == aligner.counts.missing == 0
 
 
 def test_what_is_before_the_first_sample_of_one_topic_is_not_counted():
     assert aligned(on_time(100))[0].counts.unmatched == 0
+
+
+def test_a_log_shorter_than_it_takes_to_learn_is_handed_on_at_its_end():
+    aligner = Aligner(3, NEEDED, BUDGET, learns_first=True)
+    assert aligner.add("/motors", 10**18, Reading(10**18, (0,), (1.0,))) == []
+    (sample,) = [
+        *aligner.add("/joints", 10**18 + 1, Reading(10**18, (1,), (2.0,))), *aligner.ready_samples(10**19, end=True)
+    ]  # fmt: skip
+    assert sample.row[:2] == [1.0, 2.0]

@@ -1,5 +1,5 @@
-"""Logs of a real robot and curves from elsewhere, as series in SI units under the product's own names.
+"""Logs of real robots and curves of other tools, as series in SI units with the product's names.
 
-`reader.read_log` is the door: it takes a recording of twin, an MCAP file of anyone's, a bag of ROS 2 or a CSV file.
-`column_map` says which column is which signal and in which unit. What comes out is a `log.Log`.
+`reader.read_log` reads a recording of twin, any MCAP file, a bag of ROS 2 or a CSV file into a `log.Log`. `column_map`
+maps columns to signals and units.
 """

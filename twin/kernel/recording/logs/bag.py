@@ -1,8 +1,8 @@
-"""Bags of ROS 2 in MCAP or SQLite, packed or not.
+"""Bags of ROS 2 in MCAP or SQLite, compressed or not.
 
-Layout: https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as much as a file says:
-what a file may ask for is bounded by its size. What a bag's metadata.yaml says is needed for nothing but the names of
-files that should be there: a recorder that was killed writes none.
+Layout: https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as much as a file claims;
+here memory and time are bounded by the file's size. metadata.yaml is used only for the names of expected files, since a
+killed recorder writes none.
 """
 
 import os
@@ -27,7 +27,7 @@ from twin.kernel.recording.summary import MAX_UNPACK_RATIO, unpack_allowance
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 HEAD_BYTES = 100
-"""Bytes of its header (https://sqlite.org/fileformat2.html)."""
+"""Size of SQLite's file header (https://sqlite.org/fileformat2.html)."""
 BAG_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 METADATA_FILE = "metadata.yaml"
 MAX_FILE_BYTES = 2**36
@@ -35,23 +35,23 @@ MAX_MESSAGE_BYTES = 2**28
 """Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
 MAX_DEFINITIONS = 200
 DEFINITIONS_TABLE = "message_definitions"
-"""The table that came with ROS 2 Iron."""
+"""Table with message definitions, since ROS 2 Iron."""
 BAG_TABLES = ("topics", "messages", DEFINITIONS_TABLE)
-"""That are read."""
+"""Tables that are read."""
 MAX_STEPS_PER_BYTE = 4
-"""Steps of SQLite's machine for each byte of a file, at most, in one query; a message takes 30 and has 9 bytes."""
+"""Maximum steps of SQLite's virtual machine per byte of a file in one query; a message needs 30 and has 9 bytes."""
 MIN_ROW_BYTES = 8
-"""Bytes that a message takes in a file at least, whatever is in it."""
+"""Minimum size of a message in a file."""
 _SIZED_TYPES = {str, bytes}
 _STORED_SQL = re.compile(r"CREATE (TABLE|INDEX|UNIQUE INDEX|TRIGGER)\b")
 _FILE_LIST = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
 
 
 def is_bag(path: Path) -> bool:
-    """Whether `path` is a folder with a bag in it, or one file of a bag that is no plain MCAP file."""
+    """Whether `path` is a folder with a bag, or one file of a bag that is no plain MCAP file."""
     if not os.path.isdir(path):
         return path.name.endswith((".db3", ".zstd"))
-    # a run of twin is an MCAP file in a folder, too
+    # a run of twin is also an MCAP file in a folder
     own = (RECORDING_FILE, f"{RECORDING_FILE}.partial", LATEST_LINK)
     return not any(os.path.lexists(path / name) for name in own) and (
         os.path.lexists(path / METADATA_FILE) or bool(_files(path))
@@ -59,7 +59,7 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """The log in the bag `path`, all of its files together.
+    """Read all files of a bag as one log.
 
     Args:
         columns: see `log_from_topics`.
@@ -72,10 +72,10 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
 
 
 def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Topics of the bag `path`, all of its files together, and notes on what is missing.
+    """Read the topics of all files of a bag, and notes on missing data.
 
     Args:
-        columns: of which topics the messages are kept.
+        columns: columns whose topics' messages are kept.
 
     Raises:
         InputRefused: no such file, or damaged.
@@ -97,12 +97,12 @@ def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[st
 
 
 def _files(folder: Path) -> list[Path]:
-    """Files of the bag; their messages have times, so any order does."""
+    """Files of the bag, in any order, since their messages have times."""
     return sorted(folder / name for name in os.listdir(folder) if name.endswith(BAG_SUFFIXES))
 
 
 def _missing_files(folder: Path, files: list[Path]) -> list[str]:
-    """What the bag's own list of files has and the folder has not, as a note."""
+    """Note on files in the bag's own list that are missing in the folder."""
     if not os.path.lexists(folder / METADATA_FILE):
         return [f"no {METADATA_FILE}: the recorder was stopped before it wrote one"]
     listed = _FILE_LIST.search(read_text(folder / METADATA_FILE))
@@ -113,7 +113,7 @@ def _missing_files(folder: Path, files: list[Path]) -> list[str]:
 
 @contextmanager
 def _plain_file(file: Path) -> Iterator[Path]:
-    """`file` itself, or what it is when unpacked."""
+    """`file` itself, or its decompressed copy."""
     try:
         with open_regular(file, MAX_FILE_BYTES) as content:
             if not file.name.endswith(".zstd"):
@@ -137,19 +137,19 @@ def _plain_file(file: Path) -> Iterator[Path]:
 
 
 def _sqlite_topics(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
-    """Topics of the SQLite file `plain`, unpacked from `file`, and a sentence on what the recorder left undone."""
+    """Topics of the SQLite file `plain`, decompressed from `file`, and a note on an unfinished recording."""
     size = plain.stat().st_size
     with plain.open("rb") as start:
         head = start.read(HEAD_BYTES)
     if not head.startswith(SQLITE_MAGIC):
         raise LogError(f"{file}: {'not an SQLite file' if head else 'an empty file'}; expected a bag")
     page = max(1, int.from_bytes(head[len(SQLITE_MAGIC) : len(SQLITE_MAGIC) + 2], "big"))
-    # a page of 64 KiB is written as 1
+    # 1 stands for a page of 64 KiB
     if size % (page if page > 1 else 2**16):
         raise LogError(f"{file}: damaged, it is cut off; recover what is readable first (sqlite3 {file.name} .recover)")
     unsaved = Path(f"{plain}-wal")
     pending = unsaved.is_file() and unsaved.stat().st_size > 0
-    # without its write-ahead log a file is as it is, and nothing is written beside it
+    # immutable: the write-ahead log is ignored, and no file is written
     where = f"{plain.absolute().as_uri()}?mode=ro{'' if pending else '&immutable=1'}"
     size += unsaved.stat().st_size if pending else 0
     try:
@@ -165,26 +165,26 @@ def _sqlite_topics(plain: Path, columns: Mapping[str, MappedColumn], file: Path)
 
 
 class BagDatabase:
-    """What is stored in the SQLite file `bag` of `size` bytes, and nothing that is computed from it.
+    """Stored rows of an SQLite file `bag` of `size` bytes, without computed ones.
 
-    An SQLite file is a program, too: views, virtual tables and generated columns are computed by the reader,
-    to any size and for any time. And pages may refer to each other so that few of them hold any number of rows.
+    SQLite files can contain code: views, virtual tables and generated columns are computed by the reader, to any size
+    and for any time. Pages may also refer to each other so that few of them contain any number of rows.
 
     Args:
-        file: what refusals are to name.
+        file: name in error messages.
 
     Attributes:
-        has_definitions: whether it has that table.
+        has_definitions: whether the definitions table exists.
 
     Raises:
-        LogRefused: it has something else than tables that are stored, their indexes and triggers, or not those of bags.
+        LogError: other objects than stored tables, their indexes and triggers, or no tables of a bag.
     """
 
     def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
         self._bag, self._file, self._size = bag, file, size
         tables = []
         for kind, name, text in self.select("SELECT type, name, sql FROM sqlite_master"):
-            # of what SQLite has made by itself there is no text. It makes of a text what the text says first
+            # SQLite's own objects have no text; the text of others begins with their kind
             if text is not None and not _STORED_SQL.match(str(text)):
                 raise LogError(f"{file}: has {str(text)[:40]!r}; bags of ROS 2 have stored tables only")
             tables += [str(name)] if kind == "table" else []
@@ -200,10 +200,10 @@ class BagDatabase:
         self.has_definitions = bool(columns[DEFINITIONS_TABLE])
 
     def select(self, query: str) -> Iterator[tuple[Any, ...]]:
-        """Rows of `query`.
+        """Return the rows of `query`.
 
         Raises:
-            LogRefused: together they are larger than the file, or to find them takes more steps than that has room for.
+            LogError: rows larger than the file, or more steps than its size allows.
         """
         every = 1000
         left = 100 + MAX_STEPS_PER_BYTE * self._size // every
@@ -264,7 +264,7 @@ def _read_topics(rows: BagDatabase, file: Path, size: int, columns: Mapping[str,
 
 
 def _attach_definition(topic: LoggedTopic, folder: Path) -> None:
-    """Give a topic of an undefined type what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
+    """Define a topic's type from `PACKAGE/msg/NAME.msg` files in the bag's folder."""
     schema = topic.schema
     if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
         return

@@ -1,6 +1,6 @@
-"""Which column of a foreign file is which signal: the grammar of column maps.
+"""Grammar of column maps: columns of a foreign file -> signals.
 
-A map is a TOML file, or texts on the command line, or both; later ones win:
+A map is a TOML file, or texts on the command line, or both; later entries win:
 
     time = { column = "stamp", unit = "ms" }
     arm.force = { column = "Fz", unit = "N", sign = -1 }
@@ -8,9 +8,9 @@ A map is a TOML file, or texts on the command line, or both; later ones win:
 
     time=stamp[ms]  arm.force=-Fz[N]  arm.tip[2]=z_mm
 
-Left of `=` stands the product's own name (or `time`), right of it a column of a CSV file, or topic and field of an
-MCAP file (`/wrench.force.z`, `/joints.position[2]`). Unit and sign belong to the column; without a unit the column's
-name must carry it. A file that is read with a map gives the mapped signals and no others.
+Left of `=` is the product's name (or `time`), right of it a column of a CSV file, or topic and field of an MCAP file
+(`/wrench.force.z`, `/joints.position[2]`). Unit and sign belong to the column; without a unit, the column's name must
+contain one. With a map, only the mapped signals are read.
 """
 
 import difflib
@@ -27,18 +27,18 @@ from twin.kernel.units import UNIT_SYMBOLS, Unit, known_unit, weight_hint
 
 TIME_SIGNAL = "time"
 TIME_NAMES = ("t", "time", "timestamp")
-"""Columns that are the time where no map says so, followed by its unit: `t_s`, `time [ms]`."""
+"""Names of the time column without a map, followed by a unit: `t_s`, `time [ms]`."""
 _ENTRY_KEYS = {"column", "unit", "sign"}
 _BRACKETED_UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*")
 _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
-"""Names whose m is the motor, not the metre."""
+"""Names whose m means the motor, not the metre."""
 
 
 def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
-    """Columns by signal (and `time`) from the texts `NAME=[-]COLUMN[UNIT]` and TOML files in `entries`.
+    """Parse texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`).
 
     Raises:
-        LogRefused: a file that cannot be read, a key or value that makes no entry; all mistakes at once.
+        LogError: an unreadable file, or invalid entries; all errors at once.
     """
     columns: dict[str, MappedColumn] = {}
     mistakes: list[str] = []
@@ -56,10 +56,9 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """Name and unit of a column's name; the unit is empty if it carries none.
+    """Split a column's name into name and unit; the unit is empty if there is none.
 
-    `F [N]` and `F (N)` carry any unit; `F_N` and `speed_rad_per_s` one word, N_m, or one of
-    them per a word.
+    `F [N]` and `F (N)` may have any unit; `F_N` and `speed_rad_per_s` one word, N_m, or words with _per_.
     """
     bracketed = _BRACKETED_UNIT.fullmatch(header)
     # digits in brackets are an index
@@ -67,7 +66,7 @@ def split_unit(header: str) -> tuple[str, str]:
         return bracketed[1], bracketed[2] or bracketed[3]
     words = header.split("_")
     start = len(words) - (3 if len(words) > 3 and words[-2] == "per" else 1)
-    # the newton metre is written in two words, too, as `twin export` does
+    # `twin export` writes the newton metre as two words
     if words[start - 1 : start + 1] == ["N", "m"]:
         start -= 1
     name, text = "_".join(words[:start]), "_".join(words[start:])
@@ -77,14 +76,14 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 def require_unit(text: str, where: str) -> Unit:
-    """The unit that `text` spells.
+    """Parse a unit.
 
     Args:
         text: `mm`, `rad/s`, `deg_per_s`.
-        where: begins the sentence of the refusal: file and column.
+        where: file and column, which begin the error message.
 
     Raises:
-        LogRefused: there is no such unit; it names the nearest.
+        LogError: an unknown unit; the message has the nearest one.
     """
     found = known_unit(text)
     if found is None:
@@ -94,16 +93,16 @@ def require_unit(text: str, where: str) -> Unit:
 
 
 def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COLUMN") -> None:
-    """See whether a signal is in the unit that it is used in.
+    """Check the unit of a signal.
 
     Args:
-        where: begins the sentence of the refusal.
-        name: of the signal.
+        where: begins the error message.
+        name: the signal.
         got, wanted: SI units.
-        column: that a map may name with another unit.
+        column: column for the proposed entry of a map.
 
     Raises:
-        LogRefused: it is not; it says what to write in the map.
+        LogError: another unit, with the entry to write in the map.
     """
     if got != wanted:
         found, used = known_unit(got), known_unit(wanted)
@@ -120,7 +119,7 @@ def map_text(signal: str, column: MappedColumn) -> str:
 
 
 def _parse_column(source: str) -> MappedColumn:
-    """`-Fz[N]` -> Fz, N, -1; an index stays with the name."""
+    """Parse `-Fz[N]` into Fz, N, -1; an index is part of the name."""
     sign, text = (-1 if source.startswith("-") else 1), source
     source = source.removeprefix("-")
     match = re.fullmatch(r"(.+)\[([^\[\]]+)\]", source)
@@ -145,7 +144,7 @@ def _read_map_file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
 def _collect_entries(
     path: Path, prefix: str, table: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]
 ) -> None:
-    """Entries of `table`; unquoted dots in a name have made tables of tables."""
+    """Collect the entries of `table`; unquoted dots in names are nested tables."""
     for key, value in table.items():
         name = f"{prefix}{key}"
         if isinstance(value, str) and value.lstrip("-"):

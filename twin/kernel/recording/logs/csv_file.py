@@ -1,4 +1,4 @@
-"""CSV files as logs: which column of the table is which signal, in which unit, at which times."""
+"""CSV files as logs: signals, units and times of the columns of a table."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,28 +15,28 @@ from twin.kernel.recording.logs.log import Log, LogError, LogSeries, MappedColum
 from twin.kernel.units import Dimension, Unit, known_unit
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
-"""First characters of a cell that spreadsheets take for a formula."""
+"""First characters of a cell that spreadsheets read as a formula."""
 TIME_DIMENSION = Dimension(s=1)
 DATE_PATTERN = re.compile(
     r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?|.*\d{1,2}:\d{2}.*|\d{8}T\d+.*|\d{1,2}[-/. ]+[a-z]{3,}\W+\d{2,4}.*",
     re.IGNORECASE,
 )
-"""A date, a date with a time of day, or a time of day."""
+"""Date, date with time of day, or time of day."""
 
 
 def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str, str] | None = None) -> Log:
-    """The log in the CSV file `path`.
+    """Read a CSV file as a log.
 
-    An empty field means that its column has no sample in that row; a field with NaN is an invalid sample. A column that
-    cannot be read is left out, and refused if it is asked for.
+    An empty field means no sample of its column in that row; NaN is an invalid sample. Unreadable columns are left out,
+    and refused when they are used.
 
     Args:
-        columns: by signal; empty: every column that holds numbers, named as its head says.
-        known: unit by name of signals that the head may name, such as those of the log to compare with.
+        columns: columns by signal; empty for every numeric column, named as in the head.
+        known: unit by name of signals in the head, such as those of the log to compare with.
 
     Raises:
-        LogRefused: no text, no rows, rows of different lengths, a column of the map that is not there or cannot be
-            read, times that do not ascend; every mistake of a kind, each in one sentence.
+        LogError: no text, no rows, rows of different lengths, missing or unreadable columns of the map, times that do
+            not ascend; all errors of a kind, one sentence each.
     """
     table = read_table(path)
     mistakes: list[str] = []
@@ -90,10 +90,10 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
 def _sources(
     table: CsvTable, columns: Mapping[str, MappedColumn], known: Mapping[str, str], mistakes: list[str]
 ) -> tuple[dict[str, MappedColumn], dict[str, str]]:
-    """The columns to read, each with its unit; and signals that are left out -> error message."""
+    """Select the columns to read, with units, and signals that are left out -> error message."""
     sources = {}
     for signal, column in columns.items():
-        # the whole name as it is written, then without unit and sign, then `Fz` finds `Fz_N`, too
+        # the whole name, then without unit and sign, then `Fz` for `Fz_N`
         found = [name for name in (column.text, column.name) if name in table.head][:1]
         found = found or [name for name in table.head if split_unit(name)[0] == column.name]
         if len(found) > 1:
@@ -134,10 +134,10 @@ def _sources(
 
 
 def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return the signal and unit of each name of the head; empty names are skipped.
+    """Return the signal and unit of each name of the head, without empty names.
 
-    A name that `twin export` writes for one of the `known` signals (unit by name) means it, then a name that is one of
-    them as a whole: `i_A` is then no current `i`. Every other name carries its unit, as `split_unit` has it.
+    A name that `twin export` writes for a `known` signal (unit by name) means it, then a name that equals one: `i_A` is
+    not a current `i`. Every other name contains its unit, see `split_unit`.
     """
     exported: dict[str, list[tuple[str, str]]] = {}
     for signal, of_unit in known.items():
@@ -156,9 +156,9 @@ def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[s
 
 
 def heading(name: str, of_unit: str) -> str:
-    """The name of a column in a CSV file of `twin export`: `arm.tip[0]_m`, `axis/1.speed_rad_per_s`.
+    """Return the column name of `twin export`: `arm.tip[0]_m`, `axis/1.speed_rad_per_s`.
 
-    A name that spreadsheets would take for a formula begins with an apostrophe.
+    Names that spreadsheets would read as a formula begin with an apostrophe.
     """
     if of_unit != "1":
         name = f"{name}_{of_unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
@@ -166,7 +166,7 @@ def heading(name: str, of_unit: str) -> str:
 
 
 def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], Unit]:
-    """Numbers of a column (n,), not finite where it has no sample, and its unit."""
+    """Numbers of a column (n,), not finite without a sample, and its unit."""
     factor = _unit_of(table.path, column)
     values = table.column(column.name)
     wrong = table.wrong_fields(column.name)
@@ -181,7 +181,7 @@ def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64],
 
 
 def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Times (s) of the rows that have one, ascending, and which rows these are."""
+    """Times (s) of the rows with a time, ascending, and the indices of these rows."""
     wrong = table.wrong_fields(column.name)
     if wrong and DATE_PATTERN.fullmatch(wrong.text):
         raise LogError(

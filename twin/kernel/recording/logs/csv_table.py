@@ -1,7 +1,7 @@
-"""A CSV file as a table of numbers: fields that are no numbers are kept by line, mistakes are reported with their line.
+"""CSV file as a table of numbers; other fields are kept by line, and errors have line numbers.
 
-Fields are separated by commas, semicolons or tabs, whichever the head holds most of; numbers have a decimal point.
-Lines that start with # are comments; those before the head are kept.
+Fields are separated by commas, semicolons or tabs, whichever is most frequent in the head; numbers have a decimal
+point. Lines that start with # are comments; those before the head are kept.
 """
 
 import codecs
@@ -22,12 +22,12 @@ from twin.kernel.files import foreign_kind, open_regular
 from twin.kernel.recording.logs.log import MAX_QUANTITY, LogError
 
 MAX_FILE_BYTES = 2**30
-"""Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
+"""Maximum size (bytes): four hours of 36 columns at 200 Hz, and about as much memory."""
 FIELD_SEPARATORS = ",;\t"
 MAX_COLUMNS = 2_000
 _BLOCK_BYTES = 2**20
 BLOCK_ROWS = 200
-"""Rows whose numbers are converted together, so that their texts are not all in memory."""
+"""Number of rows converted together, so that not all texts are in memory."""
 INVALID_TEXT = re.compile(
     r"null|none|n/?a|<na>|nil|nat|missing|undefined|-+|\?+"
     r"|#\S+[!?a]"  # spreadsheets: #DIV/0!, #N/A
@@ -43,13 +43,13 @@ SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
 
 @dataclass
 class WrongFields:
-    """Fields of one column that are not finite numbers.
+    """Fields of one column that are no finite numbers.
 
     Attributes:
         count: number of these fields.
-        line, text: the first field with other text than `INVALID_TEXT`, else the first field.
+        line, text: the first field with text other than `INVALID_TEXT`, else the first field.
         empty: number of empty fields.
-        invalid: line of each field with NaN, infinity or a word of `INVALID_TEXT`.
+        invalid: line of each field with NaN, infinity or `INVALID_TEXT`.
         commas: whether a field is a number with a decimal comma.
     """
 
@@ -62,11 +62,11 @@ class WrongFields:
 
     @property
     def texts(self) -> int:
-        """Number of fields with any other text."""
+        """Number of fields with other text."""
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
-        """Count one."""
+        """Count a field."""
         empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _is_float(text)
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
@@ -79,16 +79,16 @@ class WrongFields:
 
 @dataclass(frozen=True)
 class CsvTable:
-    """A CSV file.
+    """Table of a CSV file.
 
     Attributes:
-        path: of the file.
-        comments: lines before the head, without their #.
+        path: the file.
+        comments: lines before the head, without #.
         head: names of the columns.
-        values: (rows, columns); NaN where a field is no finite number.
-        wrong: of the columns that have such fields, by position.
+        values: numbers (rows, columns); NaN for other fields.
+        wrong: wrong fields by position of the column.
         lines: line number of each row, from 1.
-        notes: what is missing of the file.
+        notes: notes on missing data.
     """
 
     path: Path
@@ -100,43 +100,43 @@ class CsvTable:
     notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """The numbers of the column `name`.
+        """Numbers of the column `name`.
 
         Raises:
-            LogRefused: two columns have that name.
+            LogError: two columns have that name.
         """
         if self.head.count(name) > 1:
             raise LogError(f"{self.path}: two columns are named '{name}'; expected different names")
         return self.values[:, self.head.index(name)]
 
     def wrong_fields(self, name: str) -> WrongFields | None:
-        """What of the column `name` is no number; None: nothing."""
+        """Wrong fields of the column `name`; None if there are none."""
         return self.wrong.get(self.head.index(name))
 
     def is_numbers(self, name: str) -> bool:
-        """Whether every field of the column `name` that has text is a number, and at least one is."""
+        """Whether all non-empty fields of the column `name` are numbers, and at least one exists."""
         wrong = self.wrong_fields(name)
         return wrong is None or (not wrong.texts and wrong.count < len(self.values))
 
     def is_words(self, name: str) -> bool:
-        """Whether no field of the column `name` is a number, and some are text."""
+        """Whether the column `name` has text and no numbers."""
         wrong = self.wrong_fields(name)
         return wrong is not None and wrong.count == len(self.values) and wrong.texts > 0 and not wrong.commas
 
 
 def read_table(path: Path) -> CsvTable:
-    """The CSV file at `path`.
+    """Read a CSV file as a table.
 
     Raises:
         InputRefused: no regular file, or too large.
-        LogRefused: no text, no rows, rows of different lengths, in one sentence.
+        LogError: no text, no rows, or rows of different lengths.
     """
     with open_regular(path, MAX_FILE_BYTES) as file:
         return parse_table(path, file)
 
 
 def parse_table(path: Path, file: BinaryIO) -> CsvTable:
-    """The CSV in `file`; `path` is what sentences call it. Errors as of `read_table`."""
+    """Parse CSV from `file`; `path` is its name in error messages. Errors as of `read_table`."""
     end = _end_of_text(path, file)
     file.seek(end - 1)
     ended = file.read(1) in (b"\n", b"\r")
@@ -162,13 +162,13 @@ def parse_table(path: Path, file: BinaryIO) -> CsvTable:
                 _numbers(column, numbers, position, wrong) for position, column in enumerate(zip(*texts, strict=True))
             ]
             values.frombytes(np.stack(parts, axis=1).tobytes())
-    # so that the file stays open
+    # keeps the file open
     text.detach()
     notes: tuple[str, ...] = ("zeros at its end are left out",) if zeros else ()
     odd = wrong.get(len(head) - 1)
     broken = not ended and last[1] == len(head) and odd is not None and (odd.texts, odd.line) == (1, last[0])
     if broken or (ragged == 1 and not ended and last[1] < len(head)):
-        # a logger that was killed leaves half a line
+        # a killed logger leaves half a line
         ragged = 0 if not broken else ragged
         notes = (*notes, f"line {last[0]}, the last one, is cut short and left out")
     if broken:
@@ -189,10 +189,10 @@ def parse_table(path: Path, file: BinaryIO) -> CsvTable:
 
 
 def _end_of_text(path: Path, file: BinaryIO) -> int:
-    """Read `file` once to see that it is text; the number of bytes before zeros that a crash left at its end.
+    """Check that `file` is text, and return its size without the zeros that a crash left at its end.
 
     Raises:
-        LogRefused: it is something else, or empty.
+        LogError: no text, or empty.
     """
     decoder, place, end, empty = codecs.getincrementaldecoder("utf-8")(), 0, 0, True
     while True:
@@ -219,10 +219,10 @@ def _end_of_text(path: Path, file: BinaryIO) -> int:
 
 
 def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], str, Iterator[tuple[list[str], int]]]:
-    """(comments, names of the columns, separator, rows after the head as `_rows` gives them) of the lines of `text`.
+    """Parse (comments, names of the columns, separator, rows of `_rows`) from lines of text.
 
     Raises:
-        LogRefused: there is no head, or one that names no table.
+        LogError: no head, or no table.
     """
     comments: list[str] = []
     before, line = 0, ""
@@ -252,11 +252,11 @@ def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], 
 
 
 def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iterator[tuple[list[str], int]]:
-    """(fields, number of the line) of each row that is not blank; `before` lines have been read."""
+    """Yield (fields, line number) of each row that is not blank, after `before` lines."""
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         for row in reader:
-            # the first field is looked at by itself: nearly always it is the time
+            # check the first field separately, since it is nearly always the time
             if row and (row[0].strip() or any(text.strip() for text in row)) and not COMMENT_LINE.match(row[0]):
                 yield row, reader.line_num + before
     except csv.Error as problem:
@@ -264,12 +264,12 @@ def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iter
 
 
 def more_text(others: int, what: str) -> str:
-    """` (and 2 more such rows)`."""
+    """Format ` (and 2 more such rows)`."""
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
 def _is_float(text: str) -> bool:
-    """Whether `text` spells a number for Python, also NaN, infinity or one that no quantity has."""
+    """Whether Python parses `text` as a float, including NaN, infinity and values beyond any quantity."""
     try:
         float(text)
     except ValueError:
@@ -278,7 +278,7 @@ def _is_float(text: str) -> bool:
 
 
 def _number(text: str) -> float | None:
-    """The finite number that `text` spells; None if it spells none, or one that no quantity has."""
+    """Parse a finite number; None for other text, and for values beyond any quantity."""
     try:
         value = float(text)
     except ValueError:
@@ -289,10 +289,10 @@ def _number(text: str) -> float | None:
 def _numbers(
     texts: Sequence[str], lines: Sequence[int], position: int, wrong: dict[int, WrongFields]
 ) -> NDArray[np.float64]:
-    """The numbers that `texts` of the column at `position` spell, NaN where one does not, which `wrong` notes."""
+    """Parse the texts of the column at `position`; NaN for invalid ones, which are added to `wrong`."""
     try:
         values = np.fromiter(map(float, texts), np.float64, len(texts))
-        # nan is no number either
+        # also false for NaN
         if np.all(np.abs(values) <= MAX_QUANTITY):
             return values
     except ValueError:

@@ -1,7 +1,7 @@
-"""Messages of others' logs as numbers: protobuf by the schema in the file, JSON as it is, CDR of ROS 2.
+"""Decoding of foreign messages: protobuf by the schema in the file, JSON, CDR of ROS 2.
 
-Encodings: https://mcap.dev/spec/registry; CDR: OMG DDSI-RTPS 10.2. mcap-protobuf-support and rosbags decode; what a
-definition may ask of them is bounded here. Units are those of REP 103.
+Encodings: https://mcap.dev/spec/registry; CDR: OMG DDSI-RTPS 10.2. mcap-protobuf-support and rosbags decode; the cost
+of a definition is bounded here. Units are those of REP 103.
 """
 
 import json
@@ -23,11 +23,11 @@ from twin.kernel.errors import nearest
 
 Decoder = Callable[[bytes], Any]
 SECOND_FIELDS, NANOSECOND_FIELDS = ("seconds", "sec", "secs"), ("nanos", "nanosec", "nsec", "nsecs")
-"""Parts of a stamp: google.protobuf.Timestamp, ROS 2 and ROS 1."""
+"""Fields of a stamp: google.protobuf.Timestamp, ROS 2 and ROS 1."""
 LABEL_FIELDS = ("name", "names", "joint_names")
-"""Fields with the names of the elements of the arrays beside them: JointState, and messages of ros2_control."""
+"""Fields with the names of the elements of sibling arrays: JointState, and messages of ros2_control."""
 MAX_SCHEMA_BYTES = 2**20
-"""Bytes of a protobuf schema; all types in it are made, some 30 us each, of 6 bytes at least."""
+"""Maximum size of a protobuf schema (bytes); all its types are created, 30 us each, of at least 6 bytes."""
 
 ROS_ENCODINGS = ("ros2msg", "ros2idl")
 ROSBAGS_REMEDY = (
@@ -38,14 +38,14 @@ MISSING_TYPE_REMEDY = (
     "those of the types in it"
 )
 MAX_DEFINITION_LENGTH = 2**18
-"""Letters; a type with all that it is made of has some thousands."""
+"""Maximum length of a definition (characters); usual ones have some thousands."""
 MAX_MESSAGE_BYTES = 2**26
-"""Bytes of a message that was packed."""
+"""Maximum size of a decompressed message (bytes)."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_PARTS = 4096
-"""Strings and messages in arrays of fixed length, in all of a definition; arrays of numbers may have any length."""
+"""Maximum number of strings and messages in fixed-size arrays of a definition; number arrays may have any length."""
 MAX_DEPTH = 24
-"""Messages within each other."""
+"""Maximum nesting of messages."""
 
 FIELD_UNITS = {
     ("sensor_msgs/msg/JointState", "position"): "rad",
@@ -63,18 +63,18 @@ FIELD_UNITS = {
     ("sensor_msgs/msg/Imu", "angular_velocity"): "rad/s",
     ("sensor_msgs/msg/Imu", "linear_acceleration"): "m/s2",
 }
-"""Of what lies at or below a field of a type: REP 103, and for joints that turn the comments of JointState."""
+"""Unit at or below a field of a type: REP 103, and for revolute joints the comments of JointState."""
 
-# a constant of IDL is worked out as it is read: powers grow without end, and brackets take twice the time each
+# IDL constants are evaluated while parsing: powers grow without limit, and each bracket doubles the time
 _COSTLY_CONSTANT = re.compile(r"<<|\*|\([^()]*\(")
 _TEXT_OR_COMMENT = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
 PATH_PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
-    """What makes a message of `channel` from its bytes; None for an encoding that is not read.
+    """Create the decoder of a channel's messages; None for an unsupported encoding.
 
-    The decoder raises ValueError for bytes that are no such message; this function raises it for such a schema.
+    The decoder raises ValueError for invalid bytes, this function for an invalid schema.
     """
     if channel.message_encoding == "json":
         return _decode_json
@@ -86,7 +86,7 @@ def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
         raise ValueError(f"its schema {schema.name} has {len(schema.data)} bytes, more than {MAX_SCHEMA_BYTES}")
     try:
         decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-    # the last two: what a schema asks for that contradicts itself, or imports itself
+    # the last two: contradictory or recursive schemas
     except (DecodeError, McapError, KeyError, TypeError, RecursionError) as problem:
         raise ValueError(f"its schema {schema.name} cannot be used: {problem}") from None
     if decode is None:
@@ -109,14 +109,14 @@ def _decode_json(data: bytes) -> Any:
 
 
 def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
-    """What makes a message of type `name` from its CDR bytes; it raises ValueError for bytes that are none.
+    """Create the decoder of CDR messages of type `name`; it raises ValueError for invalid bytes.
 
     Args:
-        name: of the type, `sensor_msgs/msg/JointState`.
-        encoding: one of `ROS_ENCODINGS`; anything where the definition is empty, which then is ROS 2's own.
+        name: name of the type, `sensor_msgs/msg/JointState`.
+        encoding: one of `ROS_ENCODINGS`; ignored for ROS 2's own types, whose definition is empty.
 
     Raises:
-        ValueError: rosbags is not installed; a definition that is none, is lacking or asks for too much.
+        ValueError: rosbags is not installed, or an invalid, missing or too costly definition.
     """
     try:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -131,7 +131,7 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
         wrong = "cannot be used"
         store.register({one: known[one] for one in _type_closure(name, known) if one not in store.fielddefs})
         store.get_msgdef(name)
-    # of a definition that is none rosbags raises whatever it stumbles over
+    # rosbags raises various exceptions for invalid definitions
     except Exception as problem:
         what = problem if isinstance(problem, _DefinitionError) else wrong
         raise ValueError(f"the definition of {name} in the file {what}") from None
@@ -148,7 +148,7 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
 
 
 def is_known(name: str) -> bool:
-    """Whether ROS 2 itself has the type `name`, so that it needs no definition; False without rosbags, too."""
+    """Whether ROS 2 defines the type `name`; false without rosbags."""
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
@@ -157,7 +157,7 @@ def is_known(name: str) -> bool:
 
 
 def unit_of(message: Any, parts: Sequence[str | int]) -> str:
-    """The unit that `FIELD_UNITS` gives the field at `parts` of a decoded message; empty if none."""
+    """Unit of `FIELD_UNITS` for the field at `parts` of a decoded message; empty if there is none."""
     unit, value = "", message
     for part in parts:
         kind = getattr(value, "__msgtype__", None)
@@ -169,7 +169,7 @@ def unit_of(message: Any, parts: Sequence[str | int]) -> str:
 
 
 class _DefinitionError(ValueError):
-    """What a definition may not be, as the end of a sentence about it."""
+    """Invalid definition; the text completes a sentence."""
 
 
 def _definition_text(definition: bytes, encoding: str) -> str:
@@ -184,7 +184,7 @@ def _definition_text(definition: bytes, encoding: str) -> str:
 
 
 def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
-    """The type `name` and all that it is made of."""
+    """The type `name` and all types in it."""
     parts, found, level = 0, [name], [name]
     for _ in range(MAX_DEPTH):
         inner = []
@@ -204,7 +204,7 @@ def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
 
 
 def _members(fields: Any) -> Iterator[tuple[str, int]]:
-    """Of each field the type of message, "" for anything else, and how many a fixed array has."""
+    """Message type ("" for others) and fixed array length of each field."""
     from rosbags.interfaces import Nodetype
 
     for _, (node, what) in fields:
@@ -220,7 +220,7 @@ def _members(fields: Any) -> Iterator[tuple[str, int]]:
 
 
 def _decompress(data: bytes) -> bytes:
-    """`data`, unpacked if the recorder packed every message by itself, which CDR cannot be mistaken for."""
+    """Decompress `data` if the recorder compressed single messages; CDR cannot be mistaken for it."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     if zstandard.frame_content_size(data) > MAX_MESSAGE_BYTES:
@@ -239,21 +239,21 @@ def _decode_problem(data: bytes) -> str:
 
 
 class UnknownElement(LookupError):
-    """A message has no such element; another one of the topic may have."""
+    """Element that a message lacks, but another of the topic may have."""
 
 
 def path_parts(path: str) -> tuple[str | int, ...]:
-    """`joints.position[2]` -> joints, position, 2; a name with dots may stand in quotes: `position."arm.knee"`."""
+    """Split `joints.position[2]` into joints, position, 2; names with dots may be quoted: `position."arm.knee"`."""
     return tuple(int(index) if index else quoted or name for quoted, name, index in PATH_PART.findall(path))
 
 
 def path_text(parts: Sequence[str | int]) -> str:
-    """`joints.position[2]` of its parts."""
+    """Join parts to `joints.position[2]`."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
 def field_value(message: Any, parts: Sequence[str | int]) -> float:
-    """The number (or stamp, in s) of a message at `force.z`, `position[2]`, `header.stamp`, as `path_parts` has it.
+    """Return the number (or stamp, in s) of a message at `force.z`, `position[2]` or `header.stamp`; see `path_parts`.
 
     `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
     path may be one name, such as `arm.knee`.
@@ -281,7 +281,7 @@ def field_value(message: Any, parts: Sequence[str | int]) -> float:
         if isinstance(value, Mapping) and len(parts) > k + 1 and (rest := path_text(parts[k:])) in value:
             value = value[rest]
             break
-        # what Python keeps for itself is spelt with a dash below in a dataclass
+        # Python keywords have a trailing underscore in a dataclass
         part = f"{part}_" if keyword.iskeyword(part) and f"{part}_" in names else part
         if part not in names:
             text = f"it has {', '.join(names)}" if names else f"nothing lies below '{path_text(parts)}'"
@@ -318,7 +318,7 @@ def _element(value: Any, index: int) -> Any:
 
 
 def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> tuple[Any, bool]:
-    """Element of the array `value` named `rest`, else `name`, by the names in the nearest message `around` it.
+    """Element of the array `value` named `rest`, else `name`, by the names in the nearest enclosing message.
 
     Returns:
         The element, and whether its name is `rest`.
@@ -338,11 +338,11 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
 
 
 def _field_names(value: Any) -> Collection[str]:
-    """Names of the fields of a message, none of anything else."""
+    """Field names of a message; empty for other values."""
     if isinstance(value, Mapping):
         return value
     if is_dataclass(value):
-        # rosbags keeps the type beside the fields
+        # rosbags stores the type as another attribute
         return [name for name in vars(value) if name != "__msgtype__"]
     return value.DESCRIPTOR.fields_by_name if isinstance(value, Message) else ()
 

@@ -1,4 +1,4 @@
-"""A log in memory: series in SI units by the product's own names, and where samples of them are missing."""
+"""Log in memory: series in SI units by signal, and their missing samples."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,33 +13,33 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused, nearest
 
 MAX_QUANTITY = 1e100
-"""No quantity of a robot is larger, and its square is still a number."""
+"""Maximum value of a quantity, whose square is still finite."""
 GAP_RATIO = 1.5
-"""An interval longer than this many median intervals is a gap: at least one sample was lost."""
+"""Minimum length of a gap in median intervals: at least one sample is missing."""
 MIN_REGULAR_SHARE = 0.6
-"""Share of intervals within half of the median that makes sampling regular. A clock that loses three samples in ten
-at random keeps 0.7 of them; points placed at random have 0.35 (intervals of a Poisson process)."""
+"""Minimum share of intervals within half of the median for regular sampling. A clock that loses three samples in ten at
+random keeps 0.7; random points have 0.35 (intervals of a Poisson process)."""
 
 
 MAX_INVALID_SHARE = 0.05
-"""Largest share of the samples of a needed signal that may be NaN, null or infinite."""
+"""Maximum share of NaN, null or infinite samples of a needed signal."""
 
 
 class LogError(InputRefused):
-    """A log or its column map cannot be used: which file, where in it, what was found, what was expected."""
+    """Unusable log or column map; the message has the place, the value found, and the expected one."""
 
 
 class NoNumbers(LogError):
-    """A signal is in the log, but with fewer than two numbers."""
+    """Signal with fewer than two numbers in the log."""
 
 
 @dataclass(frozen=True)
 class MappedColumn:
-    """Where a signal comes from: value in SI = sign * value in `unit`.
+    """Origin of a signal: value in SI = sign * value in `unit`.
 
     Attributes:
-        name: of the column.
-        unit: as the user wrote it; empty: the column's name carries it.
+        name: name of the column.
+        unit: unit as the user wrote it; empty if the column's name contains it.
         sign: 1 or -1.
         text: name, unit and sign as one text, if written so: a column may have that very name.
     """
@@ -51,12 +51,12 @@ class MappedColumn:
 
 
 class Sampling(NamedTuple):
-    """How a series is sampled.
+    """Sampling of a series.
 
     Attributes:
-        period: median interval, s.
-        regular: whether it has a clock; without one no interval is a gap.
-        gaps: start and end (s) of each interval in which samples are missing, (k, 2).
+        period: median interval (s).
+        regular: whether the intervals are regular; otherwise there are no gaps.
+        gaps: start and end (s) of each interval with missing samples, (k, 2).
     """
 
     period: float
@@ -65,12 +65,12 @@ class Sampling(NamedTuple):
 
     @property
     def missing(self) -> int:
-        """How many samples the gaps have swallowed."""
+        """Number of missing samples."""
         return int(np.sum(np.rint(np.diff(self.gaps, axis=1) / self.period) - 1)) if len(self.gaps) else 0
 
     @property
     def note(self) -> str:
-        """What is missing, as half a sentence; empty if nothing is."""
+        """Half a sentence on missing samples; empty if none are missing."""
         if not len(self.gaps):
             return ""
         lengths = self.gaps[:, 1] - self.gaps[:, 0]
@@ -83,17 +83,17 @@ class Sampling(NamedTuple):
 
 
 def sampling(t: NDArray[np.float64]) -> Sampling:
-    """How the strictly ascending times t (n,), n >= 2, in s, are spaced."""
+    """Determine the sampling of strictly ascending times t (n,), n >= 2, in s."""
     intervals = np.diff(t)
     period = float(np.median(intervals))
     regular = bool(np.mean(np.abs(intervals - period) <= 0.5 * period) >= MIN_REGULAR_SHARE)
-    # round-off of large stamps must not decide
+    # tolerate round-off of large stamps
     wide = np.flatnonzero(intervals > GAP_RATIO * period * (1.0 + 1e-6)) if regular else np.empty(0, dtype=int)
     return Sampling(period, regular, np.stack([t[wide], t[wide + 1]], axis=1))
 
 
 def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of the times t (n,) lie strictly inside one of the `gaps` (k, 2), which are in order."""
+    """Whether each of the times t (n,) is strictly inside one of the ascending `gaps` (k, 2)."""
     if not len(gaps):
         return np.zeros(len(t), dtype=bool)
     last = np.searchsorted(gaps[:, 0], t, side="left") - 1
@@ -106,9 +106,9 @@ class LogSeries:
 
     Attributes:
         t: times of the samples, s, strictly ascending, (n,).
-        values: in `unit`, (n,), or (n, k) from `Log.vector`.
-        unit: SI, as recordings write it: `N`, `rad/s`, `1`.
-        invalid: times (s) of further samples, which were NaN, null or infinite, ascending.
+        values: values in `unit`, (n,), or (n, k) from `Log.vector`.
+        unit: SI unit as in recordings: `N`, `rad/s`, `1`.
+        invalid: times (s) of further samples that were NaN, null or infinite, ascending.
     """
 
     t: NDArray[np.float64]
@@ -118,11 +118,11 @@ class LogSeries:
 
     @cached_property
     def sampling(self) -> Sampling:
-        """How it is sampled and what is missing; n >= 2."""
+        """Sampling and missing samples; n >= 2."""
         return sampling(self.t)
 
     def clip(self, start: float, end: float) -> "LogSeries":
-        """The samples from `start` to `end` (s)."""
+        """Select the samples from `start` to `end` (s)."""
         use = (self.t >= start) & (self.t <= end)
         invalid = self.invalid[(self.invalid >= start) & (self.invalid <= end)]
         return self if np.all(use) else LogSeries(self.t[use], self.values[use], self.unit, invalid)
@@ -137,7 +137,7 @@ def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> N
         invalid, samples: number of invalid samples, and of all.
 
     Raises:
-        LogRefused: more than `MAX_INVALID_SHARE` of them are invalid.
+        LogError: more than `MAX_INVALID_SHARE` of them are invalid.
     """
     if invalid > MAX_INVALID_SHARE * samples:
         raise LogError(
@@ -147,10 +147,10 @@ def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> N
 
 
 def join_rows(parts: Sequence[LogSeries]) -> LogSeries:
-    """Put samples of several series that belong together into rows (n, k), at the times of the first series.
+    """Join samples of several series to rows (n, k), at the times of the first series.
 
-    Sources stamp samples of one moment a little apart, so the samples nearest to each other form a row if they are less
-    than half a period apart. Times at which a series has no sample are left out.
+    Sources stamp related samples slightly apart: mutually nearest samples less than half a period apart form a row.
+    Times without a sample of every series are left out.
     """
     t = parts[0].t
     reach = 0.5 * float(np.median(np.diff(t)))
@@ -159,7 +159,7 @@ def join_rows(parts: Sequence[LogSeries]) -> LogSeries:
     if any(len(part.t) != len(t) or np.any(part.t != t) for part in parts):
         places = np.stack([_nearest_index(part.t, t) for part in parts], axis=1)
         apart = np.stack([np.abs(part.t[k] - t) for part, k in zip(parts, places.T, strict=True)], axis=1)
-        # of two times that are nearest to one sample only the nearer one has it
+        # if one sample is nearest to two times, only the nearer time gets it
         mutual = [_nearest_index(t, part.t)[k] == np.arange(len(t)) for part, k in zip(parts, places.T, strict=True)]
         rows = np.flatnonzero(np.all(apart < reach, axis=1) & np.all(mutual, axis=0))
         values = [part.values[k[rows]] for part, k in zip(parts, places.T, strict=True)]
@@ -170,21 +170,21 @@ def join_rows(parts: Sequence[LogSeries]) -> LogSeries:
 
 
 def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Index of the one of the ascending times `of` that is nearest to each of `t`."""
+    """Index of the nearest of the ascending times `of` for each of `t`."""
     after = np.clip(np.searchsorted(of, t), 1, len(of) - 1)
     return after - (t - of[after - 1] <= of[after] - t)
 
 
 @dataclass(frozen=True, repr=False)
 class Log:
-    """What a file holds: `log["arm.force"]`, `log.vector("arm.tip")`.
+    """Contents of a log: `log["arm.force"]`, `log.vector("arm.tip")`.
 
     Attributes:
-        path: of the file.
+        path: the file.
         series: scalar series by name; a component of a vector is `arm.tip[2]`.
-        notes: sentences on what is incomplete: samples that are missing, an end that is cut off.
+        notes: sentences on missing data: missing samples, a truncated end.
         comments: lines of the file's head that start with #, without it.
-        left_out: signal that the file has but that cannot be read -> error message.
+        left_out: unreadable signal of the file -> error message.
         columns: column of each signal; empty for a recording of twin.
     """
 
@@ -196,10 +196,10 @@ class Log:
     columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
-        """The scalar series `name`.
+        """Return the scalar series `name`.
 
         Raises:
-            LogRefused: there is none, or it cannot be read; it names the nearest ones.
+            LogError: missing, with the nearest names, or unreadable.
         """
         if name in self.left_out:
             raise LogError(self.left_out[name])
@@ -208,15 +208,15 @@ class Log:
         return self.series[name]
 
     def vector(self, name: str) -> LogSeries:
-        """The components `name[0]`, `name[1]`, ... as one series of values (n, k).
+        """Return the components `name[0]`, `name[1]`, ... as one series of values (n, k).
 
         Raises:
-            LogRefused: there are none, one is left out, or they differ in unit or have no times in common.
+            LogError: missing or unreadable components, or components that differ in unit or have no times in common.
         """
         names = [*self.series, *self.left_out]
         indices = sorted(int(m[1]) for key in names if (m := re.fullmatch(re.escape(name) + r"\[(\d+)\]", key)))
         if not indices:
-            # the sentence about the nearest names is the same as for a scalar
+            # raises the error of a missing scalar
             self[f"{name}[0]"]
         if indices != list(range(len(indices))):
             raise LogError(f"{self.path}: '{name}' has components {indices}, expected all from 0 on")

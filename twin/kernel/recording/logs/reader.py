@@ -1,4 +1,4 @@
-"""Reading a log, whatever kind of file it is."""
+"""Reader of logs of any kind."""
 
 import math
 import os
@@ -21,9 +21,9 @@ from twin.kernel.recording.logs.topics import MCAP_MAGIC, read_mcap, written_by_
 from twin.kernel.recording.reader import Recording, read
 
 WALL_CLOCK = 1e8
-"""Later than three years (s) no log starts; such a time counts from 1970."""
+"""Minimum time of a wall clock (s since 1970); a log's own time is below three years."""
 MAX_NAMED_BAGS = 5
-"""Maximum number of bags that are named in a sentence."""
+"""Maximum number of bags in an error message."""
 
 
 def read_log(
@@ -32,18 +32,18 @@ def read_log(
     part: tuple[float | None, float | None] = (None, None),
     known: Mapping[str, str] | None = None,
 ) -> Log:
-    """The log in `path`.
+    """Read a log.
 
     Args:
-        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a
-            bag of ROS 2 (its folder or one of its files), or a CSV file.
-        columns: by signal, from `column_map`; a recording of twin has names and units of its own and heeds none.
+        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a bag of ROS 2
+            (its folder or one of its files), or a CSV file.
+        columns: columns by signal, from `column_map`; ignored for a recording of twin.
         part: start and end (s) of the part to read, by the log's time, None for its own; times of a wall clock count
             from the first one.
-        known: unit by name of signals that a CSV file's names may mean, see `read_csv`.
+        known: unit by name of signals in a CSV file, see `read_csv`.
 
     Raises:
-        LogRefused, RecordingRefused: missing, empty, damaged, foreign without a map, or of columns that are wrong.
+        LogError, RecordingRefused: missing, empty, damaged, foreign without a map, or with invalid columns.
     """
     path = Path(path)
     match kind_of(path):
@@ -59,7 +59,7 @@ def read_log(
 
 
 class LogKind(Enum):
-    """What kinds of logs there are: a recording of twin, a bag of ROS 2, another MCAP file, a table."""
+    """Kind of a log: a recording of twin, a bag of ROS 2, another MCAP file, a table."""
 
     RECORDING = auto()
     BAG = auto()
@@ -68,7 +68,7 @@ class LogKind(Enum):
 
 
 def kind_of(path: Path) -> LogKind:
-    """Which kind of log `path` is, by what it begins with.
+    """Determine the kind of a log from its first bytes.
 
     Raises:
         InputRefused: missing, no regular file, or an MCAP file by its name alone.
@@ -92,12 +92,12 @@ def kind_of(path: Path) -> LogKind:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether `path` means a recording of twin, which heeds no column map.
+    """Whether `path` means a recording of twin, which needs no column map.
 
     Raises:
-        LogRefused: a folder without a recording, but with bags in it.
+        LogError: a folder with bags, but without a recording.
     """
-    # not Path.exists, which raises for a name that is too long
+    # Path.exists would raise for a too long name
     if is_bag(path):
         return False
     if os.path.isdir(path) and (bags := [str(one) for one in sorted(path.iterdir()) if one.is_dir() and is_bag(one)]):
@@ -111,10 +111,11 @@ def is_recording(path: Path) -> bool:
 
 
 def recording_log(recording: Recording) -> Log:
-    """A recording of twin as a log; flags and counts become numbers. Topics of fewer than two samples are left out.
+    """Convert a recording of twin to a log; flags and counts become numbers. Topics with fewer than two samples are
+    left out.
 
     Raises:
-        LogRefused: it holds no samples.
+        LogError: no samples.
     """
     series: dict[str, LogSeries] = {}
     for key, field in recording.fields().items():
@@ -131,10 +132,10 @@ def recording_log(recording: Recording) -> Log:
 
 
 def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """The `part` of `log`; series with fewer than two samples in it are left out.
+    """Select the `part` of a log; series with fewer than two samples in it are left out.
 
     Raises:
-        LogRefused: no series has samples in it.
+        LogError: no samples in the part.
     """
     if part == (None, None):
         return log
@@ -147,10 +148,10 @@ def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def interval(where: Path | str, part: tuple[float | None, float | None]) -> tuple[float, float]:
-    """Return start and end (s) of a part of a log, infinite where they are not given.
+    """Return start and end (s) of a part of a log; infinite if not given.
 
     Raises:
-        LogRefused: the start is not before the end.
+        LogError: the start is not before the end.
     """
     start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
     if not start < end:
@@ -159,17 +160,17 @@ def interval(where: Path | str, part: tuple[float | None, float | None]) -> tupl
 
 
 def no_samples_error(where: Path | str, start: float, end: float, first: float, last: float) -> LogError:
-    """Return the refusal of a part (s) without samples of a log from `first` to `last` (s)."""
+    """Create the error for a part (s) without samples of a log from `first` to `last` (s)."""
     return LogError(f"{where}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
 
 
 def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """The `part` of `log` with times of a wall clock counted from its first sample, and notes on missing samples."""
+    """Count times of a wall clock from the first sample, select the `part`, and add notes on missing samples."""
     notes = list(log.notes)
     series = log.series
     start = min(float(one.t[0]) for one in series.values())
     if start > WALL_CLOCK:
-        # one array for all that share one, so that they still do
+        # keep shared time arrays shared
         shifted = {id(one.t): one.t - start for one in series.values()}
         series = {name: replace(one, t=shifted[id(one.t)], invalid=one.invalid - start) for name, one in series.items()}
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
@@ -187,7 +188,7 @@ def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def _date(seconds: float) -> str:
-    """Calendar time of a Unix time stamp, UTC."""
+    """Format a Unix time stamp as UTC."""
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):

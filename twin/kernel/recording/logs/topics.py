@@ -1,7 +1,4 @@
-"""Topics of a log: their messages as they lie in the file, and the series that a column map takes from them.
-
-Of MCAP files of any writer (https://mcap.dev/spec) they are read here.
-"""
+"""Topics of a log: their messages, the series of a column map, and the reader of MCAP files (https://mcap.dev/spec)."""
 
 import struct
 import zlib
@@ -30,22 +27,22 @@ from twin.kernel.units import Dimension, Unit
 
 NS_PER_S = 1e9
 STAMP_FIELD = "header.stamp"
-"""Of a message of ROS 2 that has one."""
+"""Stamp of a ROS 2 message."""
 MAX_CLOCK_DIFFERENCE = 1.0
-"""Log times and stamps that are further apart (s) are not taken for those of one clock."""
+"""Maximum difference of log times and stamps of one clock (s)."""
 MAX_OVERTAKING, MAX_OVERTAKING_PERIODS = 0.1, 10.0
-"""Messages may overtake each other by less than `MAX_OVERTAKING` (s) or so many of their periods, whichever is more; what goes
-back further was started anew. Two publishers and a network come to some milliseconds."""
+"""Maximum reordering of messages (s, and in periods; the larger holds): times that go back further are a restart. Two
+publishers and a network cause some milliseconds."""
 MAX_STAMP_DELAY, MAX_DELAY_DRIFT = 0.1, 0.02
-"""Stamps of the clock of the log are this much (s) behind it at most, and their delay changes by less than `MAX_DELAY_DRIFT`; a
-camera is as late, a robot's drive is not."""
+"""Maximum delay of stamps behind log times of the same clock, and maximum change of the delay (s): a camera has such a
+delay, a robot's drive has not."""
 END_DIVISOR = 8
-"""Of the messages, this part at either end tells what a delay is there."""
+"""Divisor of the messages at either end from which the delay there is computed."""
 MCAP_MAGIC = MCAP0_MAGIC
 _PREFIX_STRUCT, _MESSAGE_STRUCT = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
+"""Head of every record, and of a message record: https://mcap.dev/spec#message-op0x05."""
 MAX_RECORD_BYTES, MAX_HEADER_BYTES = 2**30, 2**20
-"""Bytes; a damaged length must not ask for any amount of memory."""
+"""Maximum sizes (bytes), since a damaged length must not allocate any amount of memory."""
 
 
 @dataclass
@@ -53,14 +50,14 @@ class LoggedTopic:
     """Messages of one topic.
 
     Attributes:
-        channel, schema: as in an MCAP file.
-        times: log times, ns, in the order of the file.
-        data: of the messages; empty if no column is of this topic.
+        channel, schema: channel and schema of an MCAP file.
+        times: log times (ns), in the order of the file.
+        data: bytes of the messages; empty if no column is of this topic.
     """
 
     channel: Channel
     schema: Schema | None
-    # a list of numbers takes five times the memory
+    # an array needs a fifth of a list's memory
     times: "array[int]" = field(default_factory=lambda: array("Q"))
     data: list[bytes] = field(default_factory=list)
 
@@ -76,21 +73,21 @@ def maps_topic(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
 
 
 def topic_of(column: MappedColumn, topics: Iterable[str]) -> str | None:
-    """Which of `topics` the column is of; None: of none of them."""
+    """The one of `topics` that a column is of; None if there is none."""
     return max((name for name in topics if column.name.startswith(f"{name}.")), key=len, default=None)
 
 
 def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path | str) -> Unit:
-    """The unit of a column: the map's, or that of the message's type, or that in the field's name, or a number.
+    """Unit of a column: of the map, else of the message's type, else in the field's name, else 1.
 
     Raises:
-        LogRefused: there is no such unit; the sentence begins with `where`.
+        LogError: an unknown unit; the message begins with `where`.
     """
     return require_unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
 
 
 def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
-    """Topics by name; the messages of several publishers of a topic come in order of time."""
+    """Merge messages of several publishers of a topic, in order of time; topics by name."""
     topics: dict[str, LoggedTopic] = {}
     for topic in found:
         same = topics.setdefault(topic.channel.topic, topic)
@@ -105,17 +102,17 @@ def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
 def log_from_topics(
     path: Path, topics: Mapping[str, LoggedTopic], columns: Mapping[str, MappedColumn], notes: Sequence[str] = ()
 ) -> Log:
-    """The series that `columns` take from `topics`.
+    """Create a log of the series that `columns` select from `topics`.
 
     Args:
-        path: of the log.
-        columns: by signal; `/TOPIC.FIELD.FIELD[INDEX]`. `time` is a field of the mapped messages; without it the log
-            time.
-        notes: on what is missing of the log.
+        path: path of the log.
+        columns: columns by signal, `/TOPIC.FIELD.FIELD[INDEX]`. `time` is a field of the mapped messages; without it
+            log times are used.
+        notes: notes on missing data.
 
     Raises:
-        LogRefused: no map, a topic or field that is not there, an encoding that is not read, values that are no finite
-            numbers, times that do not ascend or start anew; every mistake, each in one sentence.
+        LogError: no map, missing topics or fields, unsupported encodings, values that are not finite, times that do not
+            ascend or restart; all errors, one sentence each.
     """
     there = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items())
     if not any(topic.times for topic in topics.values()):
@@ -158,9 +155,9 @@ def _readings(
     sources: Mapping[str, Mapping[str, str]],
     mistakes: list[str],
 ) -> tuple[dict[str, "TopicReading"], list[str]]:
-    """Every topic of `sources` read, and notes on their clocks; what is wrong is added to `mistakes`.
+    """Read every topic of `sources`, with notes on clocks; errors are appended to `mistakes`.
 
-    A topic whose messages have no field of time beside topics that do goes by its log times, if that is one clock.
+    If other topics have the field of time, a topic without it uses its log times, if both are of one clock.
     """
     readings: dict[str, TopicReading] = {}
     timeless: dict[str, NoField] = {}
@@ -193,12 +190,12 @@ def _readings(
 
 
 class TopicReading:
-    """The messages of one topic as numbers over time.
+    """Messages of one topic as numbers over time.
 
     Attributes:
-        notes: on its clocks.
-        delay: by which its log times are later than its stamps, s; 0 without stamps.
-        t: of its messages (n,), s; NaN of one without a time.
+        notes: notes on its clocks.
+        delay: delay of log times behind stamps (s); 0 without stamps.
+        t: times of the messages (n,), s; NaN without a time.
     """
 
     def __init__(
@@ -207,11 +204,11 @@ class TopicReading:
         """Decode every message of `topic` once.
 
         Args:
-            time: the field that holds the times; None: log times.
-            field_paths: what is wanted of the messages.
+            time: field with the times; None for log times.
+            field_paths: needed fields.
 
         Raises:
-            LogRefused: the encoding is not read, a message cannot be decoded, or times that are none.
+            LogError: an unsupported encoding, an undecodable message, or invalid times.
         """
         self._path, self._name = path, name
         logged = np.array(topic.times, dtype=np.uint64) / NS_PER_S
@@ -233,10 +230,10 @@ class TopicReading:
             self.notes += [note] if note else []
 
     def series(self, field_path: str, column: MappedColumn) -> LogSeries:
-        """What the messages say in a field, in SI and in order of time.
+        """Return the values of a field, in SI and in order of time.
 
         Raises:
-            LogRefused: no such field or unit, no number, times that are the same or start anew.
+            LogError: no such field or unit, no numbers, equal times or a restart.
         """
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
@@ -265,7 +262,7 @@ class TopicReading:
         return LogSeries(t, values, factor.si, np.sort(invalid[np.isfinite(invalid)]))
 
     def _stamp_times(self, time: MappedColumn, stamps: "Numbers | LogError", count: int) -> NDArray[np.float64]:
-        """Times of the `count` messages by their stamps (s); NaN for one without a stamp."""
+        """Times of the `count` messages by their stamps (s); NaN without a stamp."""
         if isinstance(stamps, LogError):
             raise stamps
         factor = require_unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
@@ -283,13 +280,13 @@ class TopicReading:
 
 @dataclass(frozen=True)
 class Numbers:
-    """What the messages of a topic say in one field.
+    """Values of one field of a topic's messages.
 
     Attributes:
-        values: as they are there, (k,).
-        rows: which of the messages have it, ascending, (k,).
-        unit: that their type gives it; empty if none.
-        invalid: further messages in which it is NaN, null or infinite.
+        values: values (k,).
+        rows: indices of the messages with a value, ascending, (k,).
+        unit: unit by the type of the messages; empty if there is none.
+        invalid: indices of further messages with NaN, null or infinity.
     """
 
     values: NDArray[np.float64]
@@ -299,13 +296,13 @@ class Numbers:
 
 
 class NoField(LogError):
-    """The messages of a topic have no such field."""
+    """Field that the messages of a topic lack."""
 
 
 def field_numbers(
     path: Path, name: str, topic: LoggedTopic, field_paths: Sequence[str]
 ) -> dict[str, Numbers | LogError]:
-    """The numbers at each of `field_paths` of the messages of a topic, or why there are none."""
+    """Values at each of `field_paths` of a topic's messages, or the error."""
     try:
         decode = decoding.decoder(topic.channel, topic.schema)
     except ValueError as problem:
@@ -342,7 +339,7 @@ def field_numbers(
         if one in found:
             continue
         numbers, there = np.array(values[one], dtype=np.float64), np.array(rows[one], dtype=np.int64)
-        # nan is not a number either
+        # false for NaN
         valid = np.abs(numbers) <= MAX_QUANTITY
         if not len(numbers):
             found[one] = NoField(f"{path}: {name} has no field '{one}'; {unnamed.get(one, 'it has no messages')}")
@@ -354,20 +351,20 @@ def field_numbers(
 
 
 def restart_index(t: NDArray[np.float64]) -> int:
-    """Index at which the times t (n,), n >= 2, in s, in the order of a log, first start anew; 0 if nowhere."""
+    """Index at which the times t (n,), n >= 2, in s, first restart in the order of a log; 0 if they do not."""
     steps = np.diff(t)
     back = np.flatnonzero(steps < -max(MAX_OVERTAKING, MAX_OVERTAKING_PERIODS * float(np.median(np.abs(steps)))))
     return int(back[0]) + 1 if len(back) else 0
 
 
 def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float64], by_stamp: bool) -> str:
-    """A sentence if the stamps of a topic are of another clock than the log's; empty if not.
+    """Note on stamps of another clock than the log's; empty for the same clock.
 
     Args:
-        name: of the topic.
+        name: name of the topic.
         logged: log times in the order of the log, s, (n,).
-        stamps: of the messages, s, (n,).
-        by_stamp: whether stamps are the times that are used.
+        stamps: stamps of the messages, s, (n,).
+        by_stamp: whether stamps are used as times.
     """
     if not by_stamp and (again := restart_index(stamps)):
         return (
@@ -389,7 +386,7 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
 
 
 def written_by_twin(path: Path) -> bool:
-    """Whether the header of an MCAP file says that `twin.kernel.recording` wrote it; a damaged header does not."""
+    """Whether the header of an MCAP file names `twin.kernel.recording` as its writer; false for a damaged header."""
     with path.open("rb") as file:
         try:
             header = next(StreamReader(file, record_size_limit=MAX_HEADER_BYTES).records)
@@ -399,13 +396,13 @@ def written_by_twin(path: Path) -> bool:
 
 
 def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
+    """Read an MCAP file as a log; a truncated file is read up to its end, with a note.
 
     Args:
         columns: see `log_from_topics`.
 
     Raises:
-        LogRefused: damaged, or as `log_from_topics`.
+        LogError: damaged, or as `log_from_topics`.
     """
     found, note = read_topics(path, columns)
     return log_from_topics(path, merge_topics(found), columns, (note,) if note else ())
@@ -414,14 +411,14 @@ def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
 def read_topics(
     path: Path, columns: Mapping[str, MappedColumn], file: Path | None = None
 ) -> tuple[list[LoggedTopic], str]:
-    """Topics of the MCAP file `path`, one for each publisher, and a sentence on what is missing at the end.
+    """Read the topics of an MCAP file, one for each publisher, and a note on a truncated end.
 
     Args:
-        columns: of which topics the messages are kept.
-        file: that it was unpacked from, which refusals name instead of it.
+        columns: columns whose topics' messages are kept.
+        file: compressed file, named in error messages instead.
 
     Raises:
-        LogRefused: damaged.
+        LogError: damaged.
     """
     where = file or path
     schemas: dict[int, Schema] = {}
@@ -465,7 +462,7 @@ def read_topics(
 
 
 def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
-    """Records of a file, those in its chunks among them, which may unpack to `most` bytes in all."""
+    """Yield the records of a file, including those in chunks, which may decompress to at most `most` bytes."""
     for record in reader.records:
         if isinstance(record, Chunk):
             content = decompress_chunk(record, most)
@@ -478,7 +475,7 @@ def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
 
 
 def _chunk_records(content: bytes) -> Iterator[McapRecord]:
-    """The records in a chunk, one by one: mcap's own way has all of them in memory, ten times what they unpack to."""
+    """Yield the records in a chunk one by one: mcap's function needs ten times the memory for all at once."""
     place = 0
     while place < len(content):
         if place + RECORD_PREFIX > len(content):

@@ -1,4 +1,4 @@
-"""What a source is: topics that are seen and subscribed to, and their messages as they come."""
+"""Protocol of a source: topics to subscribe to, and their messages as they arrive."""
 
 import time
 from collections import deque
@@ -9,16 +9,16 @@ from typing import Any, NamedTuple, Protocol
 from twin.kernel.recording.writer import ForeignTopic
 
 MAX_BACKLOG = 100_000
-"""Messages that wait to be taken: more than a minute at 1 kHz."""
+"""Maximum number of queued messages: more than a minute at 1 kHz."""
 
 
 class Arrival(NamedTuple):
-    """A message.
+    """Message on arrival.
 
     Attributes:
-        topic: `/joint_states`.
-        arrived: when, ns, by a clock of ours that counts from 1970 and never jumps; of a log its log time.
-        data: as it came; a log that holds no messages gives a `signals.Reading` in its place.
+        topic: name such as `/joint_states`.
+        arrived: arrival by a local steady clock since 1970, or log time of a log (ns).
+        data: bytes of the message; a `signals.Reading` for a table.
     """
 
     topic: str
@@ -27,11 +27,11 @@ class Arrival(NamedTuple):
 
 
 class RobotSource(Protocol):
-    """Messages of a robot.
+    """Source of a robot's messages.
 
     Attributes:
-        name: what sentences about it begin with.
-        has_messages: whether arrivals are messages, of topics to subscribe to; else they are readings.
+        name: begins error messages.
+        has_messages: whether arrivals are messages of topics; otherwise they are readings.
     """
 
     name: str
@@ -39,40 +39,40 @@ class RobotSource(Protocol):
 
     @property
     def at_end(self) -> bool:
-        """Whether nothing can come any more."""
+        """Whether no more data can arrive."""
 
     @property
     def drop_count(self) -> int:
-        """Messages that came and were thrown away, because they were not taken in time."""
+        """Number of messages lost by a full queue."""
 
     def topic_types(self) -> Mapping[str, str]:
-        """Topics that somebody publishes now, and the types of their messages, `sensor_msgs/msg/JointState`."""
+        """Topics with publishers -> types of their messages, `sensor_msgs/msg/JointState`."""
 
     def subscribe(self, topic: str) -> ForeignTopic | None:
-        """From now on messages of a `topic` that was seen are taken; None: its arrivals are readings, not messages.
+        """Subscribe to a published topic, and describe it; None if its arrivals are readings.
 
         Raises:
-            LogRefused: its type is not known.
+            LogError: an unknown type.
         """
 
     def publisher_count(self, topic: str) -> int:
-        """How many publish `topic` now."""
+        """Number of publishers of `topic`."""
 
     def receive(self, wait: float) -> list[Arrival]:
-        """All that has come since the last call, in the order of arrival; waits up to `wait` s for a first one."""
+        """Return the arrivals since the last call, in order; wait up to `wait` (s) for a first one."""
 
     def now_ns(self) -> int:
-        """The time of the clock of arrivals, ns."""
+        """Present time of the clock of arrivals (ns)."""
 
     def close(self) -> None:
-        """Leave."""
+        """Release the source."""
 
 
 class Ring:
-    """Where a thread that receives puts messages and another one takes them.
+    """Bounded queue from a receiving thread to a reading one.
 
     Attributes:
-        dropped: messages that found it full, each of which has pushed out the oldest one.
+        dropped: number of messages that replaced the oldest one in a full queue.
     """
 
     def __init__(self, size: int = MAX_BACKLOG):
@@ -89,7 +89,7 @@ class Ring:
             self._filled.notify()
 
     def pop_all(self, wait: float) -> list[Arrival]:
-        """All that is there; waits up to `wait` s for a first one."""
+        """Return and remove all arrivals; wait up to `wait` (s) for a first one."""
         with self._filled:
             if not self._waiting:
                 self._filled.wait(wait)
@@ -99,11 +99,11 @@ class Ring:
 
 
 class SteadyClock:
-    """Time since 1970 (ns) as the system's clock had it at the beginning, and steady from there on."""
+    """Steady clock that starts at the system's time since 1970 (ns)."""
 
     def __init__(self) -> None:
         self._start = time.time_ns() - time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """ns."""
+        """Present time (ns)."""
         return self._start + time.monotonic_ns()

@@ -1,7 +1,7 @@
-"""Topics of ROS 2 over DDS, by Cyclone DDS, without ROS: subscribed to, never published.
+"""ROS 2 topics over DDS, by Cyclone DDS without ROS; subscriptions only.
 
-A reader asks for best effort and volatile, which every writer offers. Its queue is deep: with ROS's usual depth of
-10 a reader that stalls for 0.1 s loses messages, and DDS does not say so.
+Readers request best effort and volatile, which every writer offers. The queue is deep: with ROS's default depth of 10 a
+reader that stalls for 0.1 s silently loses messages.
 """
 
 import contextlib
@@ -14,14 +14,14 @@ from twin.kernel.recording.sources.arrival import Arrival, SteadyClock
 from twin.kernel.recording.writer import ForeignTopic
 
 QUEUE_DEPTH = 10_000
-"""Messages that DDS keeps for us: 10 s at 1 kHz."""
+"""Number of messages in a reader's queue: 10 s at 1 kHz."""
 TOPIC_PREFIX = "rt"
-"""Of ROS 2's topics in DDS."""
+"""Prefix of ROS 2 topics in DDS."""
 MAX_BATCH = 500
 
 
 class _RawMessage:
-    """A message as it came; cyclonedds adds `sample_info`."""
+    """Message as bytes; cyclonedds adds `sample_info`."""
 
     __slots__ = ("data", "sample_info")
 
@@ -30,10 +30,10 @@ class _RawMessage:
 
 
 class DdsSource:
-    """See `RobotSource`.
+    """DDS source; see `RobotSource`.
 
     Raises:
-        InputRefused: cyclonedds is not installed, or there is no network that it can use.
+        InputRefused: cyclonedds is not installed, or there is no usable network.
     """
 
     def __init__(self, name: str):
@@ -65,7 +65,7 @@ class DdsSource:
 
         self._discover()
         found = dict(self._published.values())
-        # ROS's own: what nodes say of themselves
+        # ROS's own discovery topics
         own = ("ros_discovery_info", "/rosout", "/parameter_events")
         return {topic: ros_name(kind) for topic, kind in sorted(found.items()) if topic not in own}
 
@@ -77,7 +77,7 @@ class DdsSource:
         from twin.kernel.recording.sources.ros_types import describe_topic, idl_class
 
         found = describe_topic(self.name, topic, self.topic_types()[topic])
-        # a class of its own, since others are to read messages of the type; a subclass would be another type
+        # a separate class, since the type has other readers; a subclass would be another type
         raw = idl_class.__wrapped__(found.type_name)
         raw.deserialize = classmethod(lambda cls, data, **_: _RawMessage(data))
         reader: Any = DataReader(self._participant, Topic(self._participant, TOPIC_PREFIX + topic, raw), qos=self._qos)
@@ -98,7 +98,7 @@ class DdsSource:
         for topic, reader in self._readers:
             taken = reader.take(MAX_BATCH)
             now = self._clock.now_ns()
-            # without data: a writer has gone
+            # no data: a writer has left
             found += [Arrival(topic, now, one.data) for one in taken if isinstance(one, _RawMessage)]
         return found
 
@@ -106,7 +106,7 @@ class DdsSource:
         return self._clock.now_ns()
 
     def close(self) -> None:
-        """DDS leaves with its last reference."""
+        """Release DDS, which ends with its last reference."""
 
     def _discover(self) -> None:
         from cyclonedds.core import InstanceState
@@ -122,7 +122,7 @@ class DdsSource:
 
 
 def domain_id() -> int:
-    """The domain that ROS_DOMAIN_ID names; 0 without.
+    """Domain of ROS_DOMAIN_ID; 0 if it is not set.
 
     Raises:
         InputRefused: no number from 0 to 232.

@@ -1,4 +1,4 @@
-"""A log as a source: its messages as they came, or the rows of a table, at the pace of their log times."""
+"""Log as a source: its messages, or the rows of a table, at the pace of their log times."""
 
 import time
 from collections.abc import Iterable, Mapping
@@ -15,16 +15,17 @@ from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import ForeignTopic
 
 MAX_BATCH = 512
-"""Arrivals that are taken together as fast as possible."""
+"""Maximum number of arrivals per call at unlimited speed."""
 
 
 def logged_topics(
     path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]
 ) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Topics of a bag or of a foreign MCAP file, with the messages of those in `columns`; notes on missing data.
+    """Read the topics of a bag or of a foreign MCAP file, with the messages of those in `columns`, and notes on missing
+    data.
 
     Raises:
-        LogRefused: damaged, or without messages.
+        LogError: damaged, or without messages.
     """
     if kind == LogKind.BAG:
         topics, notes = bag_topics(path, columns)
@@ -37,16 +38,16 @@ def logged_topics(
 
 
 class Playback:
-    """Plays a log; see `RobotSource`. Arrivals have the times of the log, so that the pace changes nothing else.
+    """Playback of a log; see `RobotSource`. Arrivals have the log's times at any speed.
 
     Args:
-        name: of the log.
-        topics: with their messages; empty for `readings`.
-        readings: what came in place of messages, in order; empty for `topics`.
-        speed: 1 is real time, 0 as fast as possible.
-        part: start and end (s) of the part to play, by the times that `read_log` has: those of `time`, or log times;
-            those of a wall clock count from the first message.
-        time: field of the messages with the time; None: log times.
+        name: name of the log.
+        topics: topics with their messages; empty for `readings`.
+        readings: readings of a table, in order; empty for `topics`.
+        speed: 1 for real time, 0 for no limit.
+        part: start and end (s) of the part to play, by the times of `read_log`: those of `time`, or log times; times of
+            a wall clock count from the first message.
+        time: field of the messages with the time; None for log times.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class Playback:
         return self._now
 
     def close(self) -> None:
-        """Nothing to leave."""
+        """Do nothing."""
 
     def _arrivals(self) -> list[Arrival]:
         if self._order is None:
@@ -122,7 +123,7 @@ class Playback:
         return self._order
 
     def _times(self, name: str) -> list[float]:
-        """Times of the messages of topic `name` (s) that a part is cut by; NaN of one without a stamp."""
+        """Times of the messages of topic `name` (s) for selecting a part; NaN without a stamp."""
         topic = self._topics[name]
         if self._time is not None and self._part != (None, None):
             with suppress(NoField):
@@ -130,10 +131,10 @@ class Playback:
         return [one / 1e9 for one in topic.times]
 
     def _clip(self, found: list[Arrival], times: list[float]) -> list[Arrival]:
-        """The arrivals of the part to play; `times` (s) belong to `found`.
+        """Select the arrivals of the part to play by their `times` (s).
 
         Raises:
-            LogRefused: there are none.
+            LogError: the part is empty.
         """
         if self._part == (None, None) or not found:
             return found

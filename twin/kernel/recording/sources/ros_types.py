@@ -1,7 +1,7 @@
-"""The types of ROS 2 without ROS: names on the wire, definitions, and classes that DDS makes topics of.
+"""Types of ROS 2 without ROS: names on the wire, definitions, and classes for DDS topics.
 
-Names: https://design.ros2.org/articles/topic_and_service_names.html. A DDS topic is matched by its name and the name of
-its type; rmw_zenoh puts both and the hash of the type (RIHS01, REP 2016) into a key.
+Names: https://design.ros2.org/articles/topic_and_service_names.html. DDS matches topics by their name and the name of
+their type; rmw_zenoh has both and the hash of the type (RIHS01, REP 2016) in a key.
 """
 
 from functools import cache
@@ -16,11 +16,12 @@ from twin.kernel.recording.writer import ForeignTopic
 
 TYPE_STORE = get_typestore(Stores.LATEST)
 MESSAGE_TYPES = [name for name in TYPE_STORE.fielddefs if "/msg/" in name]
-"""The types that ROS 2 itself has."""
+"""Message types of ROS 2 itself."""
 
 
 def ros_name(kind: str) -> str:
-    """`sensor_msgs::msg::dds_::JointState_` -> `sensor_msgs/msg/JointState`; another name as it is."""
+    """Convert `sensor_msgs::msg::dds_::JointState_` to `sensor_msgs/msg/JointState`; other names are returned
+    unchanged."""
     parts = kind.split("::")
     if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
         return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
@@ -28,10 +29,10 @@ def ros_name(kind: str) -> str:
 
 
 def describe_topic(where: str, topic: str, kind: str) -> ForeignTopic:
-    """`topic` of the type `kind`, with the definition of that.
+    """Describe `topic` of type `kind`, with the type's definition.
 
     Raises:
-        LogRefused: ROS 2 itself has no such type; the sentence begins with `where`.
+        LogError: an unknown type of ROS 2; the message begins with `where`.
     """
     if kind not in MESSAGE_TYPES:
         raise LogError(
@@ -45,7 +46,7 @@ def describe_topic(where: str, topic: str, kind: str) -> ForeignTopic:
 
 @cache
 def idl_class(kind: str) -> Any:
-    """A class of cyclonedds for messages of the type `kind`; equal ones for equal names."""
+    """Create the cyclonedds class for messages of type `kind`; equal names give equal classes."""
     from cyclonedds.idl import make_idl_struct
 
     package, folder, name = kind.split("/")
@@ -56,7 +57,7 @@ def idl_class(kind: str) -> Any:
 def _idl_type(description: Any) -> Any:
     import cyclonedds.idl.types as cyclone
 
-    # they are written with an index, of which their annotations know nothing
+    # indexing works at run time, but is not annotated
     types: Any = cyclone
 
     node, what = description

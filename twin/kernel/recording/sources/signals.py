@@ -1,4 +1,4 @@
-"""Messages as numbers: what a column map takes of one, by the decoder, units and signs that logs are read with."""
+"""Readings from messages: the numbers of a column map, by the decoder, units and signs of logs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -17,18 +17,18 @@ from twin.kernel.units import Dimension
 
 NS_PER_S = 10**9
 NAMES_FIELD = "name"
-"""Of the field with the names of a message's elements."""
+"""Field with the names of a message's elements."""
 MAX_UNSTAMPED = 3
-"""Messages with the stamp 0 after which they are taken to have none."""
+"""Number of messages with stamp 0 after which a topic counts as unstamped."""
 
 
 class WantedSignal(NamedTuple):
-    """A signal as it is used.
+    """Use of a signal.
 
     Attributes:
-        column: of the rows that readings are put together to.
-        unit: SI, in which its values have to be.
-        offset, gain: (value + offset) * gain goes into the row.
+        column: column of the rows.
+        unit: required SI unit.
+        offset, gain: the row has (value + offset) * gain.
     """
 
     column: int
@@ -38,12 +38,12 @@ class WantedSignal(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What one message says.
+    """Numbers of one message.
 
     Attributes:
-        stamp: ns, by the robot's clock.
-        columns: of a row.
-        values: of each of them.
+        stamp: stamp by the robot's clock (ns).
+        columns: columns of a row.
+        values: value of each column.
     """
 
     stamp: int
@@ -52,7 +52,7 @@ class Reading(NamedTuple):
 
 
 class _Field(NamedTuple):
-    """Where a signal is in a message, and what makes the value of a row of it."""
+    """Path of a signal in a message, and its conversion to a row's value."""
 
     signal: str
     parts: tuple[str | int, ...]
@@ -62,13 +62,13 @@ class _Field(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Where everything stands in messages that have their numbers in arrays, as long as the names beside them stay.
+    """Positions of all values in messages with arrays of numbers, valid while the names of the elements stay.
 
     Attributes:
-        names: these.
-        elements: of each signal: what gives the array, the place in it, offset and gain as of `WantedSignal`.
-        columns: of each signal.
-        stamp: what gives numbers whose sum is the stamp (ns), with what each is multiplied by.
+        names: names of the elements.
+        elements: for each signal a getter of the array, the index, offset and gain as of `WantedSignal`.
+        columns: column of each signal.
+        stamp: getters and factors of the numbers whose sum is the stamp (ns).
     """
 
     names: Sequence[str]
@@ -78,10 +78,10 @@ class _Places(NamedTuple):
 
 
 class MessageReader:
-    """Reads messages of one topic.
+    """Reader of the messages of one topic.
 
     Attributes:
-        stamped: whether they have a stamp; otherwise their time of arrival is taken. Known from the first message on.
+        stamped: whether the messages have a stamp, known from the first message on; otherwise arrival times are used.
     """
 
     def __init__(
@@ -92,17 +92,17 @@ class MessageReader:
         wanted: Mapping[str, WantedSignal],
         time: MappedColumn | None,
     ):
-        """Nothing is decoded yet.
+        """Prepare the decoder.
 
         Args:
-            where: begins the sentences of refusals.
-            topic: of the messages.
-            columns: those of this topic, by signal.
-            wanted: by signal, at least those of `columns`.
-            time: a field with the time; None: `header.stamp`, if there is one.
+            where: begins the error messages.
+            topic: topic of the messages.
+            columns: columns of this topic by signal.
+            wanted: use of at least the signals in `columns`.
+            time: field with the time; None for `header.stamp`, if any.
 
         Raises:
-            LogRefused: an encoding or definition that is not read.
+            LogError: an unsupported encoding or definition.
         """
         self._where = f"{where}: {topic.name}"
         self._columns, self._wanted, self._time = columns, wanted, time
@@ -124,14 +124,14 @@ class MessageReader:
         self._places: _Places | None = None
 
     def read_message(self, data: bytes, arrived: int) -> Reading:
-        """The signals that a message has; a joint that it does not name is left out.
+        """Read the signals of a message, without joints that it does not name.
 
         Args:
-            data: the message as it came.
-            arrived: when, ns.
+            data: bytes of the message.
+            arrived: arrival (ns).
 
         Raises:
-            LogRefused: no such field, another unit, or bytes that are no such message.
+            LogError: a missing field, another unit, or invalid bytes.
         """
         try:
             message = self._decode(data)
@@ -155,7 +155,7 @@ class MessageReader:
                 self._absent.setdefault(one.signal, str(problem))
                 continue
             except (LookupError, ValueError) as problem:
-                # an array of messages that was longer before
+                # an array shorter than in the first message
                 raise LogError(f"{self._where}: {self._columns[one.signal].name}: {problem.args[0]}") from None
             self._found.add(one.signal)
             columns.append(one.column)
@@ -163,10 +163,10 @@ class MessageReader:
         try:
             stamp = sum(round(decoding.field_value(message, parts) * scale) for parts, scale in self._stamp)
         except (LookupError, ValueError, OverflowError):
-            # a message without a time is no sample
+            # a message without a time is skipped
             return Reading(arrived, (), ())
         if not self.stamped and self._undecided:
-            # who sets no stamp leaves 0; a clock that begins at 0 does not stay there
+            # unset stamps stay 0; a clock may only begin at 0
             self.stamped = bool(self._stamp) and (stamp > 0 or stamp == arrived)
             self._undecided = self._undecided - 1 if self._stamp and not self.stamped else 0
             if self._undecided:
@@ -176,7 +176,8 @@ class MessageReader:
         return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
 
     def _places_in(self, message: Any) -> _Places | None:
-        """See `_Places`; None of a message that is not like that. To look for names takes longer than all the rest."""
+        """Positions of the values in a message, see `_Places`, because searching names is slow; None for other
+        messages."""
         names: Any = getattr(message, NAMES_FIELD, None)
         elements, paths = [], [parts for parts, _ in self._stamp]
         for one in self._fields:
@@ -195,7 +196,7 @@ class MessageReader:
         return _Places(list(names), tuple(elements), tuple(one.column for one in self._fields), stamp)
 
     def missing_signals(self) -> list[str]:
-        """Sentences on signals that no message has had so far."""
+        """Error messages for the signals that no message has had so far."""
         return [
             f"{self._where} has no '{self._columns[signal].name[self._prefix :]}' for {signal}; {there}"
             for signal, there in self._absent.items()
@@ -203,7 +204,7 @@ class MessageReader:
         ]
 
     def _resolve_fields(self, message: Any) -> None:
-        """Find out units and the stamp from the first message."""
+        """Resolve units and the stamp with the first message."""
         mistakes = []
         for signal, column in self._columns.items():
             path = column.name[self._prefix :]
@@ -225,7 +226,7 @@ class MessageReader:
         self._stamp = self._stamp_parts(message)
 
     def _stamp_parts(self, message: Any) -> tuple[tuple[tuple[str | int, ...], float], ...]:
-        """Numbers whose sum is the stamp (ns), with what each is multiplied by; none: there is no stamp."""
+        """Paths and factors of the numbers whose sum is the stamp (ns); empty without a stamp."""
         column = self._time or MappedColumn(STAMP_FIELD)
         parts = decoding.path_parts(column.name)
         for seconds, nanoseconds in product(decoding.SECOND_FIELDS, decoding.NANOSECOND_FIELDS):

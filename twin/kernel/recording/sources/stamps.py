@@ -1,13 +1,14 @@
-"""Readings put together to samples, in the order of their stamps; what is missing of them, and how the clocks go.
+"""Alignment of readings to samples by their stamps; counts of missing samples, and the drift of the clocks.
 
-A sample is what the robot says of one moment. It may come in several messages, of one topic or of several, in any
-order, twice, late or not at all; when it came says nothing of when it was. A sample is handed on once nothing that
-belongs before it can still come: if the next stamp in turn is there, or after the lateness budget. A stamp that is
-further from the one before than 1.5 periods leaves a gap; what comes for it later is counted as late, and not used.
+A sample is the robot's state at one stamp. It may arrive in several messages, of one topic or several, in any order,
+twice, late or never; arrival times do not matter. A sample is complete when no earlier data can arrive: after the next
+stamp in sequence, or after the lateness budget. An interval of more than 1.5 periods between stamps is a gap; readings
+for it that arrive later are counted as late, and not used.
 
-Clocks: the delay from stamp to arrival is never negative but for the offset of the clocks. The smallest delays of
-each second are those of messages that did not wait; their course is the offset's (least delay, as the clock filter
-of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The offset contains the shortest way.
+Clocks: the delay from stamp to arrival is never negative except for the offset of the clocks. The smallest delay of
+each second belongs to a message that did not wait, so that these delays show the offset (least delay, as in the clock
+filter of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The offset includes the shortest
+transport.
 """
 
 import math
@@ -28,37 +29,41 @@ from twin.kernel.recording.sources.signals import Reading
 
 NS_PER_S = 10**9
 MIN_INTERVALS, MAX_INTERVALS = 20, 101
-"""Intervals after which a period is known, and of which it is the median."""
+"""Number of intervals after which a period is known, and of which it is the median."""
 WHOLE_TOLERANCE, MIN_WHOLE_SHARE = 0.1, 0.9
-"""Multiples of an interval are whole to so much of it, if so large a share of all is; placed at random 0.2 would be."""
+"""Tolerance of integer multiples of an interval, and the share of intervals that must be multiples; random intervals
+have a share of 0.2."""
 MIN_SINGLE_SHARE, MIN_MEDIAN_SHARE = 0.2, 0.5
-"""The period is shorter than the median interval only if so large a share of all intervals are single periods, or less
-than `MIN_MEDIAN_SHARE` of them are like the median."""
+"""The period is shorter than the median interval only if at least this share of all intervals are single periods, or
+less than `MIN_MEDIAN_SHARE` are near the median."""
 MIN_PERIOD_CHANGE = 0.1
 """Relative change of the period above which earlier losses are counted again with the new period."""
 RESTART_MESSAGES, SET_BACK_MESSAGES = 3, 10
-"""Consecutive messages of another clock that make a restart, or a clock set back by less than `MAX_OVERTAKING`."""
+"""Number of successive messages of another clock that make a restart, or a clock set back by less than
+`MAX_OVERTAKING`."""
 MIN_ADVANCE = 10.0
-"""Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is not known yet."""
+"""Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is unknown."""
 MIN_KNOWN_ADVANCE = 0.1
-"""The same once the least delay is known: a delay may grow, but cannot fall below its least value by this much (s)."""
+"""The same once the least delay is known: a delay may grow, but cannot fall this much below its minimum (s)."""
+LEARNING_TIME = 2.0
+"""Maximum time (s) for which the first readings of a log wait for the periods of their topics."""
 MAX_SIDE_READINGS = 1000
-"""Readings that wait for a sample which they belong to."""
+"""Maximum number of readings that wait for their sample."""
 FLOOR_SECONDS = 5
-"""Seconds whose smallest delay tells what a delay is without waiting."""
+"""Number of seconds whose smallest delay is the delay without waiting."""
 MIN_DRIFT_SECONDS = 10
-"""Seconds after which a drift is given."""
+"""Minimum time for a drift (s)."""
 NO_COLUMNS: frozenset[int] = frozenset()
 
 
 class Sample(NamedTuple):
-    """What the robot said of one moment.
+    """State of the robot at one stamp.
 
     Attributes:
-        t: ns since the first sample. It goes on by the arrivals where the robot's clock starts anew.
-        row: values, NaN where nothing has come.
-        arrived: when its last message did, ns.
-        due: when that was known to be all that comes until then, ns.
+        t: time since the first sample (ns); after a restart of the robot's clock it continues by arrivals.
+        row: values; NaN for missing ones.
+        arrived: arrival of the last message (ns).
+        due: time at which the sample was known to be complete (ns).
     """
 
     t: int
@@ -69,19 +74,19 @@ class Sample(NamedTuple):
 
 @dataclass
 class Counts:
-    """What has come so far.
+    """Counts of samples and readings.
 
     Attributes:
-        samples: that were handed on.
-        gaps, missing: intervals without samples, and how many are missing in them.
-        incomplete: samples of which a part did not come within the budget; they are missing, too.
-        unmatched: samples before the first complete one of which a part did not come within the budget: messages of two
-            topics are matched by their stamps once their periods are known. The largest number over the topics.
-        duplicates: readings that were there already.
-        out_of_order: readings that came after later ones.
-        late: readings that came after their time was over.
-        invalid: samples in which one of the needed values is no number.
-        restarts: times when the robot's clock started anew.
+        samples: complete samples.
+        gaps, missing: intervals without samples, and samples missing in them.
+        incomplete: samples without all readings after the budget; they are missing, too.
+        unmatched: incomplete samples before the first complete one: messages of two topics are matched by their stamps
+            once their periods are known. The largest number over the topics.
+        duplicates: repeated readings.
+        out_of_order: readings that arrived after later ones.
+        late: readings that arrived after the budget.
+        invalid: samples with a needed value that is not finite.
+        restarts: restarts of the robot's clock.
     """
 
     samples: int = 0
@@ -97,10 +102,10 @@ class Counts:
 
 
 class Clocks:
-    """The robot's clock beside ours, from stamps and arrivals.
+    """Comparison of the robot's clock with the local one, from stamps and arrivals.
 
     Attributes:
-        lateness: by which messages came later than one that did not wait.
+        lateness: delays beyond that of a message without waiting.
     """
 
     def __init__(self) -> None:
@@ -108,7 +113,7 @@ class Clocks:
         self.restart()
 
     def restart(self) -> None:
-        """The robot's clock has started anew."""
+        """Forget the robot's previous clock."""
         self._first: int | None = None
         self._least: list[int] = []
         self._second = -1
@@ -116,7 +121,7 @@ class Clocks:
         self._floors: deque[int] = deque(maxlen=FLOOR_SECONDS)
 
     def add(self, stamp: int, arrived: int) -> None:
-        """A message."""
+        """Add stamp and arrival of a message (ns)."""
         delay = arrived - stamp
         if self._first is None:
             self._first, self._offset_0 = arrived, delay
@@ -137,12 +142,12 @@ class Clocks:
 
     @property
     def offset(self) -> float:
-        """By how much (s) the robot's clock is behind ours, with the shortest way; NaN: nothing has come."""
+        """Lag of the robot's clock behind the local one, with the shortest transport (s); NaN without messages."""
         return min(self._floors) / NS_PER_S if self._floors else math.nan
 
     @property
     def drift(self) -> float:
-        """By how much its delay grows (s/s): it goes slow by that; NaN: not known yet."""
+        """Growth of the lag (s/s), positive for a slow clock; NaN until known."""
         n, x, y, xx, xy = self._sums
         determinant = n * xx - x * x
         if n < MIN_DRIFT_SECONDS or determinant <= 0.0:
@@ -152,7 +157,7 @@ class Clocks:
 
 @dataclass(order=True, slots=True)
 class _PartialSample:
-    """A sample on its way."""
+    """Incomplete sample."""
 
     stamp: int
     row: list[float] = field(compare=False)
@@ -162,7 +167,7 @@ class _PartialSample:
 
 @dataclass
 class _ReadingStream:
-    """Readings of one kind: of one topic, with the same columns, of which `there` are needed."""
+    """Readings of one topic with the same columns, of which `there` are needed."""
 
     there: frozenset[int]
     newest: int = 0
@@ -180,11 +185,11 @@ class _ReadingStream:
 
 
 def _period(intervals: Iterable[int]) -> float:
-    """The interval (ns) from one sample to the next, if none is missing; infinite if they are not regular.
+    """Sampling interval (ns) without missing samples; infinite if the intervals are irregular.
 
-    It is the median; where most intervals are several times as long, since so much is lost, what all are whole
-    multiples of. One late message makes a long interval and a short one, and is no reason. Stamps that jitter are no
-    multiples of their shortest interval; two publishers make no double ones.
+    It is the median. If most intervals are several times as long, because of losses, it is their common divisor. A late
+    message causes one long and one short interval, which is not sufficient. Jittering stamps are no multiples of their
+    shortest interval; two publishers cause no double intervals.
     """
     lengths = sorted(intervals)
     median = _median(lengths)
@@ -206,38 +211,42 @@ def _median(lengths: Sequence[int]) -> float:
 
 
 def _divisor(lengths: Sequence[int], single: float) -> float:
-    """What `lengths` (ns) are whole multiples of, about `single`."""
+    """Common divisor of `lengths` (ns), near `single`."""
     return sum(lengths) / sum(round(one / single) for one in lengths)
 
 
 @dataclass(slots=True)
 class _Interval:
-    """An interval between two samples (ns), and the number counted as missing in it; None if no period was known."""
+    """Interval between two samples (ns), and the number counted as missing in it; None if the period was unknown."""
 
     length: int
     missing: int | None
 
 
 class Aligner:
-    """Puts readings together to samples.
+    """Alignment of readings to samples.
 
     Attributes:
-        counts: of what has come.
-        clocks: of stamps and arrivals of the needed columns.
-        gaps: (start, end) of those since it was last asked, ns since the first sample.
-        period: of the samples, ns; infinite while it is not known, or not regular.
-        clock_step: by how much stamps went ahead of arrivals at the last restart, s.
-        lacking: needed columns that the last incomplete sample was without; empty after a complete one.
+        counts: counts so far.
+        clocks: clocks by the needed columns.
+        gaps: (start, end) of new gaps, ns since the first sample.
+        period: sampling period (ns); infinite if unknown or irregular.
+        clock_step: step of the robot's clock at the last restart (s).
+        lacking: needed columns missing in the last incomplete sample; empty after a complete one.
     """
 
-    def __init__(self, width: int, needed: Sequence[int], lateness: float):
-        """Nothing has come.
+    def __init__(self, width: int, needed: Sequence[int], lateness: float, learns_first: bool = False):
+        """Create an aligner without readings.
 
         Args:
-            width: of a row.
-            needed: columns without which a row is no sample. Others go with the first sample at or after their stamp.
-            lateness: budget (s) after which what has not come is missing.
+            width: width of a row.
+            needed: needed columns of a sample. Other columns belong to the first sample at or after their stamp.
+            lateness: budget (s) for late readings.
+            learns_first: whether the first readings wait until the periods of all needed columns are known, so that no
+                row of several topics is lost; for logs.
         """
+        self._waiting: list[tuple[str, int, Reading]] | None = [] if learns_first else None
+        self._learning: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
         self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * NS_PER_S)
         self._pending: list[_PartialSample] = []
         self._unmatched: Counter[frozenset[int]] = Counter()
@@ -258,18 +267,40 @@ class Aligner:
 
     @property
     def base(self) -> int:
-        """The stamp (ns) from which times count; 0 before the first sample."""
+        """Stamp of time 0 (ns); 0 before the first sample."""
         return self._base or 0
 
     @property
     def due(self) -> int | None:
-        """When the next sample is handed on at the latest, ns by the clock of arrivals; None: there is none."""
+        """Latest completion of the next sample (ns, by the clock of arrivals); None without a pending sample."""
         return self._pending[0].arrived + self._budget if self._pending else None
 
     def add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
-        """Take a reading; the samples that are complete with it, in order."""
+        """Add a reading, and return the samples that are complete with it, in order."""
         if not reading.columns:
             return []
+        if self._waiting is None:
+            return self._add(topic, arrived, reading)
+        self._waiting.append((topic, arrived, reading))
+        return self._begin() if self._knows_periods(topic, arrived, reading) else []
+
+    def _knows_periods(self, topic: str, arrived: int, reading: Reading) -> bool:
+        """Whether the periods of all needed columns are known with this reading, or are not needed."""
+        assert self._waiting is not None
+        key, there = (topic, reading.columns), self._needed.intersection(reading.columns)
+        stream = self._learning.setdefault(key, _ReadingStream(there))
+        stream.add(reading.stamp)
+        known = NO_COLUMNS.union(*(one.there for one in self._learning.values() if one.period < math.inf))
+        is_long = arrived - self._waiting[0][1] > LEARNING_TIME * NS_PER_S or len(self._waiting) >= MAX_SIDE_READINGS
+        return there == self._needed or known == self._needed or is_long
+
+    def _begin(self) -> list[Sample]:
+        """Add the waiting readings with the known periods."""
+        waiting, self._waiting = self._waiting or [], None
+        self._streams |= {key: _ReadingStream(one.there, period=one.period) for key, one in self._learning.items()}
+        return [sample for one in waiting for sample in self._add(*one)]
+
+    def _add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
         key = topic, reading.columns
         stream = self._stream(key)
         if not stream.there:
@@ -278,9 +309,9 @@ class Aligner:
             if side is None:
                 side = self._sides[key] = deque(maxlen=MAX_SIDE_READINGS)
             if len(side) == side.maxlen:
-                # no sample takes them: those that wait longest go
+                # without samples the oldest are dropped
                 side.popleft()
-            # two publishers, or a network, mix up the order
+            # two publishers, or a network, may reorder messages
             insort(side, reading)  # type: ignore[arg-type]
             return self.ready_samples(arrived) if self._pending else []
         if enough := self._messages_to_restart(reading.stamp, arrived):
@@ -294,13 +325,13 @@ class Aligner:
         return self.ready_samples(arrived)
 
     def ready_samples(self, now: int, end: bool = False) -> list[Sample]:
-        """The samples that nothing can come before any more.
+        """Return the pending samples before which no data can arrive.
 
         Args:
-            now: ns, by the clock of arrivals.
-            end: nothing comes any more.
+            now: present time (ns, by the clock of arrivals).
+            end: whether the source has ended.
         """
-        found = []
+        found = self._begin() if end and self._waiting else []
         while self._pending:
             head = self._pending[0]
             complete = head.there == self._needed
@@ -314,7 +345,7 @@ class Aligner:
                 if self._base is not None:
                     self.counts.incomplete += not invalid
                 elif not invalid:
-                    # at the beginning one has to learn first what belongs together
+                    # until the periods are known, topics cannot be matched
                     self._unmatched[head.there] += 1
                     self.counts.unmatched = max(self._unmatched.values())
                 self.lacking = self._needed - head.there
@@ -346,14 +377,14 @@ class Aligner:
         for column, value in zip(reading.columns, reading.values, strict=True):
             partial.row[column] = value
         if partial.stamp != reading.stamp and min(self._needed) in there:
-            # whichever came first, the moment is that of the first column
+            # the stamp is that of the first column
             partial.stamp = reading.stamp
             self._pending.sort()
         partial.there |= there
         partial.arrived = arrived
 
     def _partial(self, stamp: int, there: frozenset[int], period: float) -> _PartialSample | None:
-        """The sample that a reading belongs to: that of its stamp, or a near one that lacks just what it has."""
+        """Pending sample of a reading: that of its stamp, or a near one that lacks exactly the reading's columns."""
         nearest = None
         for one in self._pending:
             if one.stamp == stamp:
@@ -364,13 +395,13 @@ class Aligner:
         return nearest
 
     def _is_next(self, stamp: int) -> bool:
-        """Whether nothing can come before `stamp`, and what belongs to it has come."""
-        # at the beginning it is not known what comes next
+        """Whether `stamp` is next in sequence and its other readings have arrived."""
+        # the sequence is unknown at first
         if self._learnt < MIN_INTERVALS or (self._last >= 0 and stamp - self._last > GAP_RATIO * self.period):
             return False
         for key in self._sides:
             stream = self._streams[key]
-            # without a clock it is not known whether something is to come
+            # without a period any later reading is possible
             if stream.newest + 0.5 * stream.period <= stamp:
                 return False
         return True
@@ -384,7 +415,7 @@ class Aligner:
                 for column, value in zip(newest.columns, newest.values, strict=True):
                     head.row[column] = value
         if self._base is None:
-            # a clock that started anew goes on where the arrivals are
+            # after a restart time continues by arrivals
             self._base = head.stamp - (self._after_restart or 0)
         elif self._last >= 0:
             self._note_interval(head.stamp)
@@ -422,7 +453,7 @@ class Aligner:
             self._count(one, missing if one.missing is None else min(one.missing, missing))
 
     def _missing_in(self, length: int) -> int:
-        """Samples missing in an interval of `length` (ns)."""
+        """Number of samples missing in an interval of `length` (ns)."""
         return max(1, round(length / self.period) - 1) if length > GAP_RATIO * self.period else 0
 
     def _count(self, interval: _Interval, missing: int) -> None:
@@ -432,7 +463,7 @@ class Aligner:
         interval.missing = missing
 
     def _messages_to_restart(self, stamp: int, arrived: int) -> int:
-        """Return how many such messages in a row make a restart of the clock; 0 if the message fits the clock."""
+        """Number of such successive messages that make a restart of the clock; 0 if the message fits the clock."""
         if self._last < 0:
             return 0
         if stamp > self._last:
@@ -442,25 +473,25 @@ class Aligner:
             jumped = (stamp - self._last) - (arrived - self._last_arrived) > MIN_ADVANCE * NS_PER_S
             return RESTART_MESSAGES if known or jumped else 0
         back = max(MAX_OVERTAKING * NS_PER_S, MAX_OVERTAKING_PERIODS * self.period if self.period < math.inf else 0.0)
-        # a message that is late by so much is no message of this clock
+        # a delay this long means another clock
         if stamp < self._last - back and arrived - stamp > (self.clocks.offset + MAX_CLOCK_DIFFERENCE) * NS_PER_S:
             return RESTART_MESSAGES
         # overtaken messages arrive between newer ones and out of order
         return SET_BACK_MESSAGES if not self._suspects or stamp > self._suspects[-1][2].stamp else 2 * SET_BACK_MESSAGES
 
     def _count_late(self, stamp: int, by: int = 1) -> None:
-        """Count a message that is not later than the last sample."""
+        """Count a message at or before the last sample."""
         if stamp <= self._last:
             known = stamp in self._recent
             self.counts.duplicates += by * known
             self.counts.late += by * (not known)
 
     def _restart(self, arrived: int) -> list[Sample]:
-        """Hand on what is left of the old clock, then begin with the messages of the new one."""
+        """Return the last samples of the previous clock, then begin with the messages of the new one."""
         found = self.ready_samples(arrived, end=True)
         suspects, self._suspects = self._suspects, []
         for _, _, reading in suspects:
-            # they were not late, but of another time
+            # undo the count: they were not late, but of another clock
             self._count_late(reading.stamp, -1)
         self.clock_step = self.clocks.offset - (suspects[0][1] - suspects[0][2].stamp) / NS_PER_S
         assert self._base is not None

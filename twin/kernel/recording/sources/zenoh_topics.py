@@ -1,9 +1,9 @@
-"""Topics of ROS 2 robots with rmw_zenoh, by eclipse-zenoh, without ROS: subscribed to, never published.
+"""ROS 2 topics with rmw_zenoh, by eclipse-zenoh without ROS; subscriptions only.
 
-Keys: `DOMAIN/TOPIC/DDS TYPE/HASH`; who publishes what is in liveliness tokens
+Keys: `DOMAIN/TOPIC/DDS TYPE/HASH`. Publishers are announced by liveliness tokens
 `@ros2_lv/DOMAIN/SESSION/NODE/ENTITY/MP/ENCLAVE/NAMESPACE/NODE NAME/TOPIC/DDS TYPE/HASH/QOS`, with % for / in a name
-(https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md). Type and hash are left open, since older releases have
-other hashes. The session is a client of the robot's router, as routers no longer hand on what peers send each other.
+(https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md). Type and hash are wildcards, since older releases have
+other hashes. The session is a client of the robot's router, because routers no longer forward data between peers.
 """
 
 import os
@@ -16,16 +16,16 @@ from twin.kernel.recording.sources.dds import domain_id
 from twin.kernel.recording.writer import ForeignTopic
 
 CONFIG_VARIABLE = "ZENOH_SESSION_CONFIG_URI"
-"""A file for the session, as rmw_zenoh has it."""
+"""Variable with the session's configuration file, as for rmw_zenoh."""
 ROUTER_ADDRESS = "tcp/localhost:7447"
 TOKEN_PREFIX = "@ros2_lv"
 PUBLISHER_ENTITY = "MP"
 TOKEN_PARTS = 13
-"""Of a token of a publisher."""
+"""Number of parts of a publisher's token."""
 
 
 class ZenohSource:
-    """See `RobotSource`.
+    """Zenoh source; see `RobotSource`.
 
     Raises:
         InputRefused: eclipse-zenoh is not installed, or there is no router.
@@ -84,7 +84,7 @@ class ZenohSource:
         self._session.close()
 
     def _publishers(self) -> list[tuple[str, str]]:
-        """Topic and type of each publisher that is there."""
+        """Topic and type of each present publisher."""
         found = []
         for reply in self._session.liveliness().get(f"{TOKEN_PREFIX}/{self._domain}/**", timeout=0.5):
             parts = str(reply.ok.key_expr).split("/") if reply.ok else []
