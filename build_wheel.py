@@ -17,9 +17,9 @@ from pathlib import Path
 
 import twin
 from hatch_build import OBJECTS
-from twin.kernel.compiled.machine import X86_64, file_of
+from twin.kernel.compiled.machine import X86_64, object_name
 from twin.kernel.compiled.native import Entry, Native
-from twin.kernel.compiled.store import sealed
+from twin.kernel.compiled.store import seal
 from twin.robot import shaft
 from twin.robot.controller import controller, task_controller
 from twin.robot.monitor import component as monitor
@@ -27,12 +27,12 @@ from twin.robot.plant import component, equations
 
 ROOT = Path(__file__).parent
 CLOSED = (
-    (controller.step_over, 2),
-    (task_controller.step_over, 2),
-    (component.step_over, 2),
+    (controller.make_step, 2),
+    (task_controller.make_step, 2),
+    (component.make_step, 2),
     (equations.outputs_at_start, 2),
-    (shaft.shaft_step_over, 1),
-    (monitor.step_over, 1),
+    (shaft.make_shaft_step, 1),
+    (monitor.make_step, 1),
 )
 """Functions that make a step, and of how many booleans."""
 
@@ -63,8 +63,8 @@ def put_objects(folder: Path, number: int) -> int:
     native = roots()[number]
     size = 0
     for form in X86_64:
-        file = file_of(native.name, form)
-        size += (folder / file).write_bytes(sealed(file, native.emitted(form)))
+        file = object_name(native.name, form)
+        size += (folder / file).write_bytes(seal(file, native.emitted(form)))
     return size
 
 

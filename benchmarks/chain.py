@@ -14,7 +14,7 @@ from tests.kernel.systems.archives import archive, component, connection, struct
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 
 FEW, MANY = 10, 1000
 STEPS = 400_000
@@ -38,9 +38,9 @@ def seconds(count: int, set_up: list[float]) -> float:
     """Of a step of one component among `count`; what it took before the first goes to `set_up`."""
     with chain(count, STEPS // count) as file:
         began = time.perf_counter()
-        with opened(read_package(file), MasterChoice(tick=TICK)) as (plan, made):
+        with open_system(read_package(file), MasterChoice(tick=TICK)) as (plan, made):
             set_up.append(time.perf_counter() - began)
-            return simulate(made, plan.timing.ticks, (), 100).completed().stepping / STEPS
+            return simulate(made, plan.timing.ticks, (), 100).require_success().stepping / STEPS
 
 
 def peak(ticks: int) -> float:

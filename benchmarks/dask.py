@@ -10,8 +10,8 @@ from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.engine import Engine, Job, LocalEngine
 from twin.studies.sweep.plan import SweepPlan, plan_of, short_definition
-from twin.studies.sweep.stored import FACTS
-from twin.studies.sweep.sweep import RECORDINGS
+from twin.studies.sweep.stored import SWEEP_FILE
+from twin.studies.sweep.sweep import RECORDINGS_FOLDER
 
 WARM_UP = 10
 """Runs until everything is imported, compiled and unpacked, and batches have found their size."""
@@ -39,8 +39,8 @@ def measurements(path: Path) -> list[Measurement]:
         LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0") as cluster,
     ):
         # by which workers see that they share the folder
-        (Path(scratch) / FACTS).touch()
-        recordings = Path(scratch) / RECORDINGS
+        (Path(scratch) / SWEEP_FILE).touch()
+        recordings = Path(scratch) / RECORDINGS_FOLDER
         job = Job(experiment=path, recordings=recordings, record="none", limits=JobLimits(), claims="")
         engines = DaskEngine(cluster.scheduler_address), LocalEngine(1)
         added = [overhead(engines[0], job, plan) - overhead(engines[1], job, plan) for _ in range(ROUNDS)]

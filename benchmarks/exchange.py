@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.macro_step import TICKS, master_seconds
 from benchmarks.measurement import Measurement, Rounds
 from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
-from twin.robot.assembly.drives import DrivePlan, planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import DrivePlan, plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.experiment.schema import Drive
 from twin.studies.qualify.bench import response
 
@@ -33,9 +33,9 @@ def measurements() -> list[Measurement]:
         except NoCompiler as problem:
             title = "velocity_servo: model exchange, RK4 / closed form"
             return [Measurement(title, None, "x", at_most=8.0, remark=str(problem))]
-        closed = planned(lone_drive(str(ROOT / "fmus" / "velocity_servo"), ROOT))
-        rk4 = planned(Drive.model_validate({"fmu": servo, "solver": "rk4"}))
-        cvode = planned(Drive.model_validate({"fmu": motor, "tolerance": 1e-6}))
+        closed = plan_drive(load_drive(str(ROOT / "fmus" / "velocity_servo"), ROOT))
+        rk4 = plan_drive(Drive.model_validate({"fmu": servo, "solver": "rk4"}))
+        cvode = plan_drive(Drive.model_validate({"fmu": motor, "tolerance": 1e-6}))
         ring = Rounds(
             {
                 "closed": lambda: master_seconds(closed, TICKS + 1)[0],

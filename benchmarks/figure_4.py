@@ -17,7 +17,7 @@ ROUNDS = 7
 def stepped(experiment: Experiment, timed: bool) -> tuple[float, dict[str, float]]:
     """Wall seconds of stepping `experiment`, nothing recorded; microseconds per tick by component if `timed`."""
     with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS, timed).completed()
+        done = simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS, timed).require_success()
         return done.stepping, {name: 1e6 * cost for name, cost in done.costs.items()}
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.macro_step import TICKS, master_seconds
 from benchmarks.measurement import Measurement, Rounds
-from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.assembly.drives import DrivePlan, plan_drive
 from twin.robot.experiment.schema import Drive as DriveTable
 
 ROUNDS = 31
@@ -92,7 +92,7 @@ def measurements() -> list[Measurement]:
     kinds = {"two": ("2.0", False), "three": ("3.0", False), "events": ("3.0", True)}
     with tempfile.TemporaryDirectory() as scratch:
         fmus = {kind: built("velocity_servo", fmi, Path(scratch), compiler, on) for kind, (fmi, on) in kinds.items()}
-        plans = {kind: planned(DriveTable.model_validate({"fmu": str(fmu)})) for kind, fmu in fmus.items()}
+        plans = {kind: plan_drive(DriveTable.model_validate({"fmu": str(fmu)})) for kind, fmu in fmus.items()}
         rounds = Rounds({kind: partial(_seconds, plan) for kind, plan in plans.items()}, ROUNDS)
     return [
         Measurement("velocity_servo: FMI 3.0, macro step", 1e9 * rounds.typical("three") / TICKS, "ns"),

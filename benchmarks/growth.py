@@ -19,8 +19,8 @@ import numpy as np
 from benchmarks.figure_4 import stepped
 from benchmarks.report import _twin
 from benchmarks.sweep import KEY
+from twin.kernel.atomic_write import make_folder, write_json, write_text
 from twin.kernel.process.job import JobLimits
-from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.figure import BLUE, picture
@@ -28,8 +28,8 @@ from twin.studies.result import markdown
 from twin.studies.sweep.engine import Job, LocalEngine
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of, short_definition
-from twin.studies.sweep.rows import ROWS, RowFile
-from twin.studies.sweep.stored import FACTS
+from twin.studies.sweep.rows import ROWS_FILE, RowFile
+from twin.studies.sweep.stored import SWEEP_FILE
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
@@ -102,9 +102,9 @@ def made_up(folder: Path, runs: int) -> None:
     """A sweep's folder with so many rows of three drawn parameters, one in a hundred failed, none of them ever run."""
     labels, metrics = [KEY, "plant.k_s_Nm_per_rad", "plant.eta"], list(METRICS)
     facts = {"sweep": "made_up", "runs": runs, "design": "random", "drives": [], "labels": labels, "metrics": metrics}
-    write_json(made_folder(folder) / FACTS, facts | {"limits": {}, "configuration": {}})
+    write_json(make_folder(folder) / SWEEP_FILE, facts | {"limits": {}, "configuration": {}})
     rng = np.random.default_rng(0)
-    with RowFile(folder / ROWS) as rows:
+    with RowFile(folder / ROWS_FILE) as rows:
         for first in range(1, runs + 1, 10_000):
             numbers = rng.normal(5.0, 1.0, (min(10_000, runs + 1 - first), len(labels) + len(metrics))).tolist()
             batch = []
@@ -113,7 +113,7 @@ def made_up(folder: Path, runs: int) -> None:
                 done, failed = RunFinding("done", "", measured, 0.03, 0.02), failure("drive_1: it crashed")
                 row = {"run": run, "key": f"{run:016x}", "drive": None, "within_limits": None}
                 row["parameters"] = dict(zip(labels, drawn, strict=False))
-                batch.append(row | (done.facts if run % 100 else failed))
+                batch.append(row | (done.row_fields if run % 100 else failed))
             rows.add(batch)
 
 

@@ -92,4 +92,4 @@ def stepped(experiment: Experiment, isolated: int) -> float:
         IsolatedDrives(VOICE, JobLimits.step, count=isolated) as drives,
         assemble(experiment, maker=FirstElsewhere(drives, isolated)) as assembly,
     ):
-        return simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS).completed().stepping
+        return simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS).require_success().stepping

@@ -18,8 +18,8 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.fmi.unpacked import unpacked
-from twin.robot.assembly.drives import DrivePlan, drive, planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import DrivePlan, drive, plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.run.run import SLICE_TICKS
 
 TICKS = 20_000
@@ -53,7 +53,7 @@ def master_seconds(plan: DrivePlan, slice_ticks: int) -> tuple[float, np.ndarray
         simulation = Simulation(system, TICKS, slice_ticks)
         rows = np.empty(0)
         began = time.perf_counter()
-        while not simulation.finished:
+        while not simulation.is_over:
             rows = simulation.advance()
         seconds = time.perf_counter() - began
         if simulation.failure:
@@ -101,7 +101,7 @@ def fmpy_seconds(plan: DrivePlan, clock: Callable[[], float] = time.perf_counter
 
 def measurements(folder: Path) -> list[Measurement]:
     """The lines of the table for one drive FMU."""
-    plan = planned(lone_drive(str(folder), folder.parent))
+    plan = plan_drive(load_drive(str(folder), folder.parent))
     name = folder.name
     with tempfile.TemporaryDirectory() as scratch:
         subjects = {

@@ -23,9 +23,9 @@ from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
-from twin.robot.assembly.drives import planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.kernel.systems.opening import open_system
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.experiment.schema import Drive
 from validation.masters import in_omsimulator
 from validation.masters.wired import Wired
@@ -73,9 +73,9 @@ def ring(file: Path, fmu: Path, starts: Sequence[float] | None = START) -> Path:
 
 def twin_seconds(file: Path, choice: MasterChoice, clock: Callable[[], float] = time.process_time) -> float:
     """Seconds per macro step in `twin cosim`, nothing recorded."""
-    with opened(read_package(file), choice) as (plan, made):
+    with open_system(read_package(file), choice) as (plan, made):
         began = clock()
-        simulate(made, plan.timing.ticks, (), TICKS + 1).completed()
+        simulate(made, plan.timing.ticks, (), TICKS + 1).require_success()
         return (clock() - began) / plan.timing.ticks
 
 
@@ -155,7 +155,7 @@ def _beside(file: Path, choice: MasterChoice) -> Iterator[Measurement]:
             missing[name] = "libcosimpy is not installed: make bench installs it"
         except NotHere as lacking:
             missing[name] = f"its package on the index holds no library; {lacking}"
-    drive = planned(lone_drive(str(FMU.parent), FMU.parents[1]))
+    drive = plan_drive(load_drive(str(FMU.parent), FMU.parents[1]))
     others = {
         "OMSimulator": partial(omsimulator_seconds, WIRED),
         "libcosim": partial(libcosim_seconds, file),
@@ -181,7 +181,7 @@ def _exchange(folder: Path) -> Iterator[Measurement]:
         yield Measurement(title, None, "x", at_most=1.2, remark=str(problem))
         return
     file, choice = ring(folder / "servos.ssp", servo, None), MasterChoice(tick=TICK, solver="rk4")
-    plan = planned(Drive.model_validate({"fmu": str(servo), "solver": "rk4"}))
+    plan = plan_drive(Drive.model_validate({"fmu": str(servo), "solver": "rk4"}))
     rounds = Rounds(
         {
             "system": lambda: twin_seconds(file, choice, time.perf_counter),

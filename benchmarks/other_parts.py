@@ -10,7 +10,7 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.observers import simulate
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.roles import other_part
+from twin.robot.assembly.roles import third_party_part
 from twin.robot.experiment.experiment import Experiment
 
 ROUNDS = 15
@@ -24,7 +24,7 @@ OTHERS = {
 def call_seconds(experiment: Experiment) -> float:
     """Time of a call of the controller in a run (s), and of its tank; what the loop does around them included."""
     with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, timed=True).completed()
+        done = simulate(assembly, experiment.duration_ticks, timed=True).require_success()
     return (done.costs["controller"] + done.costs.get("tank", 0.0)) * experiment.controller_ticks
 
 
@@ -40,7 +40,7 @@ def measurements(experiment: Path) -> list[Measurement]:
     title = "controller FMU: per call beyond its own time"
     own, others = load_experiment(experiment), {k: load_experiment(experiment, [s]) for k, s in OTHERS.items()}
     table = others["FMU"].stand_ins["controller"]
-    component = other_part("controller", table).make(own.cosim.tick, own.controller_ticks, own.duration_ticks)
+    component = third_party_part("controller", table).make(own.cosim.tick, own.controller_ticks, own.duration_ticks)
     try:
         with tempfile.TemporaryDirectory() as folder:
             loop = CLoop(Path(folder))

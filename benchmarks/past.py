@@ -5,31 +5,32 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, Rounds
-from twin.robot.assembly.load import load_experiment
-from twin.studies.faults.matrix import cases, healthy_trial, known_kinds, matrix_rows, onsets_of
+from twin.studies.faults.cases import cases, known_kinds
+from twin.studies.faults.matrix import matrix_rows
+from twin.studies.faults.stage import Stage, load_stage
 
 ROUNDS = 3
 
 
 def measurements(experiments: Path) -> list[Measurement]:
     """All cases of `twin faults`, with the monitor and without, without start-up and picture; processor time."""
-    experiment = load_experiment(experiments / "pressing.toml")
-    healthy = healthy_trial(experiment)
-    planned = cases(experiment, known_kinds(()), onsets_of(experiment, healthy, ()), None)
+    shared = load_stage(experiments / "pressing.toml")
+    alone = Stage(shared.experiment, share=False)
+    planned = cases(shared.experiment, known_kinds(()), shared.onsets, None)
 
-    def subject(share: bool) -> Callable[[], float]:
+    def subject(stage: Stage) -> Callable[[], float]:
         def work() -> float:
             began = time.process_time()
-            for _ in matrix_rows(experiment, healthy, planned, share):
+            for _ in matrix_rows(stage, planned):
                 pass
             return time.process_time() - began
 
         return work
 
     # compiles what it needs before anyone's clock runs
-    for _ in matrix_rows(experiment, healthy, planned[::6], True):
+    for _ in matrix_rows(shared, planned[::6]):
         pass
-    rounds = Rounds({"shared": subject(True), "alone": subject(False)}, ROUNDS)
+    rounds = Rounds({"shared": subject(shared), "alone": subject(alone)}, ROUNDS)
     return [
         Measurement("fault matrix: from the start / shared past", rounds.ratio("alone", "shared"), "x", at_least=1.7),
         Measurement("fault matrix: 160 cases", rounds.typical("shared"), "s"),

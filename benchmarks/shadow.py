@@ -9,10 +9,11 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.delay import play
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
-from twin.robot.plant.component import Plant, resting
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.run.trace import run_in_memory
+from twin.studies.replay.samples import samples_of
 from twin.studies.shadow.alarm import CHANNELS, Blocks, ShadowWatch, Tolerances
-from twin.studies.shadow.samples import followed, samples_of, shadow_of
+from twin.studies.shadow.filter_steps import filter_outputs, shadow_of
 
 ROUNDS = 15
 
@@ -22,14 +23,14 @@ def measurements(path: Path) -> list[Measurement]:
     experiment = load_experiment(path)
     samples = samples_of(run_in_memory(experiment, experiment.controller_ticks))
     parameters, n = plant_parameters(experiment.plant, experiment.contact), len(samples.t)
-    x, theta_m = resting(parameters, experiment.start)
+    x, theta_m = rest_state(parameters, experiment.start)
     held = np.tile(theta_m, (n, 1))
     # what is no news plays no role for the time
     limits = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
 
     def filtered() -> float:
         shadow, began = shadow_of(experiment), time.perf_counter()
-        followed(shadow, samples)
+        filter_outputs(shadow, samples)
         return time.perf_counter() - began
 
     def stepped() -> float:
@@ -39,8 +40,8 @@ def measurements(path: Path) -> list[Measurement]:
 
     def watched() -> float:
         shadow, watch, began = shadow_of(experiment), ShadowWatch(limits, 0.01), time.perf_counter()
-        for end, means in Blocks().take(samples.t, followed(shadow, samples)):
-            watch.take(end, means)
+        for end, means in Blocks().add_samples(samples.t, filter_outputs(shadow, samples)):
+            watch.add_block(end, means)
         return time.perf_counter() - began
 
     rounds = Rounds({"filter": filtered, "plant": stepped, "alarm": watched}, ROUNDS)

@@ -33,12 +33,13 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
-from twin.studies.shadow.ahead import Ahead
+from twin.studies.replay.sample_columns import F_Z
+from twin.studies.replay.samples import samples_of
+from twin.studies.shadow.ahead import SessionBranches
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 from twin.studies.shadow.following import AlarmWatch, twin_of
 from twin.studies.shadow.mapping import wanted_signals
-from twin.studies.shadow.samples import F_Z, samples_of
-from twin.studies.shadow.session import Followed, Session
+from twin.studies.shadow.session import Session, SessionSummary
 
 RATE = 1000.0
 DOMAIN = 87
@@ -121,7 +122,7 @@ class Beside:
 
     def __init__(self, experiment: Experiment, predicts: bool = True):
         self.experiment, self.model, self._predicts = experiment, model_of(experiment), predicts
-        self._ahead: Ahead | None = None
+        self._ahead: SessionBranches | None = None
         self.latencies: list[float] = []
         self.when: list[float] = []
 
@@ -130,8 +131,8 @@ class Beside:
         # what is no news plays no role for the time
         limits = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
         self.close()
-        self._ahead = Ahead(self.experiment) if self._predicts else None
-        ahead = self._ahead.beside if self._ahead else None
+        self._ahead = SessionBranches(self.experiment) if self._predicts else None
+        ahead = self._ahead.predicting_part if self._ahead else None
         twin = twin_of(self.experiment, self.model, source.name, AlarmWatch(limits, 0.01), ahead=ahead)
         columns = column_map([*MAPS, *COMMANDS, LATE]) if live else {}
         made = Session(
@@ -150,9 +151,9 @@ class Beside:
         made._receiver._estimate = timed if live else None
         return made
 
-    def follow(self, source: RobotSource, seconds: float, live: bool = True) -> Followed:
+    def follow(self, source: RobotSource, seconds: float, live: bool = True) -> SessionSummary:
         session = self.session(source, seconds, live)
-        session.wait()
+        session.wait_for_topics()
         with tempfile.TemporaryDirectory() as folder:
             followed = session.follow(lambda: Path(folder) / "run.mcap")
         source.close()
@@ -185,13 +186,13 @@ def stalled() -> RobotSource:
     class Stalled(DdsSource):
         begun = math.inf
 
-        def take(self, wait: float) -> list[Arrival]:
+        def receive(self, wait: float) -> list[Arrival]:
             self.begun = min(self.begun, time.monotonic())
             if time.monotonic() - self.begun > SETTLED + 1.0:
                 self.begun = -math.inf
                 time.sleep(STALL)
                 self.begun = math.nan
-            return super().take(wait)
+            return super().receive(wait)
 
     return Stalled(f"ros2:{TOPIC}")
 
@@ -221,8 +222,8 @@ def in_wall_time(beside: Beside, blocks: int, block: float, long: float) -> list
     session = beside.session(robot(), long)
     session._say = say
     # times of each of 600,000 samples would be memory that no session has
-    session._receiver._estimate = session._twin.at_once
-    session.wait()
+    session._receiver._estimate = session._twin.estimate_at_once
+    session.wait_for_topics()
     wall, used = time.monotonic(), time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         followed = session.follow(lambda: Path(folder) / "run.mcap")

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.warm import WarmProcess
-from twin.studies.sweep import SERVED
+from twin.studies.sweep import WORKER_JOB
 from twin.studies.sweep.engine import Job, LocalEngine, run_facts
 from twin.studies.sweep.plan import SweepPlan, Task, plan_of, short_definition
 
@@ -63,7 +63,7 @@ def warm_run(job: Job, plan: SweepPlan, processes: int) -> tuple[float, float]:
 def memory(job: Job, task: Task) -> tuple[int, int]:
     """Resident memory of a worker after 100 and after `MANY` short runs (bytes)."""
     found = []
-    with WarmProcess(SERVED, job.limits) as process:
+    with WarmProcess(WORKER_JOB, job.limits) as process:
         for run in range(1, MANY + 1):
             settings = (f"{KEY}={500 + run}", "duration_s=2")
             run_facts(job, process, replace(task, run=run, settings=settings))

@@ -8,7 +8,7 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import InputRefused
 from twin.kernel.ssp.package import read_package
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import SLICE_TICKS
 from twin.studies.build.system import build_ssp
@@ -19,8 +19,8 @@ TITLE = "Fig. 4 as an SSP: stepping / the twin's own"
 
 def seconds(file: Path) -> float:
     """Wall seconds of stepping the system of an SSP archive, nothing recorded."""
-    with opened(read_package(file)) as (plan, made):
-        return simulate(made, plan.timing.ticks, (), SLICE_TICKS).completed().stepping
+    with open_system(read_package(file)) as (plan, made):
+        return simulate(made, plan.timing.ticks, (), SLICE_TICKS).require_success().stepping
 
 
 def measurements(path: Path) -> list[Measurement]:

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
-from twin.kernel.process.job import function_called
+from twin.kernel.process.job import load_function
 from twin.kernel.process.reporter import DirectReporter, Listen, Show
 
 GUARDED = (
-    "twin.kernel.process.guard.guarded",
+    "twin.kernel.process.guard.run_guarded",
     "twin.cli.ask.guarded",
     "twin.studies.check.job.guarded",
     "twin.studies.qualify.qualification.guarded",
@@ -108,11 +108,11 @@ def _unguarded(
     listen: Listen = lambda note: None,
     show: Show = lambda done, total: None,
 ) -> Any:
-    """As `twin.kernel.process.guard.guarded`, through JSON likewise, in this process."""
+    """As `twin.kernel.process.guard.run_guarded`, through JSON likewise, in this process."""
     reporter = DirectReporter(lambda note: listen(_through_json(note)), show)
     # two jobs are two processes otherwise, and need not stand each other in one
     with _ONE_JOB:
-        return _through_json(function_called(job)(reporter, **pickle.loads(pickle.dumps(arguments))))
+        return _through_json(load_function(job)(reporter, **pickle.loads(pickle.dumps(arguments))))
 
 
 def _through_json(content: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 from twin.kernel.cache_folder import evict
 from twin.kernel.compiled.function import Function
-from twin.robot.places import PACKAGE, sources
+from twin.robot.paths import PACKAGE_FOLDER, package_sources
 
 KEPT = 3
 """Sources whose machine code is kept."""
@@ -41,9 +41,9 @@ def _compiled(function: Function) -> Callable:
 def _folder() -> Path:
     """Of what numba keeps: it looks at a function's own file only, so each source has a folder of its own."""
     digest = hashlib.sha256()
-    for name, source in sources(str(PACKAGE)).items():
+    for name, source in package_sources(str(PACKAGE_FOLDER)).items():
         digest.update(name.encode() + b"\0" + source + b"\0")
-    folder = PACKAGE / "__pycache__" / "tests" / digest.hexdigest()[:16]
+    folder = PACKAGE_FOLDER / "__pycache__" / "tests" / digest.hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
     evict(folder.parent, KEPT)
     return folder

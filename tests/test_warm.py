@@ -9,7 +9,7 @@ import pytest
 
 from tests.warm import Forked, WarmStart
 from twin.kernel.process import process
-from twin.kernel.process.guard import guarded
+from twin.kernel.process.guard import run_guarded
 
 JOB = "tests.kernel.process.jobs:surroundings"
 
@@ -18,11 +18,11 @@ JOB = "tests.kernel.process.jobs:surroundings"
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all are started")
 def test_a_forked_process_finds_what_a_started_one_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     # what they are forked from has begun elsewhere
-    guarded(JOB, {})
+    run_guarded(JOB, {})
     monkeypatch.chdir(tmp_path)
-    forked = guarded(JOB, {})
+    forked = run_guarded(JOB, {})
     monkeypatch.setattr(process, "Popen", subprocess.Popen)
-    assert forked == guarded(JOB, {})
+    assert forked == run_guarded(JOB, {})
     assert forked["parent"] == os.getpid() and forked["leads_its_session"]
 
 

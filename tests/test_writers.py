@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ALONE = {
-    "kernel/writing.py": "the place",
+    "kernel/atomic_write.py": "the place",
     "kernel/recording/writer.py": "a recording grows, is readable before it is finished, and renamed then",
     "report/explore/server.py": "a token in the cache",
     "studies/sweep/rows.py": "rows are only ever appended to",

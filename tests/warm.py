@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.kernel.process import child
-from twin.kernel.process.process import THREADS, environment, module_command
+from twin.kernel.process.process import THREAD_LIMITS, environment, module_command
 
 IMPORTED = (
     "twin.robot.live.runs", "twin.kernel.process.reporter", "twin.robot.assembly.isolated_drive",
@@ -35,7 +35,7 @@ class WarmStart:
     """Takes the place of `subprocess.Popen` where guarded processes are started."""
 
     def __init__(self) -> None:
-        self._env = _lasting({**THREADS, **environment()})
+        self._env = _lasting({**THREAD_LIMITS, **environment()})
         self._source: socket.socket | None = None
 
     def __call__(self, command: Sequence[str], **settings: Any) -> Any:

@@ -7,7 +7,7 @@ What they need is imported when they are asked for.
 
 __version__ = "1.0.0"
 
-_PUBLIC = {
+_PUBLIC_NAMES = {
     "Cosimulation": "twin.kernel.systems.session:Cosimulation",
     "Experiment": "twin.robot.experiment.experiment:Experiment",
     "Run": "twin.robot.run.run:Run",
@@ -17,16 +17,16 @@ _PUBLIC = {
     "run": "twin.robot.run.run:execute",
 }
 
-__all__ = list(_PUBLIC)
+__all__ = list(_PUBLIC_NAMES)
 
 
 def __getattr__(name: str):  # type: ignore[no-untyped-def]
     # imported here: until the command line has begun, Ctrl-C ends in Python's traceback
     from importlib import import_module
 
-    if name not in _PUBLIC:
+    if name not in _PUBLIC_NAMES:
         raise AttributeError(f"module 'twin' has no attribute '{name}'")
-    module, _, attribute = _PUBLIC[name].partition(":")
+    module, _, attribute = _PUBLIC_NAMES[name].partition(":")
     return getattr(import_module(module), attribute)
 
 

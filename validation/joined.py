@@ -39,11 +39,11 @@ def joined(
         TwinError: the system cannot be run, or failed.
     """
     from twin.kernel.cosim.simulation import Simulation
-    from twin.kernel.errors import EndRequested
+    from twin.kernel.errors import EndRequest
     from twin.kernel.ssp.package import loose_package
     from twin.kernel.ssp.structure import Connection, DefaultExperiment, Endpoint, SspComponent, SspSystem, Structure
     from twin.kernel.systems.additions import Additions
-    from twin.kernel.systems.opening import opened
+    from twin.kernel.systems.opening import open_system
 
     ends = [
         Connection(Endpoint(*start.split(".", 1)), Endpoint(*end.split(".", 1)), suppress_unit_conversion=not units)
@@ -53,7 +53,7 @@ def joined(
     system = SspSystem("joined", parts, tuple(ends))
     structure = Structure("joined", system, experiment=DefaultExperiment(stop=stop))
     package = loose_package(Path("joined"), structure, {f"{name}.fmu": file for name, file in fmus.items()}, "SSP")
-    with opened(package, choice, additions=Additions(settings, (), inputs, seen)) as (plan, made):
+    with open_system(package, choice, additions=Additions(settings, (), inputs, seen)) as (plan, made):
         places = {
             f"{part.path}.{port.variable.name}": made.columns[part.name].start + i
             for part in plan.parts
@@ -61,8 +61,8 @@ def joined(
         }
         columns = [places[name] for name in seen]
         simulation, found = Simulation(made.system, plan.timing.ticks, slice_ticks=every), []
-        while not simulation.finished:
+        while not simulation.is_over:
             found.append(simulation.advance()[:1, columns])
-        if simulation.failure and not isinstance(simulation.failure, EndRequested):
+        if simulation.failure and not isinstance(simulation.failure, EndRequest):
             raise simulation.failure
     return dict(zip(seen, np.concatenate(found).T, strict=True))

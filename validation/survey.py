@@ -15,29 +15,29 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from twin.kernel.archive import content_of, entries, sha256
+from twin.kernel.archive import entries, read_entry, sha256
+from twin.kernel.atomic_write import make_folder, write_json, write_text
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, TwinError, visible
-from twin.kernel.files import read_json, read_toml, xml_of
-from twin.kernel.fmi.description import DESCRIPTION, MOST_DESCRIPTION
-from twin.kernel.fmi.unpacked import CONTENT, HOME
-from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.errors import InputRefused, TwinError, escape_controls
+from twin.kernel.files import parse_xml, read_json, read_toml
+from twin.kernel.fmi.description import DESCRIPTION_FILE, MAX_DESCRIPTION_SIZE
+from twin.kernel.fmi.unpacked import CONTENT_FOLDER, UNPACKED_FOLDER
+from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.writing import made_folder, write_json, write_text
-from twin.robot.assembly.drives import planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.studies.reference.outcome import (
-    BAD,
-    TOLERANCE,
-    WORDS,
+    BAD_OUTCOMES,
+    OUTCOME_MEANINGS,
+    TOLERANCE_NOTE,
     ReferenceOutcome,
     Trial,
-    carried,
     outcome_of,
+    reference_files,
     references,
 )
-from twin.studies.result import counted, labelled, markdown
+from twin.studies.result import count_text, labelled_lines, markdown
 from validation.systems import system_row, systems_below
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -106,9 +106,9 @@ def survey(
     if systems is not None:
         facts |= _surveyed_systems(systems, sources, wall)
     if systems is not None or place.suffix != ".json":
-        write_json(made_folder(data.parent) / data.name, facts)
+        write_json(make_folder(data.parent) / data.name, facts)
     if page is not None:
-        write_text(made_folder(page.parent) / page.name, page_text(facts))
+        write_text(make_folder(page.parent) / page.name, page_text(facts))
     return facts
 
 
@@ -165,7 +165,7 @@ def row(file: Path, digest: str, limits: JobLimits) -> dict[str, Any]:
     """What the FMU `file` is and what came of trying it, in a process that may crash or hang.
 
     Keys: file, sha256; model, tool, fmi, kinds, platforms as of `Stated`, where it can be read; drive, whether it fits
-    the contract as it is; tried; word, one of `WORDS`; detail, one sentence.
+    the contract as it is; tried; word, one of `OUTCOME_MEANINGS`; detail, one sentence.
 
     Raises:
         InputRefused: the disk refuses to read it.
@@ -175,8 +175,8 @@ def row(file: Path, digest: str, limits: JobLimits) -> dict[str, Any]:
         if stream.read(len(POINTER)) == POINTER:
             return known | {"word": "refused", "detail": "a Git LFS pointer stands in its place"}
     try:
-        found = guarded(JOB, {"file": str(file)}, limits, known.update)
-    except (JobEnded, JobEndedLoading) as failure:
+        found = run_guarded(JOB, {"file": str(file)}, limits, known.update)
+    except (JobFailure, JobLoadFailure) as failure:
         found = {"word": "lost", "detail": str(failure)}
     except TwinError as refusal:
         found = {"word": "refused", "detail": str(refusal)}
@@ -195,16 +195,16 @@ def tried(reporter: Reporter, file: str) -> dict[str, Any]:
     path = Path(file)
     reporter.note(**asdict(stated(path)))
     try:
-        planned(lone_drive(file, path.parent))
+        plan_drive(load_drive(file, path.parent))
         reporter.note(drive=True)
     except InputRefused:
         pass
-    came = len(carried(path).trials)
-    reporter.note(tried=counted(came, "experiment") + " that came with it" if came else DEFAULT)
+    came = len(reference_files(path).trials)
+    reporter.note(tried=count_text(came, "experiment") + " that came with it" if came else DEFAULT)
     found = references(path, apart=False)
     if not (came and found):
         return _facts(outcome_of(path, Trial(DEFAULT)))
-    order = (*BAD, "agrees", "ran")
+    order = (*BAD_OUTCOMES, "agrees", "ran")
     return _facts(min(found.outcomes, key=lambda outcome: order.index(outcome.word)))
 
 
@@ -214,11 +214,11 @@ def _facts(outcome: ReferenceOutcome) -> dict[str, Any]:
 
 def _without_paths(sentence: str, file: Path) -> str:
     """A sentence on one line that tells nothing of this machine."""
-    cache = re.escape(f"{cache_folder(HOME)}/")
-    sentence = re.sub(f"{cache}[0-9a-f]{{64}}/{CONTENT}/?", "", sentence).replace(f"{file.parent}/", "")
+    cache = re.escape(f"{cache_folder(UNPACKED_FOLDER)}/")
+    sentence = re.sub(f"{cache}[0-9a-f]{{64}}/{CONTENT_FOLDER}/?", "", sentence).replace(f"{file.parent}/", "")
     # what a file names on the machine of who wrote it
     sentence = ABSOLUTE.sub("", sentence)
-    sentence = visible(" ".join(sentence.split()))
+    sentence = escape_controls(" ".join(sentence.split()))
     return sentence if len(sentence) <= LONGEST else sentence[: LONGEST - 3] + "..."
 
 
@@ -248,9 +248,9 @@ def stated(file: Path) -> Stated:
         InputRefused: no sound archive, or no description in it that is XML.
     """
     names = entries(file)
-    if DESCRIPTION not in names:
-        raise InputRefused(f"{file}: no {DESCRIPTION} inside; this is not an FMU")
-    root = xml_of(content_of(file, DESCRIPTION, MOST_DESCRIPTION), f"{file}: {DESCRIPTION}")
+    if DESCRIPTION_FILE not in names:
+        raise InputRefused(f"{file}: no {DESCRIPTION_FILE} inside; this is not an FMU")
+    root = parse_xml(read_entry(file, DESCRIPTION_FILE, MAX_DESCRIPTION_SIZE), f"{file}: {DESCRIPTION_FILE}")
     version = root.get("fmiVersion", "")
     kinds = tuple(kind for tag, kind in KINDS.items() if root.find(tag) is not None)
     if version.startswith("1"):
@@ -263,12 +263,16 @@ def stated(file: Path) -> Stated:
 
 def page_text(facts: Mapping[str, Any]) -> str:
     """The page, Markdown."""
-    tried = (
-        f"Tried on {facts['platform']}: {counted(len(facts['fmus']), 'FMU')}, each with the beginning of its SHA-256."
-    )
-    lines = [HEAD, f"{tried} Held to results within {TOLERANCE}.", ""]
+    count = count_text(len(facts["fmus"]), "FMU")
+    tried = f"Tried on {facts['platform']}: {count}, each with the beginning of its SHA-256."
+    lines = [HEAD, f"{tried} Held to results within {TOLERANCE_NOTE}.", ""]
     words = Counter(row["word"] for row in facts["fmus"])
-    lines += [markdown(["word", "FMUs", "meaning"], ([word, str(words[word]), WORDS[word]] for word in WORDS)), ""]
+    lines += [
+        markdown(
+            ["word", "FMUs", "meaning"], ([word, str(words[word]), OUTCOME_MEANINGS[word]] for word in OUTCOME_MEANINGS)
+        ),
+        "",
+    ]
     for source, origin in facts["sources"].items():
         rows = [row for row in facts["fmus"] if row["source"] == source]
         lines += [f"## {source or 'FMUs'}", "", *([f"{origin}", ""] if origin else [])]
@@ -282,8 +286,8 @@ def _systems_text(facts: Mapping[str, Any]) -> Iterator[str]:
     if not systems:
         return
     words = Counter(row["word"] for row in systems)
-    yield f"{SYSTEMS_HEAD}\n{counted(len(systems), 'system')} of others, each with the beginning of its SHA-256.\n"
-    yield markdown(["word", "systems"], ([word, str(words[word])] for word in WORDS if words[word]))
+    yield f"{SYSTEMS_HEAD}\n{count_text(len(systems), 'system')} of others, each with the beginning of its SHA-256.\n"
+    yield markdown(["word", "systems"], ([word, str(words[word])] for word in OUTCOME_MEANINGS if words[word]))
     for source, origin in facts["system_sources"].items():
         yield f"\n### Systems of {source}\n\n{origin}\n"
         rows = [row for row in systems if row["source"] == source]
@@ -307,11 +311,12 @@ def survey_text(facts: Mapping[str, Any]) -> str:
     """How many came out how, then those that did not run."""
     words = Counter(row["word"] for row in facts["fmus"])
     lines = [
-        f"{counted(len(facts['fmus']), 'FMU')}: " + ", ".join(f"{words[word]} {word}" for word in WORDS if words[word])
+        f"{count_text(len(facts['fmus']), 'FMU')}: "
+        + ", ".join(f"{words[word]} {word}" for word in OUTCOME_MEANINGS if words[word])
     ]
     for row in facts["fmus"]:
         if row["word"] not in ("agrees", "ran"):
-            lines += labelled(
+            lines += labelled_lines(
                 row["word"], f"{row['file']}: {row['detail'].removeprefix(row['file'] + ': ')}", whole=True
             )
     return "\n".join(lines)

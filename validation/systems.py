@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
-from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, TwinError
+from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.ssp.package import STRUCTURE, Package
+from twin.kernel.ssp.package import STRUCTURE_FILE, Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 from twin.kernel.systems.reading import read_system
-from twin.studies.result import counted
+from twin.studies.result import count_text
 
 JOB = "validation.systems:tried"
 ASKED = "as it is"
@@ -40,7 +40,7 @@ def systems_below(place: Path, scratch: Path) -> Iterator[tuple[Path, Path]]:
     for file in sorted(file for file in place.rglob("*") if file.is_file()):
         if file.suffix == ".ssp" or (file.name.startswith("OspSystemStructure") and file.suffix == ".xml"):
             yield file, file
-        elif file.name == STRUCTURE:
+        elif file.name == STRUCTURE_FILE:
             yield file, _packed(file, Path(tempfile.mkdtemp(dir=scratch)))
         elif file.suffix == ".json" and _is_multi_model(file):
             yield file, file
@@ -55,7 +55,7 @@ def _packed(structure: Path, folder: Path) -> Path:
             if (home / source).is_file():
                 text = text.replace(f'"{source}"'.encode(), f'"outside/{Path(source).name}"'.encode())
                 archive.write(home / source, f"outside/{Path(source).name}")
-        archive.writestr(STRUCTURE, text)
+        archive.writestr(STRUCTURE_FILE, text)
         for one in sorted(one for one in home.rglob("*") if one.is_file() and one != structure):
             archive.write(one, one.relative_to(home).as_posix())
     return packed
@@ -76,8 +76,8 @@ def system_row(name: str, file: Path, limits: JobLimits) -> dict[str, Any]:
     """
     known: dict[str, Any] = {"file": name, "form": "", "parts": 0, "tried": "nothing"}
     try:
-        found = guarded(JOB, {"file": str(file)}, limits, known.update)
-    except (JobEnded, JobEndedLoading) as failure:
+        found = run_guarded(JOB, {"file": str(file)}, limits, known.update)
+    except (JobFailure, JobLoadFailure) as failure:
         found = {"word": "lost", "detail": str(failure)}
     except ComponentFailed as failure:
         found = {"word": "failed", "detail": str(failure)}
@@ -124,13 +124,13 @@ def _run(
         wanted = dict(zip(head.split(","), numbers.T, strict=True))
     times = wanted.pop("time", np.zeros(0))
     choice = MasterChoice(tick=asked.get("tick"), stop=asked.get("stop"), lenient=True)
-    with opened(package, choice, additions=Additions(settings, recorded=[*wanted])) as (plan, made):
+    with open_system(package, choice, additions=Additions(settings, recorded=[*wanted])) as (plan, made):
         reporter.note(parts=len(plan.parts))
         if plan.timing.ticks - plan.timing.first > MOST_STEPS:
             raise InputRefused(f"more than {MOST_STEPS:,} steps, which is not tried")
         simulation = Simulation(made.system, plan.timing.ticks, plan.timing.ticks + 1 - plan.timing.first)
         rows = simulation.advance().copy()
-        ended = isinstance(simulation.failure, EndRequested)
+        ended = isinstance(simulation.failure, EndRequest)
         if simulation.failure and not ended:
             raise simulation.failure
         steps = f"{len(rows) - 1} steps of {plan.timing.tick:g} s"
@@ -152,4 +152,4 @@ def _run(
             if not off <= worst:
                 worst, named = off, name
         word = "agrees" if worst <= CLOSE else "differs"
-        return {"word": word, "detail": f"{detail}; {counted(len(wanted), 'signal')}, {named} off by {worst:.2g}"}
+        return {"word": word, "detail": f"{detail}; {count_text(len(wanted), 'signal')}, {named} off by {worst:.2g}"}

@@ -13,20 +13,20 @@ from tests.kernel.systems.archives import archive, component, connection, connec
 from tests.studies.sweep.statistics.rows import row
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.reader import read_log
-from twin.kernel.ssp.flat import flattened
+from twin.kernel.ssp.flat import flatten
 from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.plan import fmu_sources, planned
-from twin.robot.assembly.declared import DECLARED
+from twin.kernel.systems.plan import fmu_sources, plan_system
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.template import commented_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.plan import read_definition
-from twin.studies.sweep.rows import ROWS
-from twin.studies.sweep.show.parts import Asked, parts, sweep_text
+from twin.studies.sweep.rows import ROWS_FILE
+from twin.studies.sweep.show.parts import SweepQuery, parts, sweep_text
 from twin.studies.sweep.statistics.ranking import bands, usual_metric
-from twin.studies.sweep.stored import FACTS, stored_sweep
+from twin.studies.sweep.stored import SWEEP_FILE, stored_sweep
 
 Attack = Callable[[int], object]
 FEW, MANY = range(25), 400
@@ -34,7 +34,7 @@ FEW, MANY = range(25), 400
 
 @pytest.fixture
 def experiment(root: Path, tmp_path: Path) -> Attack:
-    text = commented_experiment(DECLARED, "pressing", root / "experiments/pressing.toml").encode()
+    text = commented_experiment(DECLARED_TABLES, "pressing", root / "experiments/pressing.toml").encode()
     return _read(text, tmp_path / "experiment.toml", load_experiment)
 
 
@@ -135,10 +135,10 @@ def sweep_folder(tmp_path: Path) -> Attack:
             hit = seed % len(rows)
             lines = [mutated_json(one, seed) if number == hit else one for number, one in enumerate(rows)]
         content = "".join(json.dumps(line) + "\n" for line in lines).encode()
-        (tmp_path / FACTS).write_text(json.dumps(now))
-        (tmp_path / ROWS).write_bytes(mutated(content, seed) if seed % 7 == 0 else content)
+        (tmp_path / SWEEP_FILE).write_text(json.dumps(now))
+        (tmp_path / ROWS_FILE).write_bytes(mutated(content, seed) if seed % 7 == 0 else content)
         found = stored_sweep(tmp_path)
-        asked = Asked(usual_metric(found.columns), "lateral_error_mm", 5)
+        asked = SweepQuery(usual_metric(found.columns), "lateral_error_mm", 5)
         bands(found.rows)
         return sweep_text(found, asked), parts(found, asked)
 
@@ -164,9 +164,9 @@ def system_structure(root: Path, tmp_path: Path) -> Attack:
     def attack(seed: int | None) -> object:
         changed = text if seed is None else mutated(text, seed)
         package = read_package(archive(tmp_path / "x.ssp", changed, {"a.fmu": fmu}))
-        flat = flattened(package.structure, "x.ssp")
+        flat = flatten(package.structure, "x.ssp")
         files = dict.fromkeys(fmu_sources(package, flat).values(), fmu)
-        return planned(package, flat, files, MasterChoice(scheme="jacobi")).late
+        return plan_system(package, flat, files, MasterChoice(scheme="jacobi")).delayed_connections
 
     attack(None)
     return attack

@@ -10,7 +10,7 @@ from benchmarks.masters import FMU, NAMES, TICK, WIRED, refuse_different_results
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 
 JACOBI = MasterChoice(scheme="jacobi", tick=TICK)
 
@@ -25,7 +25,7 @@ def test_archive_and_wires_are_the_same_ring_and_turn_as_written_by_hand(tmp_pat
         rows.append(theta)
     found = WIRED.in_twin(JACOBI)
     np.testing.assert_allclose(found, np.array(rows), rtol=0.0, atol=1e-15)
-    with opened(read_package(ring(tmp_path / "ring.ssp", FMU)), JACOBI) as (_, made):
+    with open_system(read_package(ring(tmp_path / "ring.ssp", FMU)), JACOBI) as (_, made):
         row = Simulation(made.system, WIRED.ticks, WIRED.ticks + 1).run()[-1]
         outputs = np.concatenate([row[made.columns[name]] for name in NAMES])
     assert set(found[-1]) <= set(outputs)

@@ -9,12 +9,12 @@ from playwright.sync_api import Browser
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.report.page.plain import write_sweep_page
-from twin.studies.sweep.show.parts import Asked
+from twin.studies.sweep.show.parts import SweepQuery
 from twin.studies.sweep.show.pictures import write_pictures
 
 pytestmark = pytest.mark.slow
 
-ASKED = Asked("force_error_N", "lateral_error_mm", 5)
+ASKED = SweepQuery("force_error_N", "lateral_error_mm", 5)
 
 
 @pytest.fixture(scope="module")

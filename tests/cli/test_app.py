@@ -20,9 +20,9 @@ from tests.command_line import twin, twin_process
 from twin import __version__
 from twin import studies as package
 from twin.cli import catalogue
-from twin.cli.app import WHOLE, as_spelt_now, twin_command
-from twin.cli.catalogue import GROUPS, SECTIONS, declared
-from twin.kernel.cache_folder import VARIABLE
+from twin.cli.app import MAX_HELP_LENGTH, current_spelling, twin_command
+from twin.cli.catalogue import COMMAND_GROUPS, HELP_SECTIONS, command_texts
+from twin.kernel.cache_folder import CACHE_VARIABLE
 from twin.kernel.errors import ComponentFailed
 
 STUDY = '''
@@ -82,7 +82,7 @@ def silent() -> None:
     """
 '''
 
-NAMES = tuple(declared())
+NAMES = tuple(command_texts())
 USED = """
 import sys
 sys.argv = ["twin", *{words!r}]
@@ -98,7 +98,7 @@ except SystemExit:
 def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Studies in a file of a folder of its own."""
     (tmp_path / "echo.py").write_text(STUDY)
-    monkeypatch.setattr(catalogue, "FOLDERS", {"twin.studies": tmp_path})
+    monkeypatch.setattr(catalogue, "COMMAND_FOLDERS", {"twin.studies": tmp_path})
     monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
 
 
@@ -111,7 +111,7 @@ def asked(*words: str, code: int = 0) -> str:
 @pytest.mark.usefixtures("echo")
 def test_a_file_that_is_there_is_a_command_after_those_of_twin():
     command = twin_command()
-    assert list(declared()) == ["echo", "log twice", "log silent"]
+    assert list(command_texts()) == ["echo", "log twice", "log silent"]
     assert list(command.commands) == ["log", "echo"]
     group: Any = command.commands["log"]
     assert list(group.commands) == ["twice", "silent"]
@@ -159,16 +159,16 @@ def test_answers_are_printed_one_after_the_other_and_the_largest_exit_code_count
 
 @pytest.mark.parametrize("words", NAMES)
 def test_the_help_read_from_the_file_is_the_docstring(words: str):
-    one = declared()[words]
+    one = command_texts()[words]
     function = getattr(import_module(one.module), one.function)
     own, _, _ = inspect.cleandoc(function.__doc__).partition("\n\nRaises:")
-    assert one.help == own and COMMANDS[words].get_short_help_str(WHOLE)
+    assert one.help == own and COMMANDS[words].get_short_help_str(MAX_HELP_LENGTH)
 
 
 def test_every_command_of_twin_stands_in_one_section_of_the_help():
-    listed = [name for names in SECTIONS.values() for name in names]
+    listed = [name for names in HELP_SECTIONS.values() for name in names]
     assert sorted(listed) == sorted({words.split()[0] for words in NAMES})
-    assert {words.split()[0] for words in NAMES if " " in words} == set(GROUPS)
+    assert {words.split()[0] for words in NAMES if " " in words} == set(COMMAND_GROUPS)
     assert list(twin_command().commands) == listed
 
 
@@ -183,12 +183,12 @@ def test_every_command_of_twin_stands_in_one_section_of_the_help():
     ],
 )
 def test_only_the_command_that_is_asked_for_is_imported(words: list[str], imported: str):
-    program = USED.format(words=words, modules={one.module for one in declared().values()})
+    program = USED.format(words=words, modules={one.module for one in command_texts().values()})
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stderr.splitlines()[-1] == imported
 
 
-@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in GROUPS)])
+@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in COMMAND_GROUPS)])
 def test_commands_are_listed_with_their_whole_first_sentences(words: list[str]):
     _, commands = CliRunner().invoke(twin_command(), words).stdout.split("Show this message and exit.\n")
     for section in commands.split("\n\n"):
@@ -200,7 +200,7 @@ def test_help_is_made_without_what_draws(tmp_path: Path):
     shown = (
         "import sys; sys.argv[1:] = ['--help']; from twin.cli import main\ntry: main()\nfinally: print([*sys.modules])"
     )
-    nothing_kept = os.environ | {VARIABLE: str(tmp_path)}
+    nothing_kept = os.environ | {CACHE_VARIABLE: str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, env=nothing_kept)
     assert "run        Run experiments and record them." in done.stdout
     assert "'rich'" not in done.stdout and "'pydantic'" not in done.stdout
@@ -261,7 +261,7 @@ def test_help_fits_80_columns(words: str, monkeypatch: pytest.MonkeyPatch):
     ],
 )
 def test_isolation_as_it_was_once_asked_for_and_real_time_without_a_factor_work(words: str, now: str):
-    assert as_spelt_now(words.split()) == now.split()
+    assert current_spelling(words.split()) == now.split()
 
 
 def offered(line: str, cwd: Path) -> list[str]:
@@ -298,7 +298,7 @@ def test_the_script_for_each_shell_asks_twin(shell: str, tmp_path: Path):
 
 
 def test_completing_a_command_imports_no_study(tmp_path: Path):
-    program = USED.format(words=[], modules={one.module for one in declared().values()})
+    program = USED.format(words=[], modules={one.module for one in command_texts().values()})
     asked = {"_TWIN_COMPLETE": "bash_complete", "COMP_WORDS": "twin ", "COMP_CWORD": "1"}
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=os.environ | asked)
     assert "plain,run" in done.stdout.splitlines() and done.stderr == "\n"

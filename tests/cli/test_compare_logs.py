@@ -13,7 +13,7 @@ from tests.kernel.recording import samples
 from twin.cli.ask import ask
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
-from twin.studies.command import SHARED
+from twin.studies.command import SHARED_OPTIONS
 from twin.studies.compare import study
 
 
@@ -27,7 +27,7 @@ def digits(force_position: Recording, tmp_path: Path) -> Path:
     return path
 
 
-DEFAULTS = {name: default for name, (_, default) in SHARED.items()}
+DEFAULTS = {name: default for name, (_, default) in SHARED_OPTIONS.items()}
 DEFAULTS |= {name: one.default for name, one in inspect.signature(study.compare).parameters.items() if name != "say"}
 
 

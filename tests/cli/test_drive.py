@@ -8,7 +8,7 @@ from PIL import Image
 from tests.command_line import twin
 from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.faulty import faulty_drive
-from twin.studies.qualify.definitions import CHECKS, MEASURES
+from twin.studies.qualify.definitions import CHECK_MEANINGS, MEASURE_DEFINITIONS
 
 FIG4 = "experiments/fig4_force_position.toml"
 
@@ -69,7 +69,7 @@ def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp
     done = twin("drive", "check", root / "fmus/velocity_servo", "--json", cwd=tmp_path, isolated=True)
     facts = json.loads(done.stdout)
     assert facts["qualified"] is True and facts["failed"] == []
-    assert list(facts["checks"]) == list(CHECKS) and list(facts["measures"]) == list(MEASURES)
+    assert list(facts["checks"]) == list(CHECK_MEANINGS) and list(facts["measures"]) == list(MEASURE_DEFINITIONS)
     droop = facts["measures"]["droop"]
     assert droop["unit"] == "rad/s per N m" and abs(droop["value"] - 0.6) < 1e-6
     assert all(check["meaning"] for check in facts["checks"].values())

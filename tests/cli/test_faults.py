@@ -8,7 +8,7 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.kernel.fmi.compiled import compiled_drive
-from twin.studies.faults.study import MATRIX, PICTURE, ROWS
+from twin.studies.faults.study import MATRIX_FILE, PICTURE_FILE, ROWS_FILE
 
 PRESSING = "experiments/pressing.toml"
 CRASHES_WHEN_RETRACTED = """
@@ -32,10 +32,10 @@ def test_rows_picture_and_json_lie_in_the_folder_and_the_verdict_comes_first(roo
     assert done.stdout.startswith("pressing  as stated: 5 of 6 below 18 N")
     assert max(map(len, done.stdout.splitlines())) <= 80
     folder = tmp_path / "mine"
-    rows = [json.loads(line) for line in (folder / ROWS).read_text().splitlines()]
-    assert rows == json.loads((folder / MATRIX).read_text())["rows"]
+    rows = [json.loads(line) for line in (folder / ROWS_FILE).read_text().splitlines()]
+    assert rows == json.loads((folder / MATRIX_FILE).read_text())["rows"]
     assert len(rows) == 6
-    with Image.open(folder / PICTURE) as image:
+    with Image.open(folder / PICTURE_FILE) as image:
         assert image.width >= 1000
 
 
@@ -45,7 +45,7 @@ def test_json_has_one_row_per_case_with_both_runs(root: Path, tmp_path: Path):
     (row,) = json.loads(done.stdout)["rows"]
     assert (row["kind"], row["onset_s"], row["verdict"]) == ("drive_dead", 0.5, "safe")
     assert row["with_monitor"]["reason"] and not row["without_monitor"]["reason"]
-    assert (tmp_path / "results/faults/pressing" / PICTURE).is_file()
+    assert (tmp_path / "results/faults/pressing" / PICTURE_FILE).is_file()
 
 
 BACK = ("--set-of", "single", "--body", "back", "--onset", "5.5")
@@ -74,7 +74,7 @@ def test_poses_are_tried_and_the_worst_comes_first(root: Path, tmp_path: Path):
     done = twin("faults", root / PRESSING, *moved, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert max(map(len, done.stdout.splitlines())) <= 80 and "at mm" in done.stdout
-    rows = json.loads((tmp_path / "results/faults/pressing" / MATRIX).read_text())["together"]
+    rows = json.loads((tmp_path / "results/faults/pressing" / MATRIX_FILE).read_text())["together"]
     assert {tuple(row["offset_m"]) for row in rows} == {(0, 0), (0.015, 0), (0, 0.015), (-0.015, 0), (0, -0.015)}
     worst = max(rows, key=lambda row: row["with_monitor"]["peak_N"])
     x, y = (1e3 * each for each in worst["offset_m"])
@@ -112,5 +112,5 @@ def test_a_drive_that_crashes_costs_one_sentence_and_no_finished_row(root: Path,
     assert done.returncode == 3, done.stderr
     assert "fragile.fmu (drive_1) crashed (SIGSEGV" in done.stderr and "Traceback" not in done.stderr
     # 0.1 and 0.5 deg trip nothing, 2 deg do
-    assert f"Kept until then: mine/{ROWS} (2 rows)." in done.stderr
-    assert len((tmp_path / "mine" / ROWS).read_text().splitlines()) == 2
+    assert f"Kept until then: mine/{ROWS_FILE} (2 rows)." in done.stderr
+    assert len((tmp_path / "mine" / ROWS_FILE).read_text().splitlines()) == 2

@@ -15,7 +15,7 @@ from twin.cli.installation import (
     disk_finding,
     drives_finding,
     examination_text,
-    examined,
+    examine,
     home_finding,
     installed_table,
     package_findings,
@@ -35,7 +35,7 @@ def states(findings: list[Finding]) -> dict[str, str]:
 
 
 def test_this_repository_is_ready(root: Path):
-    findings = examined(root, with_run=False)
+    findings = examine(root, with_run=False)
     assert verdict(findings).startswith("ready")
     assert {"python", "packages", "drives", "compiled", "unpacked", "disk"} <= states(findings).keys()
     lines = examination_text(findings).splitlines()
@@ -119,10 +119,10 @@ def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp
 
 
 def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(store, "folder", lambda: tmp_path)
-    monkeypatch.setattr(installation, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "object_folder", lambda: tmp_path)
+    monkeypatch.setattr(installation, "object_folder", lambda: tmp_path)
     assert compiled_finding().text.startswith("nothing yet: the first run compiles")
-    store.keep("plant.o", bytes(3_000_000))
+    store.store_file("plant.o", bytes(3_000_000))
     assert compiled_finding().text == f"3 MB kept in {tmp_path}, which only you can write to"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert compiled_finding().text == f"3 MB kept in {tmp_path}, as NUMBA_CACHE_DIR says"
@@ -132,10 +132,10 @@ def test_compiled_code_that_came_with_a_wheel_is_counted_by_itself(tmp_path: Pat
     came, empty = tmp_path / "came", tmp_path / "empty"
     came.mkdir()
     empty.mkdir()
-    (came / "plant_avx.o").write_bytes(store.sealed("plant_avx.o", bytes(1_500_000)))
-    monkeypatch.setattr(store, "folder", lambda: empty)
-    monkeypatch.setattr(installation, "folder", lambda: empty)
-    monkeypatch.setattr(installation, "CARRIED", came)
+    (came / "plant_avx.o").write_bytes(store.seal("plant_avx.o", bytes(1_500_000)))
+    monkeypatch.setattr(store, "object_folder", lambda: empty)
+    monkeypatch.setattr(installation, "object_folder", lambda: empty)
+    monkeypatch.setattr(installation, "PACKAGED_OBJECTS", came)
     good = f"1.5 MB came with twin; 0 MB kept in {empty}, which only you can write to"
     assert compiled_finding().text == good
     damage(came / "plant_avx.o", "flipped", Random(1))
@@ -143,7 +143,7 @@ def test_compiled_code_that_came_with_a_wheel_is_counted_by_itself(tmp_path: Pat
 
 
 def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "object_folder", lambda: tmp_path)
     (tmp_path / "dynamics.o").write_bytes(b"no seal")
     told = compiled_finding()
     assert told.state == "ok"

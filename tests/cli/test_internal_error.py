@@ -11,7 +11,7 @@ import pytest
 
 from tests.command_line import twin, twin_process
 from twin.cli import ask
-from twin.cli.catalogue import declared
+from twin.cli.catalogue import command_texts
 from twin.studies.command import Argument
 
 
@@ -46,9 +46,9 @@ def _arguments(function: Callable[..., Any]) -> Iterator[str]:
             yield from [word] if isinstance(option, Argument) else [flag, word]
 
 
-@pytest.mark.parametrize("words", sorted(declared()))
+@pytest.mark.parametrize("words", sorted(command_texts()))
 def test_an_exception_in_a_command_ends_it_with_70(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    one = declared()[words]
+    one = command_texts()[words]
     module = __import__(one.module, fromlist=[one.function])
     raising = _raising(getattr(module, one.function))
     monkeypatch.setattr(module, one.function, raising)
@@ -65,8 +65,8 @@ def blunder(reporter: object, **arguments: object) -> None:
 def test_an_exception_in_a_worker_process_ends_the_command_with_70(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(ask, "RECORDED", f"{__name__}:blunder")
-    monkeypatch.setattr("twin.studies.command.JOB", f"{__name__}:blunder")
+    monkeypatch.setattr(ask, "RECORD_JOB", f"{__name__}:blunder")
+    monkeypatch.setattr("twin.studies.command.ANSWER_JOB", f"{__name__}:blunder")
     for words in (["cosim", "x.fmu"], ["drive", "check", "ideal_velocity"]):
         done = twin(*words, cwd=root, isolated=True)
         assert done.returncode == 70, done.stderr

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli.app import carried_out
+from twin.cli.app import run_command_line
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.reader import Recording
 
@@ -61,7 +61,7 @@ def test_it_is_one_sentence(command: str, root: Path, force_position: Recording,
     }
     words = [str(names.get(word, word)) for word in shlex.split(command)]
     with pytest.raises(TwinError) as refused:
-        carried_out(words)
+        run_command_line(words)
     assert refused.value.exit_code in (2, 3)
     assert "cannot be " in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1

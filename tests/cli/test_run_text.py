@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli.run_text import MOST_EVENTS, run_facts, run_text
-from twin.robot.run.measures import MEASURES, unmeasured
+from twin.cli.run_text import MAX_EVENTS, run_facts, run_text
+from twin.robot.run.measures import ROWS_BY_KEY, missing_measures
 
 NUMBERS = {
     "hold_error": 0.0939, "hold_overshoot": 0.0, "hold_settling_time": 0.852, "held_lateral_error": 0.00277,
     "hold_begin": 7.606, "hold_end": 20.0, "hold_overshoot_force": 0.0,
 }  # fmt: skip
-HELD = {key: {"value": NUMBERS.get(key), "reason": "" if key in NUMBERS else "below 0.05 N"} for key in MEASURES}
+HELD = {key: {"value": NUMBERS.get(key), "reason": "" if key in NUMBERS else "below 0.05 N"} for key in ROWS_BY_KEY}
 OUTCOME = {
     "measures": HELD, "peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07,
     "force_error": 0.451, "lateral_error": 0.00218, "z_error": 0.00102,
@@ -57,7 +57,7 @@ def test_a_large_overshoot_stands_in_the_first_line():
 
 
 def test_a_run_that_holds_nothing_says_why():
-    none = {key: asdict(one) for key, one in unmeasured("no force loop").items()}
+    none = {key: asdict(one) for key, one in missing_measures("no force loop").items()}
     run = RUN | {"outcome": OUTCOME | {"measures": none}}
     assert run_text(run).splitlines()[2] == "  held       none: no force loop"
     assert run_facts(run)["measures"]["hold_error"] == {"value": None, "unit": "N", "reason": "no force loop"}  # type: ignore[index]
@@ -126,11 +126,11 @@ def test_a_run_that_never_touched_says_so():
     assert "  force      none: it never touched\n" in text
 
 
-@pytest.mark.parametrize("count", [MOST_EVENTS, MOST_EVENTS + 3])
+@pytest.mark.parametrize("count", [MAX_EVENTS, MAX_EVENTS + 3])
 def test_of_many_events_the_first_are_told_and_the_others_counted(count: int):
     text = run_text(RUN | {"events": [(0.001 * k, "WARNING", "the drive says the same again") for k in range(count)]})
-    assert text.count("says the same") == MOST_EVENTS
-    assert ("and 3 more events, in the recording" in text) == (count > MOST_EVENTS)
+    assert text.count("says the same") == MAX_EVENTS
+    assert ("and 3 more events, in the recording" in text) == (count > MAX_EVENTS)
 
 
 def test_for_programs_there_is_every_event():

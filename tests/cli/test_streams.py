@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from twin.cli import app, line
-from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
+from twin.cli.streams import READER_GONE, BestEffortStderr, NoReader, Outlet, standard_streams
 from twin.kernel.errors import NotWritten
 from twin.kernel.process.black_box import BlackBox
 
@@ -46,12 +46,12 @@ def test_output_that_is_not_taken_is_one_sentence_and_a_reader_that_has_gone_is_
         with pytest.raises(NotWritten, match=r"^standard output: cannot be written: No space left on device$"):
             act()
     for act in (lambda: gone.write("x"), gone.flush):
-        with pytest.raises(Unread):
+        with pytest.raises(NoReader):
             act()
 
 
 def test_what_standard_error_does_not_take_is_lost() -> None:
-    aside = Aside(Refusing(OSError(28, "No space left on device")))
+    aside = BestEffortStderr(Refusing(OSError(28, "No space left on device")))
     assert aside.write("four") == 4
     aside.flush()
     assert aside.encoding is None
@@ -61,14 +61,14 @@ def test_streams_are_given_back() -> None:
     before = sys.stdin, sys.stdout, sys.stderr
     with standard_streams():
         assert isinstance(sys.stdout, Outlet)
-        assert isinstance(sys.stderr, Aside)
+        assert isinstance(sys.stderr, BestEffortStderr)
     assert (sys.stdin, sys.stdout, sys.stderr) == before
 
 
 @pytest.mark.parametrize(
     ("problem", "code", "told"),
     [
-        (Unread(), READER_GONE, ""),
+        (NoReader(), READER_GONE, ""),
         (NotWritten("x: cannot be written: why"), 3, "x: cannot be written: why\n"),
         (OSError(28, "No space left on device", "results/x"), 3, "results/x: No space left on device\n"),
         (OSError(24, "Too many open files"), 3, "twin: Too many open files\n"),
@@ -81,7 +81,7 @@ def test_every_end_has_its_code_and_no_traceback(
     def failing(words: list[str]) -> None:
         raise problem
 
-    monkeypatch.setattr(app, "carried_out", failing)
+    monkeypatch.setattr(app, "run_command_line", failing)
     with pytest.raises(SystemExit) as end:
         line.main()
     assert end.value.code == code

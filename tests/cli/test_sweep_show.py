@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from tests.studies.sweep.statistics.rows import row
 from twin.cli.app import twin_command
 from twin.kernel.errors import InputRefused, NotWritten
-from twin.studies.sweep.rows import ROWS
-from twin.studies.sweep.stored import FACTS, MARGINS
+from twin.studies.sweep.rows import ROWS_FILE
+from twin.studies.sweep.stored import MARGINS_FILE, SWEEP_FILE
 
 
 @pytest.fixture
@@ -27,8 +27,8 @@ def folder(tmp_path: Path) -> Path:
         "sweep": "made_up", "runs": 12, "design": "grid", "drives": [], "labels": ["a.k", "b.c"],
         "metrics": ["hold_error_N", "end_N", "lateral_error_mm"], "limits": {}, "configuration": {},
     }  # fmt: skip
-    (tmp_path / FACTS).write_text(json.dumps(facts))
-    (tmp_path / ROWS).write_text("".join(json.dumps(one) + "\n" for one in rows))
+    (tmp_path / SWEEP_FILE).write_text(json.dumps(facts))
+    (tmp_path / ROWS_FILE).write_text("".join(json.dumps(one) + "\n" for one in rows))
     return tmp_path
 
 
@@ -48,10 +48,10 @@ def test_the_answer_comes_first_and_the_files_last(folder: Path):
 
 def test_nothing_runs_by_being_looked_at(folder: Path):
     margins = {"4": {"run": 4, "gain": 129.0, "phase_rad": 1.9, "reason": ""}}
-    (folder / MARGINS).write_text(json.dumps(margins))
+    (folder / MARGINS_FILE).write_text(json.dumps(margins))
     # a sweep of somebody else may name an experiment whose drives are native code
-    facts = json.loads((folder / FACTS).read_text())
-    (folder / FACTS).write_text(json.dumps({**facts, "origin": {"file": str(folder / "theirs.toml")}}))
+    facts = json.loads((folder / SWEEP_FILE).read_text())
+    (folder / SWEEP_FILE).write_text(json.dumps({**facts, "origin": {"file": str(folder / "theirs.toml")}}))
     script = (
         "import sys\n"
         "from click.testing import CliRunner\n"
@@ -70,9 +70,9 @@ def test_nothing_runs_by_being_looked_at(folder: Path):
 
 @pytest.mark.parametrize("content", ['{"4": {"gain": 1.0}}', "[]", '{"4": ', '{"4": {"run": 4, "gain": 1e999}}'])
 def test_margins_that_twin_did_not_write_are_refused(folder: Path, content: str):
-    (folder / MARGINS).write_text(content)
+    (folder / MARGINS_FILE).write_text(content)
     done = CliRunner().invoke(twin_command(), ["sweep", "show", str(folder)])
-    assert isinstance(done.exception, InputRefused) and f"{folder / MARGINS}: not what" in str(done.exception)
+    assert isinstance(done.exception, InputRefused) and f"{folder / MARGINS_FILE}: not what" in str(done.exception)
 
 
 def test_the_worst_over_a_parameter_is_asked_for_by_its_short_name(folder: Path):
@@ -93,7 +93,7 @@ def test_it_is_told_before_anything_is_drawn(folder: Path, monkeypatch: pytest.M
 
 
 def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
-    with (folder / ROWS).open("a") as file:
+    with (folder / ROWS_FILE).open("a") as file:
         judged = {**row(13, {"a.k": 0.5, "b.c": 0.5}, hold_error_N=0.1), "curves": {"period_s": 0.04, "of": {}}}
         file.write(json.dumps({**judged, "curves": {}}) + "\n")
     facts = json.loads(shown(str(folder), "--json"))
@@ -123,5 +123,5 @@ def test_a_folder_that_is_no_sweeps_is_refused(tmp_path: Path):
 
 
 def test_a_folder_without_a_finished_run_is_shown_as_one(folder: Path):
-    (folder / ROWS).write_text("")
+    (folder / ROWS_FILE).write_text("")
     assert shown(str(folder), "--html").startswith("made_up  0 of 12 runs")

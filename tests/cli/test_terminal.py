@@ -24,9 +24,9 @@ from twin.cli import terminal as compiling
 from twin.cli import terminal as display
 from twin.cli import terminal as progress
 from twin.cli.ask import ask
-from twin.cli.streams import Harmless, show
-from twin.cli.terminal import PIECES, Bar, PlainLine, PlainProgress, TerminalDisplay, program
-from twin.cli.terminal import compiling as compiling_text
+from twin.cli.streams import EscapingTerminal, print_answer
+from twin.cli.terminal import TYPICAL_PIECES, Bar, PlainLine, PlainProgress, TerminalDisplay, program
+from twin.cli.terminal import compiling_text as compiling_text
 from twin.studies.check.study import check
 from twin.studies.command import Answer
 
@@ -35,7 +35,7 @@ NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
 
 def test_control_characters_are_written_out_and_colours_stay():
     stream = io.StringIO()
-    print("\x1b[1;31mtwin\x1b[0m µ\t" + NAME + "\b\0", file=Harmless(stream))  # type: ignore[arg-type]
+    print("\x1b[1;31mtwin\x1b[0m µ\t" + NAME + "\b\0", file=EscapingTerminal(stream))  # type: ignore[arg-type]
     shown = "\\x1b]0;owned\\x07[bold]x[/y]\\x9b31m\\x08\\x00"
     assert stream.getvalue() == "\x1b[1;31mtwin\x1b[0m µ\t" + shown + "\n"
 
@@ -152,16 +152,16 @@ class Heard(PlainProgress):
 def heard(monkeypatch: pytest.MonkeyPatch) -> Heard:
     heard = Heard()
     monkeypatch.setattr(display, "progress", lambda: heard)
-    monkeypatch.setattr(compiling, "compiled_pieces", lambda: PIECES)
+    monkeypatch.setattr(compiling, "object_count", lambda: TYPICAL_PIECES)
     return heard
 
 
 @pytest.mark.parametrize(
     ("counts", "told"),
     [
-        ([0, 0, 3, PIECES - 1], [(3, PIECES), (PIECES - 1, PIECES)]),
+        ([0, 0, 3, TYPICAL_PIECES - 1], [(3, TYPICAL_PIECES), (TYPICAL_PIECES - 1, TYPICAL_PIECES)]),
         # a run with tasks on a body needs more than one of Fig. 4
-        ([0, 0, 3, PIECES + 4], [(3, PIECES), (PIECES + 4, 0)]),
+        ([0, 0, 3, TYPICAL_PIECES + 4], [(3, TYPICAL_PIECES), (TYPICAL_PIECES + 4, 0)]),
         # compiled in part, by whoever was interrupted: how many are lacking nobody knows
         ([60, 60, 61, 70], [(1, 0), (10, 0)]),
         ([95, 95, 95, 95], []),
@@ -176,8 +176,8 @@ def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Hear
             all_counted.set()
         return counts[-1] if found is None else found
 
-    monkeypatch.setattr(compiling, "compiled_pieces", counted)
-    monkeypatch.setattr(compiling, "PERIOD", 0.001)
+    monkeypatch.setattr(compiling, "object_count", counted)
+    monkeypatch.setattr(compiling, "WATCH_INTERVAL", 0.001)
     with TerminalDisplay(as_json=False) as shown:
         assert all_counted.wait(60.0)
         # the first step may have to wait for the last piece
@@ -203,8 +203,8 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
             told_twice.set()
         return number
 
-    monkeypatch.setattr(compiling, "compiled_pieces", counted)
-    monkeypatch.setattr(compiling, "PERIOD", 0.001)
+    monkeypatch.setattr(compiling, "object_count", counted)
+    monkeypatch.setattr(compiling, "WATCH_INTERVAL", 0.001)
     with TerminalDisplay(as_json=True):
         assert told_twice.wait(60.0)
     told = capsys.readouterr()
@@ -212,8 +212,8 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
 
 
 def test_a_run_that_is_refused_before_anything_is_compiled_does_not_speak_of_it(monkeypatch, capsys):
-    monkeypatch.setattr(compiling, "compiled_pieces", lambda: 0)
-    monkeypatch.setattr(compiling, "PERIOD", 0.001)
+    monkeypatch.setattr(compiling, "object_count", lambda: 0)
+    monkeypatch.setattr(compiling, "WATCH_INTERVAL", 0.001)
     with TerminalDisplay(as_json=True):
         time.sleep(0.02)
     assert capsys.readouterr().err == ""
@@ -225,9 +225,9 @@ def test_runs_follow_one_another_and_the_next_step_names_all_of_them(heard: Hear
         for name in ("a", "b"):
             folder = tmp_path / "results" / name / "2026"
             folder.mkdir(parents=True)
-            shown.hear({"experiment": name, "folder": str(folder), "duration": 20.0})
+            shown.on_note({"experiment": name, "folder": str(folder), "duration": 20.0})
             shown.show(5, 10)
-            shown.hear({"run": RUN | {"recording": str(folder / "run.mcap")}})
+            shown.on_note({"run": RUN | {"recording": str(folder / "run.mcap")}})
     assert heard.told[1:] == [("a", 20.0), 0.5, ("b", 20.0), 0.5]
     out = capsys.readouterr().out
     assert out.endswith("  next       twin report results/a/2026 results/b/2026\n")
@@ -272,7 +272,7 @@ def test_a_command_to_copy_begins_with_what_a_shell_finds(tmp_path: Path, monkey
 @pytest.mark.parametrize("line", ["next  twin run a.toml", "  next       twin report a b", "next: twin run a.toml"])
 def test_every_next_line_begins_with_what_a_shell_finds(line: str, monkeypatch: pytest.MonkeyPatch, capsys):
     monkeypatch.setattr("sys.argv", ["/some where/twin", "tune"])
-    show(Answer(f"twin\n{line}\n  note  twin", {}))
+    print_answer(Answer(f"twin\n{line}\n  note  twin", {}))
     quoted = line.replace("twin", "'/some where/twin'", 1)
     assert capsys.readouterr().out == f"twin\n{quoted}\n  note  twin\n"
 
@@ -319,10 +319,10 @@ def test_a_terminal_shows_how_far_the_run_is_and_then_only_the_summary(root: Pat
 @pytest.mark.endurance
 def test_the_first_run_of_all_counts_what_it_compiles(root: Path, tmp_path: Path):
     text = seen(root, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
-    counted = [int(count) for count in re.findall(rf"compiling, once: (\d+) of about {PIECES}", text)]
+    counted = [int(count) for count in re.findall(rf"compiling, once: (\d+) of about {TYPICAL_PIECES}", text)]
     assert counted == sorted(counted) and len(set(counted)) > 3
     # "about": within a fifth
-    assert abs(len(list((tmp_path / "compiled").rglob("*.o"))) - PIECES) < 0.2 * PIECES
+    assert abs(len(list((tmp_path / "compiled").rglob("*.o"))) - TYPICAL_PIECES) < 0.2 * TYPICAL_PIECES
 
 
 @pytest.mark.slow

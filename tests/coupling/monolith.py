@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.plant.component import OUTPUTS
+from twin.robot.plant.component import PLANT_OUTPUTS
 from twin.studies.analyse.linear.hand import plant_system, signal_labels
-from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
+from twin.studies.converge.monolith import has_monolithic_form, monolithic_rows, servos, within_limits
 
 LEGS = (1, 2, 3)
 T_M = 0.020
@@ -60,8 +60,8 @@ def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray
     experiment = replace(experiment, duration_ticks=round(duration / experiment.cosim.tick))
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
-    assert drives is not None and applies(experiment)
+    assert drives is not None and has_monolithic_form(experiment)
     rows = monolithic_rows(experiment, drives)
     assert within_limits(rows, drives)
-    values = np.concatenate([rows[f"plant.{port.name}"] for port in OUTPUTS], axis=1)
-    return dict(zip(signal_labels(OUTPUTS), values.T, strict=True))
+    values = np.concatenate([rows[f"plant.{port.name}"] for port in PLANT_OUTPUTS], axis=1)
+    return dict(zip(signal_labels(PLANT_OUTPUTS), values.T, strict=True))

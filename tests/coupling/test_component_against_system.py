@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.laws.runs import PARAMETERS, Sampled
-from twin.robot.plant.component import STILL, Plant, resting, settle
+from tests.laws.runs import PARAMETERS, ComponentStepper
+from twin.robot.plant.component import NO_MOTION, Plant, rest_state, settle
 from twin.robot.plant.contact import apex_frame
 from twin.studies.analyse.linear.hand import plant_system
 
@@ -26,7 +26,7 @@ def held_motor_angles(theta_m):
 
 def component_states(parameters, x, theta_m, inputs, substeps):
     plant = Plant(parameters, x, theta_m, substeps)
-    stepped = Sampled(plant)
+    stepped = ComponentStepper(plant)
     y = np.array([stepped(u, 0.0, TICK) for u in inputs])
     return np.concatenate([y[:, :6], y[:, 22:24]], axis=1)
 
@@ -43,7 +43,7 @@ def integrated_states(parameters, x, inputs):
         # at those jumps steps are tried in vain, and one of order 8 costs twice as much
         solution = solve_ivp(rate, (0.0, TICK), x, method="RK45", first_step=TICK, rtol=1e-10, atol=ATOL)
         x = solution.y[:, -1]
-        settle(parameters, apex_frame(parameters), x, STILL, STILL)
+        settle(parameters, apex_frame(parameters), x, NO_MOTION, NO_MOTION)
         states.append(x)
     return np.array(states)
 
@@ -58,7 +58,7 @@ def integrated_states(parameters, x, inputs):
     ],
 )
 def test_component_steps_the_differential_equation_of_the_python_control_system(parameters, height, substeps):
-    x, theta_m = resting(parameters, (0.0, 0.01, height))
+    x, theta_m = rest_state(parameters, (0.0, 0.01, height))
     inputs = held_motor_angles(theta_m)
     stepped = component_states(parameters, x, theta_m, inputs, substeps)
     expected = integrated_states(parameters, x, inputs)
@@ -70,7 +70,7 @@ def test_component_steps_the_differential_equation_of_the_python_control_system(
 
 
 def test_one_runge_kutta_step_per_tick_is_enough_for_the_task():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.01, -0.1015))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.01, -0.1015))
     inputs = held_motor_angles(theta_m)
     coarse = component_states(PARAMETERS, x, theta_m, inputs, 1)
     fine = component_states(PARAMETERS, x, theta_m, inputs, 100)

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tests.coupling.monolith import T_M, coupled_system, drive_droop
 from tests.laws.runs import PARAMETERS, shipped
-from twin.robot.plant.component import resting
-from twin.studies.converge.monolith import Coupled
+from twin.robot.plant.component import rest_state
+from twin.studies.converge.monolith import CoupledEquations
 
 EXPERIMENT = shipped()
 SYSTEM = coupled_system(EXPERIMENT)
@@ -20,7 +20,7 @@ share = st.floats(-1.0, 1.0)
 def coupled_states(draw: st.DrawFn) -> NDArray[np.float64]:
     """Near an equilibrium of the task, in air or in contact, moving; shape (14,)."""
     p_B = [0.02 * draw(share), 0.02 * draw(share), draw(st.floats(-0.110, -0.085))]
-    x, theta_m = resting(PARAMETERS, p_B)
+    x, theta_m = rest_state(PARAMETERS, p_B)
     x[3:6] = [0.1 * draw(share) for _ in range(3)]
     x[6:] = [2e-4 * draw(share) for _ in range(2)]
     theta_m += [0.05 * draw(share) for _ in range(3)]
@@ -29,6 +29,6 @@ def coupled_states(draw: st.DrawFn) -> NDArray[np.float64]:
 
 @given(coupled_states(), st.tuples(share, share, share).map(np.array))
 def test_what_scipy_integrates_is_what_python_control_interconnects(x, omega_ref):
-    compiled = Coupled(PARAMETERS, np.full(3, T_M), drive_droop(EXPERIMENT)).derivative(omega_ref, x)
+    compiled = CoupledEquations(PARAMETERS, np.full(3, T_M), drive_droop(EXPERIMENT)).derivative(omega_ref, x)
     # rounding: the two add up the droop in another order; speeds change by up to 1e2 rad/s2
     np.testing.assert_allclose(compiled, SYSTEM.dynamics(0.0, x, omega_ref), rtol=1e-12, atol=1e-12)

@@ -4,7 +4,7 @@ import ast
 import re
 
 from tests.conftest import ROOT
-from twin.cli.catalogue import declared
+from twin.cli.catalogue import command_texts
 
 PAGE = ROOT / "docs/how_it_works.md"
 HEAD = "| study | commands | about |\n|---|---|---|\n"
@@ -14,7 +14,7 @@ TABLE = re.compile(re.escape(HEAD) + r"(\|.*\n)*")
 def rows() -> dict[str, tuple[str, str]]:
     """Commands, and what it is about, of each study; those of files follow folders, those of twin/cli come last."""
     commands: dict[str, list[str]] = {}
-    for words, one in declared().items():
+    for words, one in command_texts().items():
         _, package, place, *_ = one.module.split(".")
         commands.setdefault(place if package == "studies" else "cli", []).append(f"`{words}`")
     studies = ROOT / "twin/studies"

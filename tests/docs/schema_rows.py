@@ -12,36 +12,38 @@ from pydantic_core import PydanticUndefined
 
 from tests.conftest import ROOT
 from twin.kernel.settings import Settings
-from twin.robot.assembly.declared import DECLARED
-from twin.robot.controller.program import TASKS
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.controller.program import TASK_KINDS
 from twin.robot.experiment import fault, measure, schema, stand_in
-from twin.robot.experiment.experiment import Head
-from twin.robot.experiment.schema import nested
+from twin.robot.experiment.experiment import TopLevelKeys
+from twin.robot.experiment.schema import nested_tables
 
 PAGE = ROOT / "docs/keys.md"
 ELSEWHERE = ("controller.model", "estimator", "body")
 """Tables of which the page says that they are as another one."""
-_DECLARED = {path: model for name, table in DECLARED.tables.items() for path, model in nested(table, name).items()}
+_DECLARED = {
+    path: model for name, table in DECLARED_TABLES.tables.items() for path, model in nested_tables(table, name).items()
+}
 _ARRAYS = {"controller.force.schedule": "[[controller.force.schedule]]"}
 TABLES: dict[str, type[Settings]] = {
-    "top of the file": Head,
+    "top of the file": TopLevelKeys,
     **{_ARRAYS.get(path, f"[{path}]"): model for path, model in _DECLARED.items() if path not in ELSEWHERE},
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
     "[drive.unpowered]": schema.UnpoweredDrive,
     "[drive.parts.NAME]": schema.DrivePart,
     "a third-party part": stand_in.StandIn,
-    **{f'[[task]] kind = "{kind}"': table for kind, table in TASKS.items()},
+    **{f'[[task]] kind = "{kind}"': table for kind, table in TASK_KINDS.items()},
     "[[fault]]": fault.FaultTable,
     "[[change]]": schema.ChangeTable,
-    **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.KINDS.items()},
+    **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.MEASURE_KINDS.items()},
 }
 SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: "<", annotated_types.Le: "<="}
 
 
 def rows(model: type[Settings]) -> dict[str, tuple[str, str, str]]:
     """key -> (unit, default, allowed), each as docs/keys.md writes it; only keys that its base does not have."""
-    tables = DECLARED.tables
+    tables = DECLARED_TABLES.tables
     inherited = tables["robot"].model_fields if model is tables["plant"] else {}
     return {
         field.alias or name: (_unit(name, field), _default(field), _allowed(field))

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.docs.map_rows import PAGE, completed, rows
-from twin.cli.catalogue import declared
-from twin.kernel.process.job import function_called
+from twin.cli.catalogue import command_texts
+from twin.kernel.process.job import load_function
 
 OWNERS = {
     "fmpy": "twin.kernel.fmi.**",
@@ -44,7 +44,7 @@ def test_the_map_has_every_study_with_its_commands_as_the_files_have_them():
     assert completed(page) == page
     lines = [line for line in page.splitlines() if line.startswith("| `sweep` | `sweep run` |")]
     assert len(lines) == 1 and completed(page.replace(lines[0] + "\n", "")) == page
-    assert {words for cells, _ in rows().values() for words in re.findall("`(.*?)`", cells)} == set(declared())
+    assert {words for cells, _ in rows().values() for words in re.findall("`(.*?)`", cells)} == set(command_texts())
 
 
 def test_at_most_ten_folders_and_modules_are_at_the_top(root: Path):
@@ -81,14 +81,14 @@ def test_functions_that_are_named_in_a_text_exist_and_lie_on_no_higher_floor(roo
     assert len(found) > 20
     height = {room: number for number, floor in enumerate(floors(root)) for room in floor}
     for path, name in found:
-        assert callable(function_called(name)), name
+        assert callable(load_function(name)), name
         # the package itself stands above all of its rooms
         if len(path.parts) > 1:
             assert height[path.parts[0]] <= height[name.split(".")[1]], f"{path}: {name}"
 
 
 def test_a_study_in_a_process_of_its_own_tells_what_it_is_doing():
-    for one in declared().values():
-        function = function_called(f"{one.module}:{one.function}")
+    for one in command_texts().values():
+        function = load_function(f"{one.module}:{one.function}")
         if vars(function)["study"].isolated:
             assert {"say", "reporter"} & set(inspect.signature(function).parameters), one

@@ -5,17 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from twin.robot.assembly.roles import CONTRACTS
+from twin.robot.assembly.roles import ROLE_CONTRACTS
 
 
-@pytest.mark.parametrize("role", CONTRACTS)
+@pytest.mark.parametrize("role", ROLE_CONTRACTS)
 def test_the_page_has_the_ports_of_a_part(root: Path, role: str):
     page = (root / "docs" / "roles_reference.md").read_text().partition("## The ports")[2]
     section = re.split(r"\n##+ ", page.partition(f"### `{role}`\n")[2])[0]
     written = [
         tuple(c.strip() for c in line.strip("|").split("|")) for line in section.splitlines() if line.startswith("| `")
     ]
-    contract = CONTRACTS[role]
+    contract = ROLE_CONTRACTS[role]
     true = [(f"`{p.name}`", "input", str(p.size), p.unit, p.meaning) for p in contract.inputs]
     for p in contract.outputs:
         needed = "output, needed" if p.name in contract.required else "output"

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from twin.robot.run.measures import TABLE, MeasureRow
+from twin.robot.run.measures import MEASURE_ROWS, MeasureRow
 
 
 def rows() -> list[str]:
     """The table of the page."""
     return [
         "| " + " | ".join((f"`{one.key}`", one.text, one.unit.text, one.meaning, one.interval, floor(one))) + " |"
-        for one in TABLE
+        for one in MEASURE_ROWS
     ]
 
 

@@ -20,7 +20,7 @@ from tests.kernel.fmi.amplifier import parts_of_a_drive
 from twin.kernel.recording.logs.column_map import column_map
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.schema import Drive
-from twin.studies.sweep.plan import planned
+from twin.studies.sweep.plan import read_plan
 
 PLAIN = re.compile(r"twin ([^|;&$<>`*?~{}()!\\'\"]|'[^']*')*$")
 """A command that a shell would only split into words."""
@@ -181,7 +181,7 @@ class Workshop:
             column_map([self._written(block)])
             return
         if "experiment" in table:
-            planned(self._written(block))
+            read_plan(self._written(block))
             return
         assert "extends" in table, f"{block.place}: not a mapping, and no experiment: begin with extends = ..."
         load_experiment(self._written(block))

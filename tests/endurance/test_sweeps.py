@@ -7,9 +7,9 @@ import pytest
 
 from tests.studies.sweep.definitions import job, stiffness_text, written
 from twin.kernel.process.warm import WarmProcess
-from twin.studies.sweep import SERVED
+from twin.studies.sweep import WORKER_JOB
 from twin.studies.sweep.engine import run_facts
-from twin.studies.sweep.plan import planned
+from twin.studies.sweep.plan import read_plan
 
 pytestmark = [
     pytest.mark.endurance,
@@ -23,11 +23,11 @@ MB = 1e6
 @pytest.mark.parametrize("drive", ["velocity_servo", "torque_motor_fmi3"])
 def test_ten_thousand_runs_in_one_process_neither_leak_nor_need_much(root: Path, tmp_path: Path, drive: str):
     text = stiffness_text(root, "[500]", f'drives = ["{drive}"]').replace("0.02", "2.0")
-    plan = planned(written(tmp_path, text))
+    plan = read_plan(written(tmp_path, text))
     (task,) = plan.tasks
     memory: list[float] = []
     common = job(plan, tmp_path)
-    with WarmProcess(SERVED, common.limits) as process:
+    with WarmProcess(WORKER_JOB, common.limits) as process:
         for run in range(1, RUNS + 1):
             stiffness = f"contact.stiffness_N_per_m={500 + run}"
             facts = run_facts(common, process, replace(task, run=run, settings=(*task.settings, stiffness)))

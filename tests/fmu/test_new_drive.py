@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.docs.code_blocks import blocks
-from twin.robot.assembly.drives import planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.experiment.drive_files import load_drive
 
 NAME = "lag_servo"
 
@@ -44,7 +44,7 @@ def built(workshop: Path) -> subprocess.CompletedProcess[str]:
 def test_the_drive_of_the_page_is_built_and_fits(workshop: Path):
     done = built(workshop)
     assert (done.returncode, done.stdout) == (0, f"fmus/{NAME}/{NAME}.fmu\n"), done.stderr
-    plan = planned(lone_drive(str(workshop / "fmus" / NAME), workshop))
+    plan = plan_drive(load_drive(str(workshop / "fmus" / NAME), workshop))
     assert {binding.role.port.name for binding in plan.bindings} >= {"omega_ref", "tau_load", "theta_m", "omega_m"}
 
 

@@ -7,7 +7,7 @@ import pytest
 from builder.references import FILES, carry_references
 
 from tests.kernel.fmi.archives import altered
-from twin.studies.reference.outcome import HOME, References, carried, references
+from twin.studies.reference.outcome import MANIFEST_FOLDER, References, reference_files, references
 
 DRIVES = sorted(path.stem for path in (Path(__file__).resolve().parents[2] / "fmus").glob("*/*.fmu"))
 ROUNDING = 1e-4
@@ -26,7 +26,7 @@ def tried(file: Path) -> References:
 def test_the_twin_gets_from_every_drive_what_another_importer_got(root: Path, drive: str):
     found = tried(root / "fmus" / drive / f"{drive}.fmu")
     (ramps,) = found.outcomes
-    assert ramps.word == "agrees" and dict(found.carried.unread).keys() == {"ramps.exp"}
+    assert ramps.word == "agrees" and dict(found.reference_files.unread).keys() == {"ramps.exp"}
     assert len(ramps.deviations) >= 2 and max(ramps.deviations.values()) < (COARSER if drive in STEPLESS else ROUNDING)
 
 
@@ -42,6 +42,6 @@ def test_writing_them_again_gives_the_same_bytes_and_changes_nothing_else(root: 
     copy = Path(shutil.copy(good, tmp_path))
     carry_references("velocity_servo", copy)
     assert copy.read_bytes() == good.read_bytes()
-    (ramps,) = carried(copy).trials
-    told = [f"{HOME}/{file}" for file, *_ in FILES]
+    (ramps,) = reference_files(copy).trials
+    told = [f"{MANIFEST_FOLDER}/{file}" for file, *_ in FILES]
     assert [ramps.parameters, ramps.stimuli, ramps.results] == [told[0], *told[2:]]

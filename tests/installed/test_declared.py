@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from twin import __version__
-from twin.cli.installation import PURPOSES
+from twin.cli.installation import EXTRA_PURPOSES
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def imported(package: Path) -> set[str]:
 
 @pytest.mark.slow
 def test_every_package_that_is_imported_is_declared(root: Path, project: dict[str, Any]):
-    extras = [text for extra in PURPOSES for text in project["optional-dependencies"][extra]]
+    extras = [text for extra in EXTRA_PURPOSES for text in project["optional-dependencies"][extra]]
     declared = {canonicalize_name(Requirement(text).name) for text in project["dependencies"] + extras}
     there = packages_distributions()
     undeclared = {

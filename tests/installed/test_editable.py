@@ -6,7 +6,7 @@ import pytest
 
 from tests.installed.environments import Environment, built, installed
 
-WHERE = "import twin, twin.robot.places; print(twin.__file__); print(twin.robot.places.is_clone())"
+WHERE = "import twin, twin.robot.paths; print(twin.__file__); print(twin.robot.paths.is_clone())"
 
 pytestmark = pytest.mark.skipif("sys.platform == 'win32'", reason="programs of an environment lie elsewhere there")
 

@@ -17,8 +17,8 @@ from build_wheel import main, roots
 from hatch_build import OBJECTS
 from tests.bytes.cases import all_cases
 from tests.installed.environments import BUILD, Environment, installed
-from twin.kernel.compiled.machine import X86_64, chosen_form, file_of
-from twin.kernel.compiled.store import sealed
+from twin.kernel.compiled.machine import X86_64, chosen_form, object_name
+from twin.kernel.compiled.store import seal
 
 LINUX = pytest.mark.skipif(
     (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="the wheel is for Linux on x86-64"
@@ -64,7 +64,7 @@ def test_the_wheel_has_every_function_that_runs_use(root: Path):
 def test_machine_code_makes_it_a_wheel_for_one_platform(root: Path, tmp_path: Path):
     objects = tmp_path / "objects"
     objects.mkdir()
-    (objects / "twin.a.o").write_bytes(sealed("twin.a.o", b"code"))
+    (objects / "twin.a.o").write_bytes(seal("twin.a.o", b"code"))
     command = [sys.executable, "-c", BUILD, "build_wheel", str(tmp_path)]
     subprocess.run(command, cwd=root, env={**os.environ, OBJECTS: str(objects)}, capture_output=True, check=True)
     (wheel,) = tmp_path.glob("*.whl")
@@ -86,7 +86,7 @@ def carrying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Environment]:
 @pytest.mark.endurance
 def test_nothing_is_compiled_after_the_wheel_is_installed(carrying: Environment, root: Path, tmp_path: Path):
     carried = {path.name for path in carrying.folder.rglob("compiled/objects/*.o")}
-    assert carried == {file_of(native.name, form) for native in roots() for form in X86_64}
+    assert carried == {object_name(native.name, form) for native in roots() for form in X86_64}
     for form in X86_64[: X86_64.index(chosen_form()) + 1]:
         asked = cases(root) if form is chosen_form() else cases(root)[:1]
         environment = {**os.environ, "TWIN_PROCESSOR": form.name, "TWIN_CACHE": str(tmp_path)}

@@ -32,7 +32,7 @@ NAMES = """
 import json
 import tarfile
 from twin.robot.assembly.load import load_experiment
-from twin.robot.places import HOME
+from twin.robot.paths import HOME
 from twin.studies.check.baseline import baselines_here
 from twin.studies.check.job import pairs
 

@@ -68,13 +68,13 @@ def test_a_link_is_refused(tmp_path: Path):
 
 
 def test_a_zip_bomb_is_refused_without_unpacking_it(tmp_path: Path):
-    bomb = zipped(tmp_path / "bomb.fmu", zeros=bytes(archive.FEW_BYTES + 1))
+    bomb = zipped(tmp_path / "bomb.fmu", zeros=bytes(archive.MIN_SUSPICIOUS_BYTES + 1))
     assert bomb.stat().st_size < 1 << 20
     assert "would expand from" in refusal(bomb)
 
 
 def test_too_many_entries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(archive, "MOST_ENTRIES", 2)
+    monkeypatch.setattr(archive, "MAX_ENTRIES", 2)
     assert "3 entries" in refusal(zipped(tmp_path / "many.fmu", a=b"", b=b"", c=b""))
 
 
@@ -88,7 +88,7 @@ def test_what_shrinks_to_a_200th_is_let_pass_and_what_is_a_byte_longer_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     # as if a few kB were many: the ratio is the same
-    monkeypatch.setattr(archive, "FEW_BYTES", 0)
+    monkeypatch.setattr(archive, "MIN_SUSPICIOUS_BYTES", 0)
 
     def deflated(zeros: int) -> int:
         packer = zlib.compressobj(wbits=-zlib.MAX_WBITS)

@@ -12,13 +12,13 @@ import pytest
 
 from twin.kernel import cache_folder as cache
 from twin.kernel.cache_folder import (
-    VARIABLE,
+    CACHE_VARIABLE,
     cache_base,
     cache_folder,
     discard_foreign,
     evict,
-    foreign,
-    hold,
+    lock_against_eviction,
+    ownership_problem,
     private_folder,
     remove,
 )
@@ -32,7 +32,7 @@ DIGEST = "0123456789abcdef"
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A home folder without any wishes of its user."""
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(CACHE_VARIABLE, raising=False)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     return tmp_path
 
@@ -47,9 +47,9 @@ def refused(folder: Path) -> str:
 @pytest.mark.parametrize(
     ("variable", "value", "place"),
     [
-        (VARIABLE, "", "{home}/.cache/twin"),
-        (VARIABLE, "/elsewhere", "/elsewhere"),
-        (VARIABLE, "~/x", "{home}/x"),
+        (CACHE_VARIABLE, "", "{home}/.cache/twin"),
+        (CACHE_VARIABLE, "/elsewhere", "/elsewhere"),
+        (CACHE_VARIABLE, "~/x", "{home}/x"),
         ("XDG_CACHE_HOME", "/elsewhere", "/elsewhere/twin"),
         # the standard: such a path is to be ignored
         ("XDG_CACHE_HOME", "relative", "{home}/.cache/twin"),
@@ -67,7 +67,7 @@ def test_the_cache_is_where_the_user_or_the_platform_says(
 def test_a_place_that_depends_on_the_process_is_refused_and_nothing_made(
     home: Path, monkeypatch: pytest.MonkeyPatch, value: str, said: str
 ):
-    monkeypatch.setenv(VARIABLE, value)
+    monkeypatch.setenv(CACHE_VARIABLE, value)
     monkeypatch.chdir(home)
     with pytest.raises(InputRefused, match=f"^TWIN_CACHE={value}: .*{said}"):
         cache_folder("x")
@@ -76,7 +76,7 @@ def test_a_place_that_depends_on_the_process_is_refused_and_nothing_made(
 
 @POSIX
 def test_what_is_made_is_the_users_alone(home: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv(VARIABLE, str(home / "a" / "b"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(home / "a" / "b"))
     before = os.umask(0)
     try:
         folder = cache_folder("x")
@@ -152,7 +152,7 @@ def test_a_link_to_what_is_another_users_is_taken_away_and_that_stays(
     theirs, link = tmp_path / "theirs", tmp_path / DIGEST
     theirs.mkdir(0o700)
     link.symlink_to(theirs)
-    assert foreign(link) == ""
+    assert ownership_problem(link) == ""
     give_away(theirs)
     discard_foreign(link)
     assert list(tmp_path.iterdir()) == [theirs]
@@ -170,8 +170,8 @@ def test_a_folder_others_may_write_to_is_not_the_users_alone_nor_what_they_may_w
     (folder / "module").chmod(inner)
     (folder / "module" / "code.nbc").chmod(0o644)
     folder.chmod(mode)
-    assert (foreign(folder) == "") is fit
-    assert fit or "others can write to it" in foreign(folder)
+    assert (ownership_problem(folder) == "") is fit
+    assert fit or "others can write to it" in ownership_problem(folder)
 
 
 @POSIX
@@ -214,7 +214,7 @@ def test_those_used_last_are_kept(tmp_path: Path):
 
 def test_using_a_folder_makes_it_the_last_used(tmp_path: Path):
     made = folders(tmp_path, 3)
-    assert hold(made[-1])
+    assert lock_against_eviction(made[-1])
     evict(tmp_path, 1)
     assert list(tmp_path.iterdir()) == made[-1:]
 
@@ -222,7 +222,7 @@ def test_using_a_folder_makes_it_the_last_used(tmp_path: Path):
 @POSIX
 def test_one_that_a_process_uses_is_never_evicted(tmp_path: Path):
     made = folders(tmp_path, 4)
-    assert hold(made[3])
+    assert lock_against_eviction(made[3])
     os.utime(made[3], (0.0, 0.0))
     evict(tmp_path, 1)
     assert sorted(tmp_path.iterdir()) == [made[0], made[3]]
@@ -238,16 +238,16 @@ def test_what_was_left_unfinished_is_cleared_the_day_after(tmp_path: Path):
 
 def test_what_is_not_there_cannot_be_held_and_what_was_made_anew_can(tmp_path: Path):
     folder = tmp_path / DIGEST
-    assert not hold(folder)
+    assert not lock_against_eviction(folder)
     folder.write_text("a file")
-    assert os.name != "posix" or not hold(folder)
+    assert os.name != "posix" or not lock_against_eviction(folder)
     remove(folder)
     folder.mkdir()
-    assert hold(folder) and hold(folder)
+    assert lock_against_eviction(folder) and lock_against_eviction(folder)
     remove(folder)
-    assert not hold(folder)
+    assert not lock_against_eviction(folder)
     folder.mkdir()
-    assert hold(folder)
+    assert lock_against_eviction(folder)
     # the new one is held, not the one that is gone
     evict(tmp_path, 0 if os.name == "posix" else 1)
     assert list(tmp_path.iterdir()) == [folder]

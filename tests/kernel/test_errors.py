@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from twin.kernel.errors import BAD_NAME, InputRefused, NotWritten, disk_refusals, nearest, plain
+from twin.kernel.errors import PATH_ERRORS, InputRefused, NotWritten, nearest, terminal_text, translate_disk_errors
 
 
 def test_a_sentence_with_hundreds_of_lines_keeps_the_first(tmp_path: Path) -> None:
-    told = plain("\n".join(map(str, range(1000)))).splitlines()
+    told = terminal_text("\n".join(map(str, range(1000)))).splitlines()
     assert told[:2] == ["0", "1"] and len(told) == 61 and told[-1] == "... and 940 more lines"
 
 
 def test_a_sentence_for_the_terminal_has_no_control_characters_and_no_endless_words() -> None:
-    assert plain("a\x1b[31mb\0c\nd") == "a\\x1b[31mb\\x00c\nd"
-    assert len(plain("x" * 100_000)) < 100
-    assert plain("ordinary: µ, °, 'quoted'") == "ordinary: µ, °, 'quoted'"
+    assert terminal_text("a\x1b[31mb\0c\nd") == "a\\x1b[31mb\\x00c\nd"
+    assert len(terminal_text("x" * 100_000)) < 100
+    assert terminal_text("ordinary: µ, °, 'quoted'") == "ordinary: µ, °, 'quoted'"
 
 
 def test_a_misspelt_name_leads_to_the_nearest():
@@ -41,14 +41,14 @@ def test_what_the_disk_refuses_is_a_sentence_with_the_remedy():
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     with (
         pytest.raises(NotWritten, match=r"^a\.csv: cannot be written: No space left on device$"),
-        disk_refusals("a.csv"),
+        translate_disk_errors("a.csv"),
     ):
         raise full
-    refusals = disk_refusals("b", "cannot be read", InputRefused, "rename it", BAD_NAME)
+    refusals = translate_disk_errors("b", "cannot be read", InputRefused, "rename it", PATH_ERRORS)
     with pytest.raises(InputRefused, match=r"^b: cannot be read: embedded null byte; rename it$"), refusals:
         os.stat("a\0b")
 
 
 def test_a_mistake_of_ours_is_nothing_that_the_disk_refuses():
-    with pytest.raises(ValueError, match="ours"), disk_refusals("a"):
+    with pytest.raises(ValueError, match="ours"), translate_disk_errors("a"):
         raise ValueError("ours")

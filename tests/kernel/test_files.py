@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import LIMIT, json_of, read_bytes, read_toml, toml_of, xml_of
+from twin.kernel.files import MAX_TEXT_BYTES, parse_json, parse_toml, parse_xml, read_bytes, read_toml
 
 
 def refusal(path: Path) -> str:
@@ -61,19 +61,19 @@ def test_pipes_devices_folders_and_giants_are_refused_at_once(tmp_path: Path) ->
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     assert "cannot be read" in refusal(tmp_path / "loop")
     with (tmp_path / "giant").open("wb") as giant:
-        giant.truncate(LIMIT + 1)
+        giant.truncate(MAX_TEXT_BYTES + 1)
     assert "more than 2 MB" in refusal(tmp_path / "giant")
-    assert len(read_bytes(tmp_path / "giant", LIMIT + 1)) == LIMIT + 1
+    assert len(read_bytes(tmp_path / "giant", MAX_TEXT_BYTES + 1)) == MAX_TEXT_BYTES + 1
 
 
 def test_prose_in_comments_and_strings_is_no_key() -> None:
     prose = "One. Two. " * 100
-    assert toml_of(f'# {prose}\na = """{prose}"""\nb = \'{prose}\'', "x")["b"] == prose
+    assert parse_toml(f'# {prose}\na = """{prose}"""\nb = \'{prose}\'', "x")["b"] == prose
 
 
 @given(st.text(max_size=300))
 def test_any_text_is_a_table_or_a_refusal(text: str) -> None:
-    for parse in (toml_of, json_of):
+    for parse in (parse_toml, parse_json):
         try:
             parse(text, "here")
         except InputRefused as refused:
@@ -82,9 +82,9 @@ def test_any_text_is_a_table_or_a_refusal(text: str) -> None:
 
 def test_as_deep_and_as_large_as_any_file_of_ours_is_read() -> None:
     deep = "[" * 30 + "]" * 30
-    found = toml_of(f"a = {deep}\nb = -9223372036854775808\nc.d.e.f = 'a.b.c'", "here")
+    found = parse_toml(f"a = {deep}\nb = -9223372036854775808\nc.d.e.f = 'a.b.c'", "here")
     assert found["c"] == {"d": {"e": {"f": "a.b.c"}}}
-    assert json_of(deep, "here") == toml_of(f"a = {deep}", "here")["a"]
+    assert parse_json(deep, "here") == parse_toml(f"a = {deep}", "here")["a"]
 
 
 def test_a_file_is_named_as_what_was_expected(tmp_path: Path) -> None:
@@ -118,9 +118,9 @@ def test_a_misspelt_path_leads_to_the_file_beside_it_of_the_same_kind(tmp_path: 
 )
 def test_xml_that_grows_names_files_or_is_none_is_refused(content: bytes, told: str) -> None:
     with pytest.raises(InputRefused, match="here: not valid XML") as refused:
-        xml_of(content, "here")
+        parse_xml(content, "here")
     assert told in str(refused.value)
 
 
 def test_xml_as_deep_as_ours_is_read() -> None:
-    assert xml_of(b"<a>" * 30 + b"<b c='1'/>" + b"</a>" * 30, "here").find(".//b").attrib == {"c": "1"}  # type: ignore[union-attr]
+    assert parse_xml(b"<a>" * 30 + b"<b c='1'/>" + b"</a>" * 30, "here").find(".//b").attrib == {"c": "1"}  # type: ignore[union-attr]

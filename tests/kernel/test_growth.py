@@ -7,7 +7,7 @@ import pytest
 
 from tests.growth import assert_linear
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import json_of, toml_of, xml_of
+from twin.kernel.files import parse_json, parse_toml, parse_xml
 from twin.kernel.ssp.ssd import parameter_set
 
 SSV = (
@@ -17,7 +17,7 @@ SSV = (
 
 
 def toml(text: Callable[[int], str]) -> Callable[[int], object]:
-    return lambda n: toml_of(text(n), "a.toml")
+    return lambda n: parse_toml(text(n), "a.toml")
 
 
 TOML = {
@@ -44,12 +44,12 @@ XML = {
     "one parameter of many values": lambda n: parameter_set(
         SSV.format(f'<ssv:Parameter name="p"><ssv:Real value="{"1.5 " * (40 * n)}"/></ssv:Parameter>').encode(), "a.ssv"
     ),
-    "elements": lambda n: xml_of(f"<a>{'<b/>' * (100 * n)}</a>".encode(), "a.xml"),
-    "attributes": lambda n: xml_of(("<a" + "".join(f' b{k}="1"' for k in range(20 * n)) + "/>").encode(), "a.xml"),
+    "elements": lambda n: parse_xml(f"<a>{'<b/>' * (100 * n)}</a>".encode(), "a.xml"),
+    "attributes": lambda n: parse_xml(("<a" + "".join(f' b{k}="1"' for k in range(20 * n)) + "/>").encode(), "a.xml"),
 }
 JSON = {
-    "numbers": lambda n: json_of(f"[{'1.5, ' * (100 * n)}1]", "a.json"),
-    "keys": lambda n: json_of("{" + ",".join(f'"a{k}": 1' for k in range(40 * n)) + "}", "a.json"),
+    "numbers": lambda n: parse_json(f"[{'1.5, ' * (100 * n)}1]", "a.json"),
+    "keys": lambda n: parse_json("{" + ",".join(f'"a{k}": 1' for k in range(40 * n)) + "}", "a.json"),
 }
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from twin.robot.assembly.assemble import ROBOT
+from twin.robot.assembly.assemble import COMPONENT_ROWS
 
-PORTS = {port for row in ROBOT for port in row.inputs} | {
-    port for row in ROBOT for sources in row.inputs.values() for _, port in sources
+PORTS = {port for row in COMPONENT_ROWS for port in row.inputs} | {
+    port for row in COMPONENT_ROWS for sources in row.inputs.values() for _, port in sources
 }
-SIGNALS = {f"{row}.{port}" for one in ROBOT for sources in one.inputs.values() for row, port in sources}
+SIGNALS = {f"{row}.{port}" for one in COMPONENT_ROWS for sources in one.inputs.values() for row, port in sources}
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 MAX_OPTIONS = 97

@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from twin.kernel.cosim.port import record_of
-from twin.kernel.settings import Settings, Values, numbers, setting, taken
+from twin.kernel.settings import Settings, Values, numbers, setting, setting_fields
 from twin.robot.plant.contact import Shape
 from twin.robot.plant.contact_law import Contact, ContactLaw, Law
 
@@ -45,7 +45,9 @@ class Spring(Settings):
     rate: float = setting("Hz", into="filter", default=2.0, help="of another record")
 
 
-class Parameters(Values, parts=(taken(Spring), {"age": setting("s", default=0.0, help="how old")}), first="stop"):
+class Parameters(
+    Values, parts=(setting_fields(Spring), {"age": setting("s", default=0.0, help="how old")}), first="stop"
+):
     """Of a spring."""
 
 
@@ -53,8 +55,8 @@ def test_a_record_has_the_numbers_and_choices_of_its_tables_and_what_no_file_say
     assert Parameters._fields == ("stop", "k", "kind", "age")
     assert record_of(Parameters).names == Parameters._fields and record_of(Parameters)["kind"] == "i8"
     table = Spring.model_validate({"stiffness_N_per_mm": 2.0, "kind": "leaf"})
-    assert Parameters.made(table) == (math.inf, 2000.0, 1, 0.0)
-    assert Parameters.made(table, age=3.0)._replace(k=1.0)._asdict() == {
+    assert Parameters.from_tables(table) == (math.inf, 2000.0, 1, 0.0)
+    assert Parameters.from_tables(table, age=3.0)._replace(k=1.0)._asdict() == {
         "stop": math.inf, "k": 1.0, "kind": 1, "age": 3.0
     }  # fmt: skip
     assert Parameters.broken_by == {"softened": "k"} and numbers(table, into="filter") == {"rate": 2.0}

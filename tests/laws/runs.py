@@ -7,14 +7,14 @@ from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.converge.monolith import Sampled
+from twin.studies.converge.monolith import ComponentStepper
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
 FORCE, POSITION = "fig4_force_position", "fig4_position"
 EVERY_EXPERIMENT = sorted(path.stem for path in EXPERIMENTS.glob("*.toml"))
 
 __all__ = [
-    "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "Sampled",
+    "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "ComponentStepper",
     "co_simulated", "shipped",
 ]  # fmt: skip
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, Sampled, co_simulated, shipped
+from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, ComponentStepper, co_simulated, shipped
 from twin.robot.assembly.build import belief, controller, plant_parameters
 from twin.robot.controller.controller import Estimator
 from twin.robot.mechanism.geometry import Geometry
@@ -69,8 +69,8 @@ def test_same_encoder_counts_give_the_same_bits_whatever_the_plant_is(override):
     counts_m, counts_l = (co_simulated(shipped(), 8.0)[f"encoder.count_{side}"] for side in "ml")
 
     def replayed(experiment):
-        estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
-        law = Sampled(controller(experiment))
+        estimator = ComponentStepper(Estimator(belief(experiment), experiment.controller.gravity_compensation))
+        law = ComponentStepper(controller(experiment))
         outputs = []
         for k, counts in enumerate(np.hstack([counts_m, counts_l])):
             estimate = estimator(counts)
@@ -85,7 +85,7 @@ def test_same_encoder_counts_give_the_same_bits_whatever_the_plant_is(override):
 def test_the_replay_is_what_the_controller_did_in_the_run():
     rows = co_simulated(shipped(), 8.0)
     counts = np.hstack([rows["encoder.count_m"], rows["encoder.count_l"]])
-    estimator, law = Sampled(Estimator(belief(shipped()))), Sampled(controller(shipped()))
+    estimator, law = ComponentStepper(Estimator(belief(shipped()))), ComponentStepper(controller(shipped()))
     for k, count in enumerate(counts):
         found = law(estimator(count)[[*range(6, 18), 21, 22, 23]], k * 2e-3, 2e-3)
         np.testing.assert_array_equal(found[:3], rows["controller.omega_ref"][k])

@@ -14,7 +14,7 @@ from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import Trace
 
 SIZE = 0.06
@@ -26,7 +26,7 @@ BEHIND_THE_TANK = {"command_held", "command_lost", "power_off"}
 """What happens between the tank and the drives: no tank sees it."""
 COMMANDS_AND_MESSAGES = [
     kind
-    for kind, known in CATALOGUE.items()
+    for kind, known in FAULT_KINDS.items()
     if known.mechanism in ("command", "message") and kind not in BEHIND_THE_TANK
 ]
 GAINS = {
@@ -60,7 +60,7 @@ def most_given(run: Trace) -> float:
 def faults() -> list[str]:
     found = []
     for kind in COMMANDS_AND_MESSAGES:
-        key, magnitudes = CATALOGUE[kind].magnitude_key, CATALOGUE[kind].magnitudes or ()
+        key, magnitudes = FAULT_KINDS[kind].magnitude_key, FAULT_KINDS[kind].magnitudes or ()
         found += [f'fault=[{{kind="{kind}", onset_s={t}, {key}={m}}}]' for m in magnitudes for t in ONSETS]
     for key, values in GAINS.items():
         found += [f'change=[{{t_s={t}, key="{key}", value={value}}}]' for value in values for t in ONSETS]
@@ -162,7 +162,7 @@ def combinations(draw: st.DrawFn) -> tuple[str, str | None, float, list[str]]:
         if kind in GAINS:
             changes[onset, kind] = f'{{t_s={onset},key="{kind}",value={draw(st.sampled_from(GAINS[kind]))}}}'
         else:
-            known = CATALOGUE[kind]
+            known = FAULT_KINDS[kind]
             # if all messages are lost the drives let the robot sink, see below
             magnitude = draw(st.sampled_from([m for m in known.magnitudes or () if kind != "sample_loss" or m < 1.0]))
             target = draw(st.sampled_from(known.targets))
@@ -221,7 +221,7 @@ def test_what_gets_past_it_is_what_the_page_says(root: Path):
     assert len(rows) == 7
     for kind, magnitude, onset, body, *stated in rows:
         name = kind.strip("`")
-        fault = f'fault=[{{kind="{name}", onset_s={onset}, {CATALOGUE[name].magnitude_key}={magnitude}}}]'
+        fault = f'fault=[{{kind="{name}", onset_s={onset}, {FAULT_KINDS[name].magnitude_key}={magnitude}}}]'
         press = {"scale": None}.get(body, body)
         ways: tuple[list[str], ...] = ([TANK, ALONE], [ALONE], [TANK], [])
         found = [most_given(pressed(*own, fault, body=press)) for own in ways]
@@ -236,7 +236,7 @@ def test_without_a_tank_some_of_them_give_a_body_far_more():
     assert most_given(pressed(ALONE, SHORT[4], body="back")) > 4.0 * SIZE
 
 
-DRIVES = [kind for kind, known in CATALOGUE.items() if known.mechanism == "drive"]
+DRIVES = [kind for kind, known in FAULT_KINDS.items() if known.mechanism == "drive"]
 
 
 @pytest.mark.parametrize("body", [None, "belly", pytest.param("back", marks=pytest.mark.endurance)])
@@ -245,7 +245,7 @@ DRIVES = [kind for kind, known in CATALOGUE.items() if known.mechanism == "drive
 )])  # fmt: skip
 def test_a_drive_that_fails_gives_no_more_because_of_the_tank(kind: str, body: str | None):
     # those that still obey pull away, whatever the tank has kept back before, and whatever the third is told
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     largest = f", {known.magnitude_key}={known.magnitudes[-1]}" if known.magnitudes else ""
     for onset in (2.0, 5.53):
         fault = f'fault=[{{kind="{kind}", onset_s={onset}{largest}}}]'

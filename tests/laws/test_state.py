@@ -13,12 +13,12 @@ import pytest
 import twin
 from twin.kernel.cosim.component import Component, NativeComponent
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SavedState, stateless
+from twin.kernel.cosim.state import SavedState, stateless_reasons
 from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 
 pytestmark = pytest.mark.slow
 
@@ -49,7 +49,7 @@ def drives() -> list[str]:
 
 
 def fault(kind: str) -> str:
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     magnitude = f", {known.magnitude_key} = {known.magnitudes[1]}" if known.magnitudes else ""
     more = ", share = 0.01" if kind == "encoder_glitch" else ""
     return (
@@ -64,7 +64,7 @@ SCHEMES = [
     for inputs in ("hold", "linear")
     for iterations in (1, 2)
 ]
-KINDS = [kind for kind in CATALOGUE if kind != "drive_failure"]
+KINDS = [kind for kind in FAULT_KINDS if kind != "drive_failure"]
 BODIES = sorted(path.stem for path in (ROOT / "experiments" / "bodies").glob("*.toml"))
 CHANGE = ('change=[{t_s = 5.0, key = "controller.force.kp_mm_per_N", value = 1.5}]',)
 KEEPING = [drive for drive in drives() if drive not in STATELESS]
@@ -263,7 +263,7 @@ def test_which_drives_have_no_state_is_known_and_said():
     found = {}
     for drive in drives():
         with assemble(twin.load("fig4_force_position", drive=drive)) as assembly:
-            found[drive] = stateless(assembly.system.components)
+            found[drive] = stateless_reasons(assembly.system.components)
     assert {drive for drive, sentences in found.items() if sentences} == STATELESS
     assert found["modelica_dc"][0] == "modelica_dc.fmu (drive_1) has no FMU state (canGetAndSetFMUState)"
 

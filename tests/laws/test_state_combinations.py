@@ -15,9 +15,9 @@ from tests.laws.test_state import EXPERIMENTS, KEEPING, KINDS, SCHEMES, came_to
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.assemble import HERE, assemble
+from twin.robot.assembly.assemble import IN_PROCESS_MAKER, assemble
 from twin.robot.assembly.isolated_drive import IsolatedDrives
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 
 AT, AHEAD = 601, 300
 """An odd tick, at which the fault acts, and the controller is between two calls; and past the end of the fault."""
@@ -41,7 +41,7 @@ class Combination(NamedTuple):
 
 
 def fault(kind: str) -> str:
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     magnitude = f", {known.magnitude_key} = {known.magnitudes[1]}" if known.magnitudes else ""
     more = ", share = 0.01" if kind == "encoder_glitch" else ""
     return (
@@ -54,7 +54,7 @@ def goes_on(one: Combination) -> None:
     experiment = twin.load(one.experiment, [fault(one.kind), *one.scheme], one.drive)
     maker = IsolatedDrives(keep=True) if one.isolate == "drive" else None
     try:
-        with assemble(experiment, maker=maker or HERE) as assembly:
+        with assemble(experiment, maker=maker or IN_PROCESS_MAKER) as assembly:
             simulation = Simulation(assembly.system, experiment.duration_ticks, AT + AHEAD)
             came_to(simulation, AT)
             content = simulation.state().saved().to_bytes()

@@ -17,7 +17,7 @@ from twin.cli.app import parameters
 from twin.kernel import errors
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run.run import named_files
+from twin.robot.run.run import without_folders
 from twin.robot.run.trace import run_in_memory
 
 RELEASED = Path(__file__).parent / "v1_0"
@@ -34,12 +34,12 @@ def missing(then: Any, now: Any, where: str = "") -> list[str]:
 
 def test_every_value_of_an_experiment_is_read_as_it_was():
     then = json.loads((RELEASED / "press.json").read_text())
-    assert missing(then, named_files(load_experiment(RELEASED / "press.toml").values)) == []
+    assert missing(then, without_folders(load_experiment(RELEASED / "press.toml").values)) == []
 
 
 def test_a_value_that_is_read_otherwise_is_noticed():
     then = json.loads((RELEASED / "press.json").read_text())
-    now = named_files(load_experiment(RELEASED / "press.toml", ["controller.force.kp_mm_per_N=2"]).values)
+    now = without_folders(load_experiment(RELEASED / "press.toml", ["controller.force.kp_mm_per_N=2"]).values)
     assert missing(then, now) == ["controller.force.kp_mm_per_N: 1.0, now 2"]
 
 

@@ -10,14 +10,14 @@ import pytest
 from tests.kernel.recording.forgery import data_records, sealed, with_metadata
 from tests.memory import growth
 from tests.report.attacks import Attack
+from twin.kernel.atomic_write import json_text
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.recording.export.export import export_recording
 from twin.kernel.serialise import to_dict
-from twin.kernel.writing import json_text
 from twin.report.page.page import write_report
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run.run import SUMMARY, execute
-from twin.studies.compare.comparison import both, compared
+from twin.robot.run.run import SUMMARY_FILE, execute
+from twin.studies.compare.comparison import compare_logs, read_logs
 from twin.studies.identify import study as identification
 from twin.studies.replay import study as replaying
 
@@ -31,7 +31,7 @@ Command = Callable[[Path, Path, Random], object]
 
 
 def compare(good: Path, forged: Path, draw: Random) -> object:
-    return json_text(to_dict(compared(*both(good, forged))))
+    return json_text(to_dict(compare_logs(*read_logs(good, forged))))
 
 
 def export(good: Path, forged: Path, draw: Random) -> object:
@@ -64,7 +64,7 @@ def good(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def attacked(good: Path, folder: Path, count: int, commands: dict[str, Command]) -> tuple[int, int]:
     """How often commands on `count` forged runs went through, and how often they refused."""
-    attack = Attack(data_records(good / "run.mcap"), (good / SUMMARY).read_text(), Random(SEED))
+    attack = Attack(data_records(good / "run.mcap"), (good / SUMMARY_FILE).read_text(), Random(SEED))
     through = refused = 0
     with growth() as grown:
         for number in range(count):

@@ -18,7 +18,17 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.mechanism.geometry import AXIS, OUTWARD
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.run.run import execute
-from twin.robot.scene import BESIDE, FRAMES, HALF_WIDTH, IDENTITY, LENGTH, pointing, poses, product, turn
+from twin.robot.scene import (
+    ARROW_LENGTH,
+    ESTIMATE_OFFSET,
+    HALF_WIDTH,
+    IDENTITY_ROTATION,
+    SCENE_FRAMES,
+    axis_rotation,
+    direction_rotation,
+    poses,
+    product,
+)
 
 # rounding of a dozen operations on numbers up to 1
 ROUNDING = 1e-14
@@ -29,12 +39,12 @@ axes = st.sampled_from([0, 1, 2])
 @given(axes, angles)
 def test_a_turn_is_right_handed_about_its_axis(axis, angle):
     expected = Rotation.from_euler("xyz"[axis], angle).as_matrix()
-    np.testing.assert_allclose(Rotation.from_quat(turn(axis, angle)).as_matrix(), expected, atol=ROUNDING)
+    np.testing.assert_allclose(Rotation.from_quat(axis_rotation(axis, angle)).as_matrix(), expected, atol=ROUNDING)
 
 
 @given(axes, angles, axes, angles)
 def test_a_product_turns_by_its_second_factor_first(axis, angle, other_axis, other_angle):
-    p, q = turn(axis, angle), turn(other_axis, other_angle)
+    p, q = axis_rotation(axis, angle), axis_rotation(other_axis, other_angle)
     expected = Rotation.from_quat(p) * Rotation.from_quat(q)
     found = Rotation.from_quat(product(p, q))
     np.testing.assert_allclose(found.as_matrix(), expected.as_matrix(), atol=ROUNDING)
@@ -42,12 +52,12 @@ def test_a_product_turns_by_its_second_factor_first(axis, angle, other_axis, oth
 
 @given(triple.filter(lambda v: np.linalg.norm(v) > 0))
 def test_a_pointing_turn_takes_e_x_to_the_direction_of_its_vector(v):
-    found = Rotation.from_quat(pointing(*v)).apply([1.0, 0.0, 0.0])
+    found = Rotation.from_quat(direction_rotation(*v)).apply([1.0, 0.0, 0.0])
     np.testing.assert_allclose(found, v / np.linalg.norm(v), atol=ROUNDING)
 
 
 def test_nothing_points_nowhere_without_a_turn():
-    assert np.array_equal(pointing(0.0, 0.0, 0.0), IDENTITY)
+    assert np.array_equal(direction_rotation(0.0, 0.0, 0.0), IDENTITY_ROTATION)
 
 
 # rounding of a dozen operations on lengths of 0.1 m
@@ -57,7 +67,7 @@ SURFACE = np.array([0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 1.0])
 def frames_at(p_B):
     """Frame -> pose (1, 7) with the platform at p_B."""
     found = poses(GEOMETRY, joint_angles(GEOMETRY, p_B)[None], p_B[None], SURFACE[None])
-    return {frame: found[:, i] for i, frame in enumerate(FRAMES)}
+    return {frame: found[:, i] for i, frame in enumerate(SCENE_FRAMES)}
 
 
 @given(working_poses)
@@ -115,7 +125,7 @@ def test_there_are_50_pictures_a_second_of_every_frame(force_position: Recording
     assert [time for time, _ in found] == [20_000_000 * k for k in range(1001)]
     assert [time for time, _ in messages(force_position.path, "/force")] == [time for time, _ in found]
     for time, message in found:
-        assert [transform.child_frame_id for transform in message.transforms] == list(FRAMES)
+        assert [transform.child_frame_id for transform in message.transforms] == list(SCENE_FRAMES)
         assert {transform.timestamp.ToNanoseconds() for transform in message.transforms} == {time}
 
 
@@ -147,7 +157,7 @@ def test_the_arrow_of_the_pressing_force_points_down_and_is_as_long_as_the_force
         x, y, z, *q = numbers(arrow.pose.position, arrow.pose.orientation)
         assert (message.entities[0].id, message.entities[0].frame_id, [x, y, z]) == ("true", "base", list(p_B[k]))
         along = Rotation.from_quat(q).apply([arrow.shaft_length + arrow.head_length, 0.0, 0.0])
-        np.testing.assert_allclose(along, LENGTH * F_ee_B[k], atol=ROUNDING)
+        np.testing.assert_allclose(along, ARROW_LENGTH * F_ee_B[k], atol=ROUNDING)
         pressing += along[2] < -0.03
     # more than 3 N from 6 s on
     assert pressing > 600
@@ -158,9 +168,9 @@ def test_the_estimate_has_an_arrow_of_its_own_beside_the_true_one(force_position
     for k, (_, message) in enumerate(messages(force_position.path, "/force")):
         (arrow,) = message.entities[1].arrows
         x, y, z, *q = numbers(arrow.pose.position, arrow.pose.orientation)
-        np.testing.assert_array_equal([x, y, z], p_B[k] + [BESIDE, 0.0, 0.0])
+        np.testing.assert_array_equal([x, y, z], p_B[k] + [ESTIMATE_OFFSET, 0.0, 0.0])
         along = Rotation.from_quat(q).apply([arrow.shaft_length + arrow.head_length, 0.0, 0.0])
-        np.testing.assert_allclose(along, LENGTH * F_ee_B[k], atol=ROUNDING)
+        np.testing.assert_allclose(along, ARROW_LENGTH * F_ee_B[k], atol=ROUNDING)
         assert message.entities[1].id == "estimated"
         assert arrow.color != message.entities[0].arrows[0].color
 
@@ -168,7 +178,7 @@ def test_the_estimate_has_an_arrow_of_its_own_beside_the_true_one(force_position
 def test_one_message_at_the_start_tells_for_ever_what_every_frame_looks_like(force_position: Recording):
     ((time, scene),) = messages(force_position.path, "/scene")
     assert time == 0
-    assert [entity.frame_id for entity in scene.entities] == ["base", *FRAMES]
+    assert [entity.frame_id for entity in scene.entities] == ["base", *SCENE_FRAMES]
     assert len({entity.id for entity in scene.entities}) == len(scene.entities)
     for entity in scene.entities:
         assert entity.frame_locked

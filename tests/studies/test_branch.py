@@ -10,12 +10,12 @@ from tests.command_line import twin as command
 from tests.robot.run.test_states import same_from
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.branch import branched_experiment
 from twin.robot.run.handover import BranchPoint
 from twin.robot.run.run import execute
 from twin.studies.branch import branch
-from twin.studies.command import silent
+from twin.studies.command import ignore_progress
 
 AT, SHORT = 6.2, "duration_s=13"
 
@@ -26,7 +26,7 @@ def pressing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def fault(kind: str, onset: float = 6.5) -> str:
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     magnitude = f", {known.magnitude_key} = {known.magnitudes[1]}" if known.magnitudes else ""
     more = ", share = 0.01" if kind == "encoder_glitch" else ""
     return f'{{kind = "{kind}", target = "{known.targets[0]}", onset_s = {onset}{magnitude}{more}}}'
@@ -37,15 +37,15 @@ def test_a_branch_without_a_change_is_the_run_itself(pressing: Path, tmp_path: P
     experiment = branched_experiment(pressing)
     point = BranchPoint(experiment, pressing, 6200)
     assert point.how == "run again from the start"
-    run = execute(experiment, tmp_path / "branch", state=point.saved)
+    run = execute(experiment, tmp_path / "branch", state=point.branch_state)
     assert same_from(pressing, run.recording) == AT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if kind != "drive_failure"])
+@pytest.mark.parametrize("kind", [kind for kind in FAULT_KINDS if kind != "drive_failure"])
 def test_a_fault_in_a_branch_is_that_fault_from_the_start(pressing: Path, tmp_path: Path, kind: str):
     experiment = branched_experiment(pressing, faults=[fault(kind)])
-    state = BranchPoint(branched_experiment(pressing), pressing, 6200).saved
+    state = BranchPoint(branched_experiment(pressing), pressing, 6200).branch_state
     branched = read(execute(experiment, tmp_path / "branch", state=state).recording)
     whole = read(execute(experiment, tmp_path / "whole").recording)
     for key in whole.fields():
@@ -60,7 +60,7 @@ def test_a_fault_in_a_branch_is_that_fault_from_the_start(pressing: Path, tmp_pa
 def test_a_gain_that_changes_at_a_branch_is_that_change_of_an_experiment(pressing: Path, tmp_path: Path):
     """[[change]] writes the same number into the same memory at the same tick."""
     key, value = "controller.force.ki_mm_per_N_s", 9.0
-    state = BranchPoint(branched_experiment(pressing), pressing, 6200).saved
+    state = BranchPoint(branched_experiment(pressing), pressing, 6200).branch_state
     branched = execute(branched_experiment(pressing, [f"{key}={value}"]), tmp_path / "branch", state=state)
     changed = twin.load("pressing", [f'change=[{{t_s = {AT}, key = "{key}", value = {value}}}]'])
     a, b = read(execute(changed, tmp_path / "whole").recording), read(branched.recording)
@@ -107,7 +107,7 @@ def test_branches_are_compared_in_text_and_picture(pressing: Path, tmp_path: Pat
 )
 def test_what_cannot_change_in_mid_run_is_refused_by_name(pressing: Path, tmp_path: Path, settings, sentence: str):
     with pytest.raises(InputRefused, match=sentence):
-        branch(pressing, silent, AT, settings, out=tmp_path)
+        branch(pressing, ignore_progress, AT, settings, out=tmp_path)
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_a_branch_that_says_too_little_or_too_much_is_refused(
     pressing: Path, tmp_path: Path, at, faults, sentence: str
 ):
     with pytest.raises(InputRefused, match=sentence):
-        branch(pressing, silent, at, faults=faults, out=tmp_path)
+        branch(pressing, ignore_progress, at, faults=faults, out=tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -140,10 +140,10 @@ def test_a_run_without_a_state_branches_by_running_again(stateless: Path, tmp_pa
     base, other = branched_experiment(stateless), branched_experiment(stateless, [f"{key}={value}"])
     point = BranchPoint(base, stateless, 6200)
     with pytest.raises(InputRefused, match=r"this run has no state: modelica_dc\.fmu"):
-        print(point.saved)
+        print(point.branch_state)
     runs = []
     for number, experiment in enumerate((base, other)):
-        with point.handed_over(experiment) as state:
+        with point.hand_over(experiment) as state:
             runs.append(execute(experiment, tmp_path / f"{number}", state=state).recording)
     assert same_from(stateless, runs[0]) == AT
     changed = twin.load("pressing", [f'change=[{{t_s = {AT}, key = "{key}", value = {value}}}]'], "modelica_dc")
@@ -155,4 +155,4 @@ def test_a_run_without_a_state_branches_by_running_again(stateless: Path, tmp_pa
 def test_another_third_party_part_is_refused_in_mid_run(pressing: Path, tmp_path: Path):
     file = Path(twin.__file__).parents[1] / "examples" / "my_controller.py"
     with pytest.raises(InputRefused, match="controller cannot change in mid-run: what a third-party part holds"):
-        branch(pressing, silent, AT, [f"controller.python={file}:Controller"], out=tmp_path)
+        branch(pressing, ignore_progress, AT, [f"controller.python={file}:Controller"], out=tmp_path)

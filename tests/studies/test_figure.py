@@ -14,8 +14,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from tests.command_line import twin_process
-from twin.studies.analyse.pictures import SHADES
-from twin.studies.figure import COLUMNS, LESS_IS_BETTER, LETTERS, for_paper, picture
+from twin.studies.analyse.pictures import DAMPING_SHADES
+from twin.studies.figure import COLUMN_WIDTHS, FONT_SIZE, LESS_IS_BETTER, for_paper, picture
 
 
 def lightness(color: object) -> float:
@@ -27,7 +27,7 @@ def test_in_every_map_light_is_good():
     errors = [lightness(color) for color in colormaps[LESS_IS_BETTER](np.linspace(0.0, 1.0, 20))[:, :3]]
     assert errors == sorted(errors, reverse=True)
     # from hardly damped to well damped
-    damping = [lightness(color) for color in SHADES]
+    damping = [lightness(color) for color in DAMPING_SHADES]
     assert damping == sorted(damping)
 
 
@@ -51,11 +51,11 @@ def test_a_picture_fills_the_columns_and_has_one_size_of_letters_and_two_weights
         figure = drawn(tmp_path / "a.png")
     assert paper.written == [tmp_path / "a.svg", tmp_path / "a.pdf"]
     width = re.search(r'width="([\d.]+)pt"', (tmp_path / "a.svg").read_text())
-    assert width and float(width[1]) == pytest.approx(72.0 * COLUMNS[columns], abs=0.1)
+    assert width and float(width[1]) == pytest.approx(72.0 * COLUMN_WIDTHS[columns], abs=0.1)
     for axes in figure.axes:
         assert [line.get_linewidth() for line in axes.lines] == [1.0, 0.6]
         legend = axes.get_legend()
-        assert legend and {text.get_fontsize() for text in legend.get_texts()} == {LETTERS}
+        assert legend and {text.get_fontsize() for text in legend.get_texts()} == {FONT_SIZE}
     lefts = {round(axes.get_position().x0, 2) for axes in figure.axes}
     assert len(lefts) == columns
 

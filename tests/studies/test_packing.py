@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twin.studies.packing import LARGEST, text_of, values_of
+from twin.studies.packing import MAX_BYTES, text_of, values_of
 
 
 @given(arrays(np.float32, st.integers(0, 200)))
@@ -30,5 +30,5 @@ def test_what_is_no_such_text_is_refused(content: bytes):
 
 
 def test_no_more_is_unpacked_than_a_sweep_may_keep():
-    bomb = base64.b64encode(zlib.compress(bytes(2 * LARGEST))).decode()
-    assert len(values_of(bomb)) == LARGEST / 4
+    bomb = base64.b64encode(zlib.compress(bytes(2 * MAX_BYTES))).decode()
+    assert len(values_of(bomb)) == MAX_BYTES / 4

@@ -12,9 +12,9 @@ from tests.command_line import twin
 from tests.robot.run import by_hand as hand
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
-from twin.robot.monitor.checks import Reason
+from twin.robot.monitor.reasons import Reason
 from twin.robot.run.run import execute
-from twin.studies.qualify.comparison import disturbed
+from twin.studies.qualify.comparison import disturb_encoders
 
 FIG4 = "fig4_force_position"
 
@@ -72,7 +72,7 @@ def test_the_verdict_on_two_drives_is_that_of_eight_pairs_of_recordings(root: Pa
             own = said["run_measures"][key]["value"]
             assert (own or 0.0) == pytest.approx(value, rel=1e-9, abs=1e-12), (drive, key)
         pairs = [
-            judged_by_hand(read(execute(disturbed(one, seed), tmp_path / f"{drive}_{seed}").recording))
+            judged_by_hand(read(execute(disturb_encoders(one, seed), tmp_path / f"{drive}_{seed}").recording))
             for seed in range(1, 9)
         ]
         for key in NAMES:

@@ -11,22 +11,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.studies.command import answered
+from twin.studies.command import answer_study
 from twin.studies.result import (
-    TIE,
-    WIDTH,
+    NO_BREAK_SPACE,
+    TEXT_WIDTH,
     Column,
     Note,
     Result,
     Table,
-    counted,
-    labelled,
-    laid_out,
+    count_text,
+    labelled_lines,
+    lay_out,
     markdown,
     note,
     render_text,
     to_json,
-    wrapped,
+    wrap_text,
 )
 
 COLUMNS = (Column("joint", left=True), Column("error", 8, "+.2f", "mm"), Column("why", left=True, gap=3, folds=True))
@@ -35,7 +35,7 @@ RESULT = Result("all is well", ["", TABLE, note("note", "a sentence")], files={"
 
 
 def test_columns_stand_below_each_other_with_their_units_and_digits():
-    assert laid_out([TABLE]).splitlines() == [
+    assert lay_out([TABLE]).splitlines() == [
         "  joint         error   why",
         "                   mm",
         "  first         +0.00   a reason",
@@ -57,7 +57,7 @@ def test_a_cell_is_shown_in_the_format_of_its_column(value: float | str | None, 
 
 def test_a_cell_beyond_its_width_moves_what_follows_on_its_own_line_only():
     rows = [("ab", "x"), ("a" * 9, "x")]
-    assert laid_out([Table((Column("", 4, left=True), Column()), rows)]) == "  ab   x\n  aaaaaaaaa x"
+    assert lay_out([Table((Column("", 4, left=True), Column()), rows)]) == "  ab   x\n  aaaaaaaaa x"
 
 
 words = st.lists(st.text("ab-", min_size=1, max_size=12), max_size=40).map(" ".join)
@@ -66,26 +66,26 @@ words = st.lists(st.text("ab-", min_size=1, max_size=12), max_size=40).map(" ".j
 @given(st.lists(st.tuples(st.text("xyz", max_size=8), words), min_size=1), words)
 def test_the_last_column_and_notes_are_folded_into_80_columns(rows: list[tuple[str, str]], text: str):
     table = Table((Column("name", 8, left=True), Column("meaning", left=True, folds=True)), rows)
-    lines = laid_out([table, Note(text, "  note  ")]).splitlines()
-    assert max(map(len, lines)) <= WIDTH
+    lines = lay_out([table, Note(text, "  note  ")]).splitlines()
+    assert max(map(len, lines)) <= TEXT_WIDTH
     assert not any(line.endswith(" ") for line in lines)
 
 
 def test_columns_that_do_not_fit_are_left_out_and_said_to_be():
     table = Table([Column(f"{i}" * 30) for i in range(4)], [["a"] * 4], left_out="--html")
-    head, row, said = laid_out([table]).splitlines()
+    head, row, said = lay_out([table]).splitlines()
     assert head == f"  {'0' * 30} {'1' * 30}" and len(row) == len(head)
     assert said == "  (2 more columns in --html)"
 
 
 def test_a_line_may_stand_between_rows_and_a_sentence_below_one():
     table = Table((Column(left=True), Column("", 3)), ["drive", ("a", 1), Note("x " * 40, "    ")])
-    assert laid_out([table]).splitlines()[:2] == ["drive", "  a   1"]
-    assert len(laid_out([table]).splitlines()) == 4
+    assert lay_out([table]).splitlines()[:2] == ["drive", "  a   1"]
+    assert len(lay_out([table]).splitlines()) == 4
 
 
 def test_what_is_tied_stays_on_one_line():
-    apart, tied = (laid_out([Note(f"{'a' * 76} 12{space}N")]).splitlines() for space in (" ", TIE))
+    apart, tied = (lay_out([Note(f"{'a' * 76} 12{space}N")]).splitlines() for space in (" ", NO_BREAK_SPACE))
     assert apart[0].endswith("a 12") and tied[1] == "12 N"
 
 
@@ -116,7 +116,7 @@ def failing(say: object) -> Result:
 
 
 def test_who_asks_a_study_gets_its_text_facts_and_exit_code():
-    answer = answered(Listener(), f"{__name__}:failing", {})  # type: ignore[arg-type]
+    answer = answer_study(Listener(), f"{__name__}:failing", {})  # type: ignore[arg-type]
     assert answer == {"text": failing(None).text, "facts": to_json(failing(None)), "exit_code": 1}
 
 
@@ -135,8 +135,8 @@ sentences = st.lists(st.text("ab-", min_size=1, max_size=20), min_size=1, max_si
 
 @given(sentences, st.booleans())
 def test_no_line_is_wider_than_80_columns_and_no_word_is_lost(text: str, whole: bool):
-    lines = wrapped(text, "  head  ", 3, whole)
-    assert max(map(len, lines)) <= WIDTH
+    lines = wrap_text(text, "  head  ", 3, whole)
+    assert max(map(len, lines)) <= TEXT_WIDTH
     assert lines[0].startswith("  head  ") and all(line.startswith("   ") and line[3] != " " for line in lines[1:])
     joined = "".join([lines[0][8:], *(line[3:] for line in lines[1:])])
     assert joined.replace(" ", "") == text.replace(" ", "")
@@ -144,12 +144,12 @@ def test_no_line_is_wider_than_80_columns_and_no_word_is_lost(text: str, whole: 
 
 def test_names_stay_whole_where_they_are_to():
     path = "results/" + "-".join(["long"] * 20)
-    assert wrapped(f"see {path}", whole=True) == ["see", path]
-    assert len(wrapped(f"see {path}")) == 2 and wrapped(f"see {path}")[0].endswith("long-")
+    assert wrap_text(f"see {path}", whole=True) == ["see", path]
+    assert len(wrap_text(f"see {path}")) == 2 and wrap_text(f"see {path}")[0].endswith("long-")
 
 
 def test_later_lines_begin_below_the_text_of_a_label():
-    first, second = labelled("note", "x" * 60 + " y" * 10)
+    first, second = labelled_lines("note", "x" * 60 + " y" * 10)
     assert first.startswith("  note       x") and second.startswith(" " * 13 + "y")
 
 
@@ -158,4 +158,4 @@ def test_a_markdown_table_has_a_rule_below_its_head():
 
 
 def test_one_of_something_has_no_s():
-    assert [counted(n, "run") for n in (0, 1, 2)] == ["0 runs", "1 run", "2 runs"]
+    assert [count_text(n, "run") for n in (0, 1, 2)] == ["0 runs", "1 run", "2 runs"]

@@ -14,19 +14,20 @@ from numpy.typing import NDArray
 from tests.conftest import examples
 from tests.kernel.recording.logs.bags import bag
 from tests.kernel.recording.logs.bags import joints as joint_message
-from tests.studies.replay.logs import FIG4, ran
+from tests.studies.replay.logs import EXPERIMENTS, FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.reader import read
-from twin.studies.compare.comparison import compared
-from twin.studies.identify.identification import identified
-from twin.studies.replay.replay import robot_log
+from twin.studies.compare.comparison import compare_logs
+from twin.studies.identify.identification import identify_log
+from twin.studies.replay.samples import robot_samples
 from twin.studies.shadow.following import twin_of
 from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.session import Session
-from twin.studies.shadow.sources import opened
+from twin.studies.shadow.sources import open_source
+from twin.studies.shadow.study import shadow
 
 ROWS = 60
 LEARNING = 21
@@ -74,17 +75,17 @@ def ros_bag(path: Path, holes: Holes, topics: Sequence[slice]) -> Path:
 
 
 def in_replay(log: Log) -> list[float]:
-    return robot_log(log, MODEL.belief).t.tolist()
+    return robot_samples(log, MODEL.belief).t.tolist()
 
 
 def in_shadow(path: Path, maps: Sequence[str], folder: Path) -> list[float]:
     """Times of the samples that a session records, from the first one on."""
     columns, wanted = column_map(maps), wanted_signals(MODEL.belief)
-    source, named, live = opened(str(path), columns, wanted, MODEL.belief, 0.0, [])
+    source, named, live = open_source(str(path), columns, wanted, MODEL.belief, 0.0, [])
     twin = twin_of(EXPERIMENT, MODEL, "robot", None)
-    messages = named if source.seen() else {}
+    messages = named if source.topic_types() else {}
     session = Session(source, messages, wanted, twin, MODEL, 0.03, np.inf, live, lambda text: None)
-    session.wait()
+    session.wait_for_topics()
     session.follow(lambda: folder / "run.mcap")
     return [float(t) for t in read(folder / "run.mcap").time("encoder")]
 
@@ -118,9 +119,9 @@ def test_four_commands_keep_the_same_rows_and_refuse_the_same_logs(
     if invalid > 0.05 * (len(kept) + invalid):
         said = []
         for read_it in (
-            lambda: in_replay(log), lambda: identified(log, MODEL), lambda: in_shadow(path, maps, folder)
+            lambda: in_replay(log), lambda: identify_log(log, MODEL), lambda: in_shadow(path, maps, folder)
         ):  # fmt: skip
-            with pytest.raises(LogRefused) as refused:
+            with pytest.raises(LogError) as refused:
                 read_it()
             said.append(str(refused.value))
         assert len(set(said)) == 1 and f"{invalid} of {len(kept) + invalid} samples of an encoder" in said[0]
@@ -130,6 +131,19 @@ def test_four_commands_keep_the_same_rows_and_refuse_the_same_logs(
     shadowed = np.array(in_shadow(path, maps, folder))
     found = found[learnt:]
     np.testing.assert_allclose(shadowed - shadowed[0], found - found[0], atol=1e-9)
-    rows = compared(log, log).rows
+    rows = compare_logs(log, log).rows
     numbers = {signal: sum((k, j) not in holes for k in range(last)) for j, signal in enumerate(SIGNALS)}
     assert {row.signal: row.n for row in rows} == numbers
+
+
+def test_rows_of_two_topics_before_their_periods_are_known_are_counted_and_reported(tmp_path: Path):
+    path = ros_bag(tmp_path, {}, [slice(0, 3), slice(3, 6)])
+    maps = [
+        f"{signal}=/js{'' if name[0] == 'm' else 1}.position.{name}"
+        for signal, name in zip(SIGNALS, NAMES, strict=True)
+    ]
+    report = shadow(EXPERIMENTS / f"{FIG4}.toml", str(path), maps, speed=0.0, no_alarm=True, out=tmp_path / "out")
+    counts = report.facts["counts"]
+    assert (counts["unmatched"], counts["samples"]) == (LEARNING, ROWS - LEARNING)
+    assert f"{LEARNING} before the first left out" in report.text
+    assert f"{LEARNING} incomplete samples before the first complete one left out" in " ".join(report.text.split())

@@ -28,11 +28,11 @@ def test_what_is_printed_of_disk_margins_holds_and_what_is_off_by_a_fiftieth_doe
 
 def test_a_loop_of_which_python_control_has_the_same_sensitivity_is_given_to_it():
     control = pytest.importorskip("control")
-    from twin.studies.analyse.linear.loops import COMMANDS
+    from twin.studies.analyse.linear.loops import SPEED_COMMANDS
     from twin.studies.analyse.linear.margins import sensitivity
 
     at = python_control.pressing()
-    breaks = (*at.gains, *COMMANDS)
+    breaks = (*at.gains, *SPEED_COMMANDS)
     omega = np.geomspace(1.0, 1000.0, 20)
     ours = sensitivity(at.loops, at.gains, breaks, omega)
     theirs = control.ss([], [], [], np.eye(len(breaks))).feedback(python_control.opened(breaks))

@@ -12,7 +12,7 @@ from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.plant.component import resting
+from twin.robot.plant.component import rest_state
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import Trace, run_in_memory
 from validation.engine.constrained import Constrained, Numbers
@@ -194,10 +194,10 @@ class TwinsMechanism:
 def test_the_plant_around_the_engines_robot_runs_and_is_pressed_by_its_springs():
     found = load_experiment(ROOT / "experiments" / "fig4_force_position.toml", ["duration_s=0.2"])
     own = plant_parameters(found.plant, found.contact)
-    x, theta_m = resting(own, found.start)
+    x, theta_m = rest_state(own, found.start)
     plant = EnginesPlant(TwinsMechanism(own), own, x, theta_m)  # type: ignore[arg-type]
     trace = Trace()
     component = PythonComponent("plant", plant, initial_outputs=plant.first.tolist())
     with assemble(found, {"plant": component}) as assembly:
-        simulate(assembly, found.duration_ticks, [trace]).completed()
+        simulate(assembly, found.duration_ticks, [trace]).require_success()
     assert np.isfinite(trace["plant.p_B"]).all() and np.ptp(trace["plant.p_B"][:, 2]) > 0.0

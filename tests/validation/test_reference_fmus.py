@@ -79,9 +79,9 @@ def test_results_at_other_times_fail(folder: Path):
 def stepped(folder: Path) -> float:
     """The step of the default experiment (s)."""
     from twin.kernel.fmi.description import described
-    from twin.studies.reference.outcome import BareRun, Prepared, Trial, bare_run
+    from twin.studies.reference.outcome import BareRun, Trial, TrialFiles, bare_run
 
     runs: list[BareRun] = []
     description = described(folder / "2.0" / f"{MODELS[0]}.fmu")
-    bare_run(description, Trial("default experiment"), Prepared({}, None, None), runs.append)
+    bare_run(description, Trial("default experiment"), TrialFiles({}, None, None), runs.append)
     return runs[0].step

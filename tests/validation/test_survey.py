@@ -7,8 +7,8 @@ import pytest
 from tests.kernel.fmi.archives import altered, carrying, redescribed
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_json, read_toml
-from twin.kernel.process.guard import JobEnded
-from twin.studies.reference.outcome import WORDS
+from twin.kernel.process.guard import JobFailure
+from twin.studies.reference.outcome import OUTCOME_MEANINGS
 from validation import survey as module
 from validation.survey import main, page_text, stated, survey, survey_text, tried
 
@@ -21,7 +21,7 @@ def test_the_page_says_what_the_data_say(root: Path):
         "docs/compatibility.md is not what its data say: make it again with make survey FMUS=docs/compatibility.json"
     )
     assert (root / "docs" / "compatibility.md").read_text() == page_text(facts), again
-    assert {row["word"] for row in facts["fmus"]} <= set(WORDS)
+    assert {row["word"] for row in facts["fmus"]} <= set(OUTCOME_MEANINGS)
     assert set(facts["sources"]) == {row["source"] for row in facts["fmus"]}
     told = read_toml(root / "docs" / "compatibility.toml")
     assert facts["sources"] == {name: told[name]["from"] for name in facts["sources"]}
@@ -49,11 +49,11 @@ def test_every_fmu_is_tried_once_and_one_that_crashes_costs_itself(
     def here(job, arguments, limits, listen):
         """The job in this process; its crash is made up."""
         if arguments["file"].endswith("crash.fmu"):
-            raise JobEnded(f"{arguments['file']}: crashed")
+            raise JobFailure(f"{arguments['file']}: crashed")
         reporter = type("Reporter", (), {"note": lambda self, **note: listen(note)})()
         return tried(reporter, **arguments)
 
-    monkeypatch.setattr(module, "guarded", here)
+    monkeypatch.setattr(module, "run_guarded", here)
     (tmp_path / "sources.toml").write_text('[a]\nfrom = "here"\n[b]\nfrom = "there"\n')
     data, page = tmp_path / "out" / "s.json", tmp_path / "out" / "s.md"
     facts = survey(place, tmp_path / "sources.toml", data, page, WALL)

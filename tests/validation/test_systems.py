@@ -25,7 +25,7 @@ def place(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         reporter = type("Reporter", (), {"note": lambda self, **note: listen(note)})()
         return tried(reporter, **arguments)
 
-    monkeypatch.setattr(module, "guarded", here)
+    monkeypatch.setattr(module, "run_guarded", here)
     fmu, home = root / "fmus" / "ideal_velocity" / "ideal_velocity.fmu", tmp_path / "systems"
     for folder in ("some", "some/unpacked", "others"):
         (home / folder).mkdir(parents=True)

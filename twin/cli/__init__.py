@@ -9,12 +9,12 @@ def main() -> None:
     # a notebook exports a backend that may be missing here; pictures are written without one
     os.environ["MPLBACKEND"] = "agg"
     try:
-        from twin.kernel.process.job import keep_interrupts, terminable
+        from twin.kernel.process.job import handle_termination, retry_lost_interrupts
 
-        keep_interrupts()
-        from twin.cli.ahead import job_expected
+        retry_lost_interrupts()
+        from twin.cli.ahead import start_expected_job
 
-        with terminable(), job_expected():
+        with handle_termination(), start_expected_job():
             from twin.cli.line import main
 
             main()

@@ -14,24 +14,24 @@ from typing import Annotated, Any
 import click
 
 from twin import __version__
-from twin.cli.catalogue import GROUPS, SECTIONS, CommandText, declared
-from twin.cli.completions import COMPLETIONS
+from twin.cli.catalogue import COMMAND_GROUPS, HELP_SECTIONS, CommandText, command_texts
+from twin.cli.completions import COMPLETION_FUNCTIONS
 from twin.cli.withdrawn import withdrawn_options
 from twin.kernel.errors import InputRefused
-from twin.studies.command import SHARED, Argument, Isolation, Option
+from twin.studies.command import SHARED_OPTIONS, Argument, Isolation, Option
 
 COMPLETE_VARIABLE = "_TWIN_COMPLETE"
 """By which a shell asks for completions, and a user for the script that does so."""
-WHOLE = 1000
+MAX_HELP_LENGTH = 1000
 """Most letters of a command's first sentence in a list."""
-SETTINGS = {"show_default": True}
+CONTEXT_SETTINGS = {"show_default": True}
 
 
 class StudyCommand(click.Command):
     """A command whose study is imported when it is made ready: to import all takes longer than most of them."""
 
     def __init__(self, words: str, text: CommandText):
-        super().__init__(words.split()[-1], help=text.help, context_settings=SETTINGS)
+        super().__init__(words.split()[-1], help=text.help, context_settings=CONTEXT_SETTINGS)
         self._words, self._text = words, text
 
     @cached_property
@@ -46,7 +46,7 @@ class StudyCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
-            return super().parse_args(ctx, as_spelt_now(args))
+            return super().parse_args(ctx, current_spelling(args))
         except click.UsageError as mistake:
             mistake.ctx = mistake.ctx or ctx
             raise
@@ -61,7 +61,7 @@ def parameters(function: Callable[..., Any]) -> list[click.Parameter]:
     """Arguments and options of a study, and those that it shares."""
     own = inspect.signature(function).parameters
     options = {key: (found.annotation, found.default) for key, found in own.items() if key not in ("say", "reporter")}
-    options |= {key: SHARED[key] for key in vars(function)["study"].shared() if key not in own}
+    options |= {key: SHARED_OPTIONS[key] for key in vars(function)["study"].shared_options() if key not in own}
     return [_parameter(key, *option) for key, option in options.items()]
 
 
@@ -79,7 +79,7 @@ def _parameter(name: str, annotation: Any, default: Any) -> click.Parameter:
     settings["required"] = default is inspect.Parameter.empty
     if not settings["required"] and default is not None:
         settings["default"] = default
-    if complete := COMPLETIONS.get(option.complete):
+    if complete := COMPLETION_FUNCTIONS.get(option.complete):
         settings["shell_complete"] = lambda ctx, param, incomplete: complete(incomplete)
     if not isinstance(option, Argument):
         flags = (option.flags or f"--{name.replace('_', '-')}").split()
@@ -153,7 +153,7 @@ class CommandList(click.Group):
         for heading, names in self._sections.items():
             with formatter.section(heading):
                 formatter.write_dl(
-                    [(name.ljust(width), self.commands[name].get_short_help_str(WHOLE)) for name in names]
+                    [(name.ljust(width), self.commands[name].get_short_help_str(MAX_HELP_LENGTH)) for name in names]
                 )
 
 
@@ -161,27 +161,27 @@ def twin_command() -> CommandList:
     """The command `twin` with all that are declared; those that no section lists come last."""
     commands: dict[str, click.Command] = {}
     groups: dict[str, dict[str, click.Command]] = {}
-    for words, text in declared().items():
+    for words, text in command_texts().items():
         first, *rest = words.split()
         (groups.setdefault(first, {}) if rest else commands)[words.split()[-1]] = StudyCommand(words, text)
     for first, group in groups.items():
-        found = GROUPS[first]
+        found = COMMAND_GROUPS[first]
         commands[first] = CommandList(first, group, found.help, {"Commands": [*group]}, found.default)
-    sections = {heading: [name for name in names if name in commands] for heading, names in SECTIONS.items()}
+    sections = {heading: [name for name in names if name in commands] for heading, names in HELP_SECTIONS.items()}
     sections["Others"] = sorted(commands.keys() - {name for names in sections.values() for name in names})
     ordered = {name: commands[name] for names in sections.values() for name in names}
-    twin = CommandList("", ordered, _ABOUT, {heading: names for heading, names in sections.items() if names})
+    twin = CommandList("", ordered, _ABOUT_TEXT, {heading: names for heading, names in sections.items() if names})
     show = click.version_option(__version__, message="twin %(version)s", help="Print the version and exit.")
     return show(twin)
 
 
-_ABOUT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
+_ABOUT_TEXT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
 
 Start with: twin run experiments/fig4_force_position.toml
 """
 
 
-def carried_out(words: list[str]) -> int:
+def run_command_line(words: list[str]) -> int:
     """Exit code of the command line `words`.
 
     Raises:
@@ -193,20 +193,20 @@ def carried_out(words: list[str]) -> int:
 
         return shell_complete(twin, {}, "twin", COMPLETE_VARIABLE, wanted)
     # not needed to know what commands there are
-    from twin.studies.left_behind import clear
+    from twin.studies.stale_files import remove_stale_folders
 
-    clear()
+    remove_stale_folders()
     try:
         with twin.make_context("twin", words) as context:
             twin.invoke(context)
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.UsageError as mistake:
-        raise InputRefused(_sentence(mistake)) from None
+        raise InputRefused(_usage_message(mistake)) from None
     return 0
 
 
-def as_spelt_now(words: list[str]) -> list[str]:
+def current_spelling(words: list[str]) -> list[str]:
     """A command line with --isolate and --no-isolate, as some commands called them, in today's spelling; and with
     --realtime as --realtime=1, because the word after an option is its value, whatever it is."""
     spelt, values = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}, typing.get_args(Isolation)
@@ -216,7 +216,7 @@ def as_spelt_now(words: list[str]) -> list[str]:
     ]
 
 
-def _sentence(mistake: click.UsageError) -> str:
+def _usage_message(mistake: click.UsageError) -> str:
     """Return the error message for a command line: the command, the error, and a suggestion or the help to read."""
     text, context = mistake.format_message().strip(), mistake.ctx
     if context is None:

@@ -6,23 +6,32 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twin.cli.streams import show
+from twin.cli.streams import print_answer
 from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.process.guard import JobEnded, guarded
+from twin.kernel.process.guard import JobFailure, run_guarded
 from twin.kernel.process.job import (
     JobLimits,
-    function_called,
+    interrupt_message,
     interruption,
-    left_behind,
-    recorded_until_then,
+    load_function,
+    recording_status,
 )
-from twin.studies.command import SHARED, Answer, Interrupted, Isolation, JobIsolation, Study, answer_apart, answer_of
+from twin.studies.command import (
+    SHARED_OPTIONS,
+    Answer,
+    Isolation,
+    JobIsolation,
+    Study,
+    StudyInterrupt,
+    answer_of,
+    run_isolated,
+)
 
-Hear = Callable[[dict[str, Any]], None]
+NoteListener = Callable[[dict[str, Any]], None]
 """Takes a note of a job."""
-RECORDED = "twin.studies.command:recorded"
-LIMITS = ("limit_step", "limit_wall")
+RECORD_JOB = "twin.studies.command:answer_recording"
+LIMIT_OPTIONS = ("limit_step", "limit_wall")
 """Options of `JobLimits`, in its order."""
 
 
@@ -32,14 +41,14 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     Raises:
         SystemExit: the exit code is not 0.
         InputRefused: limits of a process, and none is to be made.
-        TwinError: the study raised one, or an FMU ended its process; see `answer_apart` and `recorded`.
+        TwinError: the study raised one, or an FMU ended its process; see `run_isolated` and `run_recording_job`.
     """
     marked: Study = vars(function)["study"]
     own = inspect.signature(function).parameters
     asked = {key: value for key, value in given.items() if key in own}
     if marked.limited and given["isolate"] == "none":
-        for option in LIMITS:
-            if given[option] != SHARED[option][1]:
+        for option in LIMIT_OPTIONS:
+            if given[option] != SHARED_OPTIONS[option][1]:
                 raise InputRefused(
                     f"--{option.replace('_', '-')} is of the process that --isolate none does without; leave one of "
                     "them out"
@@ -48,9 +57,9 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     code = 0
     try:
         for answer in _answers(function, marked, own, asked, given):
-            answer = _with_page(answer) if given.get("report") else answer
+            answer = _add_page(answer) if given.get("report") else answer
             answer = replace(answer, facts={**answer.facts, **more_facts}) if more_facts else answer
-            show(answer, given.get("as_json", False))
+            print_answer(answer, given.get("as_json", False))
             code = max(code, answer.exit_code)
     except ComponentFailed as failure:
         more = marked.on_failure(asked) if marked.on_failure else ""
@@ -59,7 +68,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
         raise SystemExit(code)
 
 
-def _with_page(answer: Answer) -> Answer:
+def _add_page(answer: Answer) -> Answer:
     """`answer`, and where the page on its recording is."""
     # what draws it takes a while to load
     from twin.report.page.page import write_report
@@ -76,14 +85,14 @@ def _answers(
     given: Mapping[str, Any],
 ) -> Iterable[Answer]:
     """One after the other, as the study has them; what it is doing is shown meanwhile."""
-    shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED.items()}
+    shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED_OPTIONS.items()}
     name = f"{function.__module__}:{function.__name__}"
-    limits = JobLimits(*(given.get(key, SHARED[key][1]) for key in LIMITS))
+    limits = JobLimits(*(given.get(key, SHARED_OPTIONS[key][1]) for key in LIMIT_OPTIONS))
     apart = marked.isolated is True or given.get(str(marked.isolated))
     isolate: JobIsolation = shared["isolate"] if apart else "none"
     if "reporter" in own:
         with TerminalDisplay() as display:
-            done = recorded(RECORDED, {"name": name, "asked": asked}, display, isolate, limits)
+            done = run_recording_job(RECORD_JOB, {"name": name, "asked": asked}, display, isolate, limits)
         yield Answer(**done)
     elif "say" not in own:
         found = function(**asked)
@@ -97,25 +106,25 @@ def _answers(
                 answers = function(**asked, say=display.say)
             else:
                 answers = [
-                    answer_apart(name, asked, display.say, isolate, limits, shared["formats"], shared["columns"])
+                    run_isolated(name, asked, display.say, isolate, limits, shared["formats"], shared["columns"])
                 ]
             for answer in answers:
                 display.clear()
                 yield answer_of(answer)
 
 
-def recorded(
+def run_recording_job(
     job: str,
     arguments: dict[str, Any],
     display: TerminalDisplay,
     isolate: Isolation,
     limits: JobLimits,
-    hear: Hear | None = None,
+    hear: NoteListener | None = None,
 ) -> Any:
     """The result of a job that records runs; where they are if one does not end well.
 
     Args:
-        job, arguments, limits: see `guarded`.
+        job, arguments, limits: see `run_guarded`.
         isolate: none: it runs in this process.
 
     Raises:
@@ -123,18 +132,18 @@ def recorded(
         Interrupted: Ctrl-C, after there was a folder.
         TwinError: the job raised one.
     """
-    hear = hear or display.hear
+    hear = hear or display.on_note
     try:
         if isolate == "none":
             from twin.kernel.process.reporter import DirectReporter
 
-            return function_called(job)(DirectReporter(hear, display.show), **arguments)
-        return guarded(job, arguments, limits, hear, display.show)
-    except JobEnded as failure:
-        raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None
+            return load_function(job)(DirectReporter(hear, display.show), **arguments)
+        return run_guarded(job, arguments, limits, hear, display.show)
+    except JobFailure as failure:
+        raise ComponentFailed(f"{failure}\n{recording_status(display.folder)}") from None
     except KeyboardInterrupt:
         if display.folder is None:
             raise
-        interrupted = Interrupted(left_behind(display.folder))
+        interrupted = StudyInterrupt(interrupt_message(display.folder))
         interrupted.exit_code, _ = interruption()
         raise interrupted from None

@@ -6,9 +6,9 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import NamedTuple
 
-FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
+COMMAND_FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
 """Packages whose files hold commands, and the `study.py` of their folders."""
-DECLARED = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
+COMMAND_PATTERN = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
 
 
 class CommandText(NamedTuple):
@@ -19,13 +19,13 @@ class CommandText(NamedTuple):
     help: str
 
 
-def declared() -> dict[str, CommandText]:
+def command_texts() -> dict[str, CommandText]:
     """All commands by their words, such as `drive check`."""
     found = {}
-    for package, folder in FOLDERS.items():
+    for package, folder in COMMAND_FOLDERS.items():
         for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
             module = ".".join([package, *file.relative_to(folder).with_suffix("").parts])
-            for words, function, text in DECLARED.findall(file.read_text("utf-8")):
+            for words, function, text in COMMAND_PATTERN.findall(file.read_text("utf-8")):
                 # what a program can act on is not for who types the command
                 help_text = cleandoc(text).partition("\n\nRaises:")[0]
                 found[words or function] = CommandText(module, function, help_text)
@@ -39,7 +39,7 @@ class CommandGroup(NamedTuple):
     default: str = ""
 
 
-GROUPS: Mapping[str, CommandGroup] = {
+COMMAND_GROUPS: Mapping[str, CommandGroup] = {
     "sweep": CommandGroup(
         "Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP.\n\n"
         "Options: twin sweep run --help.\n\n"
@@ -50,7 +50,7 @@ GROUPS: Mapping[str, CommandGroup] = {
     "component": CommandGroup("Look at and check third-party parts of the robot."),
     "log": CommandGroup("Bring in the log of a robot: which column is which signal."),
 }
-SECTIONS: Mapping[str, tuple[str, ...]] = {
+HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
     "Run": ("run", "explore", "sweep", "branch", "cosim"),
     "Choose": ("drive", "tune", "analyse", "component"),
     "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),

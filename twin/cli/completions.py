@@ -22,26 +22,26 @@ def experiment_names(incomplete: str) -> list[str]:
 
 def drive_names(incomplete: str) -> list[str]:
     """Drives of fmus/."""
-    from twin.robot.places import located
+    from twin.robot.paths import locate_file
 
-    shelf = located("fmus", Path.cwd())
+    shelf = locate_file("fmus", Path.cwd())
     fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
     return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
 
 
 def role_names(incomplete: str) -> list[str]:
     """Parts of the robot that may be third-party."""
-    from twin.robot.experiment.source import RETAINED
+    from twin.robot.experiment.source import RETAINED_KEYS
 
-    return _starting_with(incomplete, RETAINED)
+    return _starting_with(incomplete, RETAINED_KEYS)
 
 
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
-    from twin.robot.experiment.experiment_files import FOLDERS
-    from twin.robot.places import located
+    from twin.robot.experiment.experiment_files import BODY_FOLDERS
+    from twin.robot.paths import locate_file
 
-    bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
+    bodies = {body.stem for folder in BODY_FOLDERS for body in locate_file(folder, Path.cwd()).glob("*.toml")}
     return _starting_with(incomplete, bodies)
 
 
@@ -64,7 +64,7 @@ def _starting_with(incomplete: str, words: Iterable[str]) -> list[str]:
     return sorted(word for word in words if word.startswith(incomplete))
 
 
-COMPLETIONS: Mapping[str, Callable[[str], list[str]]] = {
+COMPLETION_FUNCTIONS: Mapping[str, Callable[[str], list[str]]] = {
     "experiment": experiment_files,
     "experiment name": experiment_names,
     "drive": drive_names,

@@ -13,8 +13,8 @@ from twin.studies.command import Argument, BodyName, DriveName, LimitStep, Optio
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
 
-PORT = 8766
-LINGER = 60.0
+DEFAULT_PORT = 8766
+DEFAULT_LINGER = 60.0
 """s; a page that is loaded anew comes back by then."""
 
 
@@ -33,8 +33,10 @@ def explore(
         str | None,
         Option("Show a robot beside: the address that twin shadow --live prints; -: from standard input.", "ADDRESS"),
     ] = None,
-    port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = PORT,
-    linger_s: Annotated[float, Option("Time to go on after the last page was closed.", "S", least=0.0)] = LINGER,
+    port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = DEFAULT_PORT,
+    linger_s: Annotated[
+        float, Option("Time to go on after the last page was closed.", "S", least=0.0)
+    ] = DEFAULT_LINGER,
     limit_step: LimitStep = JobLimits.step,
 ) -> None:
     """Change an experiment in the browser and see the whole of it follow.
@@ -55,12 +57,12 @@ def explore(
         if (missing.name or "").partition(".")[0] != "websockets":
             raise
         raise InputRefused("explore: websockets is not installed; pip install 'websockets>=14'") from None
-    from twin.kernel.gate import HOST
+    from twin.kernel.gate import LOOPBACK_HOST
 
     with socket.socket() as listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            listening.bind((HOST, port))
+            listening.bind((LOOPBACK_HOST, port))
         except OSError as problem:
             raise InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free") from None
         base = {"experiment": str(experiment), "drive": drive, "body": body}
@@ -68,7 +70,7 @@ def explore(
         server.begin(list(settings))
         at = listening.getsockname()[1]
         token = lasting_token(at)
-        address = f"http://{HOST}:{at}/?token={token}"
+        address = f"http://{LOOPBACK_HOST}:{at}/?token={token}"
         listening.listen()
         print(f"{shlex.quote(str(experiment))}  open  {address}\nCtrl-C ends it", flush=True)
         if browser:

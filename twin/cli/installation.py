@@ -12,14 +12,21 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from twin import __version__
-from twin.kernel.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
+from twin.kernel.compiled.store import (
+    FOLDER_VARIABLE,
+    PACKAGED_OBJECTS,
+    damaged_files,
+    object_files,
+    object_folder,
+    refusal,
+)
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
-from twin.kernel.fmi.unpacked import shelf
-from twin.robot.places import HOME, PACKAGE, is_clone
+from twin.kernel.fmi.unpacked import cache_info
+from twin.robot.paths import PACKAGE_FOLDER, PROJECT_FOLDER, is_clone
 from twin.studies.command import Answer, Option, study
-from twin.studies.qualify.shelf import shelved_drives
-from twin.studies.result import wrapped
+from twin.studies.qualify.drive_list import listed_drives
+from twin.studies.result import wrap_text
 
 # what takes long to import is imported where it is needed: most of what is looked at is kept
 State = Literal["ok", "note", "lacks", "bad"]
@@ -39,12 +46,12 @@ def is_ready(findings: Sequence[Finding]) -> bool:
     return all(finding.state != "bad" for finding in findings)
 
 
-def lacking(findings: Sequence[Finding]) -> list[str]:
+def lacking_topics(findings: Sequence[Finding]) -> list[str]:
     """The topics without which it is ready."""
     return [finding.topic for finding in findings if finding.state == "lacks"]
 
 
-PURPOSES = {
+EXTRA_PURPOSES = {
     "dask": "twin sweep --engine dask",
     "explore": "twin explore",
     "live": "twin run --live",
@@ -57,7 +64,7 @@ PURPOSES = {
 
 def project_table() -> dict[str, Any]:
     """[project] of the clone's pyproject.toml; without one, what the installed package says in its place."""
-    project = HOME / "pyproject.toml"
+    project = PROJECT_FOLDER / "pyproject.toml"
     return read_toml(project)["project"] if project.is_file() else installed_table()
 
 
@@ -88,10 +95,14 @@ def package_findings(project: dict[str, Any], clone: bool = True) -> list[Findin
         project: as of `project_table`.
         clone: it is installed from one, so that pip can be given it, and extras for developing are of interest.
     """
-    return [_python(project["requires-python"]), _needed(project["dependencies"], clone), *_extras(project, clone)]
+    return [
+        _python_finding(project["requires-python"]),
+        _packages_finding(project["dependencies"], clone),
+        *_extra_findings(project, clone),
+    ]
 
 
-def _python(wanted: str) -> Finding:
+def _python_finding(wanted: str) -> Finding:
     from packaging.specifiers import SpecifierSet
 
     here = platform.python_version()
@@ -100,7 +111,7 @@ def _python(wanted: str) -> Finding:
     return Finding("python", "ok" if fits else "bad", f"{here}, needs {wanted}{remedy}")
 
 
-def _needed(texts: list[str], clone: bool) -> Finding:
+def _packages_finding(texts: list[str], clone: bool) -> Finding:
     wrong = _problems(texts)
     if wrong:
         remedy = "pip install -c constraints.txt -e ." if clone else _install(wrong)
@@ -108,19 +119,19 @@ def _needed(texts: list[str], clone: bool) -> Finding:
     return Finding("packages", "ok", f"all {len(texts)} that are needed")
 
 
-def _extras(project: dict[str, Any], clone: bool) -> list[Finding]:
+def _extra_findings(project: dict[str, Any], clone: bool) -> list[Finding]:
     findings = []
     for extra, texts in project.get("optional-dependencies", {}).items():
-        if not clone and extra not in PURPOSES:
+        if not clone and extra not in EXTRA_PURPOSES:
             continue
         missing = _problems(texts)
         if not missing:
             findings.append(Finding(extra, "ok", "installed"))
             continue
-        purpose = PURPOSES.get(extra, "developing twin")
+        purpose = EXTRA_PURPOSES.get(extra, "developing twin")
         remedy = f"pip install -e '.[{extra}]'" if clone else _install(missing)
         text = f"{purpose} needs: {remedy} ({'; '.join(missing.values())})"
-        findings.append(Finding(extra, "lacks" if extra in PURPOSES else "note", text))
+        findings.append(Finding(extra, "lacks" if extra in EXTRA_PURPOSES else "note", text))
     return findings
 
 
@@ -154,15 +165,17 @@ def _problem(text: str) -> str:
     )
 
 
-SAFE = "which only you can write to"
+PRIVATE_FOLDER_TEXT = "which only you can write to"
 
 
 def compiled_finding() -> Finding:
     """Whether what is compiled can be kept, is there already, and is as it was written."""
     if refusal():
         return Finding("compiled", "lacks", f"every command compiles anew: {refusal()}")
-    place = f"{folder()}, {f'as {VARIABLE} says' if os.environ.get(VARIABLE) else SAFE}"
-    files, brought = object_files(), object_files(CARRIED)
+    place = (
+        f"{object_folder()}, {f'as {FOLDER_VARIABLE} says' if os.environ.get(FOLDER_VARIABLE) else PRIVATE_FOLDER_TEXT}"
+    )
+    files, brought = object_files(), object_files(PACKAGED_OBJECTS)
     if not files and not brought:
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
     text = f"{_size(files):.0f} MB kept in {place}{_damage_note(damaged_files([*brought, *files]), 'compiled again')}"
@@ -177,10 +190,10 @@ def _size(files: Sequence[Path]) -> float:
 def unpacked_finding() -> Finding:
     """Whether FMUs can be unpacked, and whether those that are unpacked are as they were."""
     try:
-        drives_folder = shelf()
+        drives_folder = cache_info()
     except InputRefused as refused:
         return Finding("unpacked", "bad", f"no drive can be unpacked: {refused}")
-    place = f"{drives_folder.folder}, {SAFE}{_damage_note(drives_folder.changed, 'taken from the FMU again')}"
+    place = f"{drives_folder.folder}, {PRIVATE_FOLDER_TEXT}{_damage_note(drives_folder.changed, 'taken from the FMU again')}"
     return Finding("unpacked", "ok", f"{drives_folder.drives} FMUs, {drives_folder.size / 1e6:.0f} MB, in {place}")
 
 
@@ -191,14 +204,14 @@ def _damage_note(damaged: Sequence[Path], remedy: str) -> str:
 
 
 DEFAULT_DRIVE = "velocity_servo"
-LITTLE, TOO_LITTLE = 1e9, 1e8
+LOW_DISK_BYTES, MIN_DISK_BYTES = 1e9, 1e8
 """Free bytes: a recording of 20 s takes some 6 MB."""
-SMOKE = "fig4_force_position.toml"
+SMOKE_EXPERIMENT = "fig4_force_position.toml"
 
 
-def home_finding(home: Path = HOME) -> Finding:
+def home_finding(home: Path = PROJECT_FOLDER) -> Finding:
     """Where twin is, and whether its experiments and drives are with it."""
-    topic, text = ("repository", str(home)) if is_clone() else ("installed", f"twin {__version__} in {PACKAGE}")
+    topic, text = ("repository", str(home)) if is_clone() else ("installed", f"twin {__version__} in {PACKAGE_FOLDER}")
     missing = [name for name in ("experiments", "fmus", "tests/baselines") if not (home / name).is_dir()]
     if missing:
         return Finding(topic, "bad", f"{text}: {', '.join(missing)} missing; install it again")
@@ -208,7 +221,7 @@ def home_finding(home: Path = HOME) -> Finding:
 def drives_finding(here: Path) -> Finding:
     """Whether the drives of fmus/, as seen from `here`, fit and have a binary for this machine; none is loaded."""
     try:
-        drives = shelved_drives(here)
+        drives = listed_drives(here)
     except InputRefused as refusal:
         return Finding("drives", "bad", str(refusal))
     wrong = [drive for drive in drives if drive.problem]
@@ -237,8 +250,8 @@ def disk_finding(here: Path) -> Finding:
         return Finding("disk", "bad", f"{results} cannot be written; run twin in a folder of yours, or use --out")
     free = shutil.disk_usage(results).free
     text = f"{free / 1e9:.1f} GB free in {results}"
-    if free < LITTLE:
-        return Finding("disk", "bad" if free < TOO_LITTLE else "lacks", f"{text}; delete old runs")
+    if free < LOW_DISK_BYTES:
+        return Finding("disk", "bad" if free < MIN_DISK_BYTES else "lacks", f"{text}; delete old runs")
     return Finding("disk", "ok", text)
 
 
@@ -257,7 +270,9 @@ def smoke_finding(home: Path) -> Finding:
     from twin.kernel.process.process import environment, module_command
 
     with tempfile.TemporaryDirectory() as folder:
-        command = module_command("twin", "run", str(home / "experiments" / SMOKE), "--json", "--set", "duration_s=1")
+        command = module_command(
+            "twin", "run", str(home / "experiments" / SMOKE_EXPERIMENT), "--json", "--set", "duration_s=1"
+        )
         began = time.monotonic()
         done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True)
         taken = time.monotonic() - began
@@ -267,7 +282,7 @@ def smoke_finding(home: Path) -> Finding:
     return Finding("run", "ok", f"1 s of Fig. 4 in {taken:.1f} s with loading, {speed:.0f} x real time without")
 
 
-def examined(here: Path, with_run: bool) -> list[Finding]:
+def examine(here: Path, with_run: bool) -> list[Finding]:
     """What this installation has and lacks, for who works in the folder `here`; `with_run`: run something, too."""
     home = home_finding()
     if home.state == "bad":
@@ -275,14 +290,14 @@ def examined(here: Path, with_run: bool) -> list[Finding]:
     findings = [home, *package_findings(project_table(), is_clone())]
     findings += [compiled_finding(), drives_finding(here), unpacked_finding(), isolation_finding()]
     findings += [disk_finding(here), *([browser_finding()] if is_clone() else [])]
-    return [*findings, smoke_finding(HOME)] if with_run else findings
+    return [*findings, smoke_finding(PROJECT_FOLDER)] if with_run else findings
 
 
 def verdict(findings: Sequence[Finding]) -> str:
     """`ready`, `ready, without: live` or `not ready: packages`."""
     if not is_ready(findings):
         return "not ready: " + ", ".join(finding.topic for finding in findings if finding.state == "bad")
-    without = lacking(findings)
+    without = lacking_topics(findings)
     return f"ready, without: {', '.join(without)}" if without else "ready"
 
 
@@ -290,7 +305,7 @@ def examination_text(findings: Sequence[Finding]) -> str:
     """The verdict, then the findings, at most 80 columns but for paths."""
     lines = [verdict(findings)]
     for finding in findings:
-        lines += wrapped(finding.text, f"  {finding.state:6} {finding.topic:10} ", whole=True)
+        lines += wrap_text(finding.text, f"  {finding.state:6} {finding.topic:10} ", whole=True)
     return "\n".join(lines)
 
 
@@ -302,6 +317,6 @@ def doctor(with_run: Annotated[bool, Option("Also run one second of Fig. 4.", fl
 
     Example: twin doctor
     """
-    findings = examined(Path.cwd(), with_run)
+    findings = examine(Path.cwd(), with_run)
     facts = {"verdict": verdict(findings), "findings": [finding._asdict() for finding in findings]}
     return Answer(examination_text(findings), facts, 0 if is_ready(findings) else InputRefused.exit_code)

@@ -2,14 +2,14 @@
 
 import sys
 
-from twin.cli.streams import READER_GONE, Unread, guard_terminal, standard_streams
+from twin.cli.streams import READER_GONE, NoReader, guard_terminal, standard_streams
 from twin.kernel.errors import (
     InternalError,
     NotWritten,
     TwinError,
     internal_error,
-    plain,
-    system_sentence,
+    os_error_message,
+    terminal_text,
 )
 from twin.kernel.process.job import interruption
 
@@ -18,21 +18,21 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     with standard_streams():
         guard_terminal()
-        code, sentence = _ended()
+        code, sentence = _run_command()
         if sentence:
-            print(plain(sentence), file=sys.stderr)
+            print(terminal_text(sentence), file=sys.stderr)
     sys.exit(code)
 
 
-def _ended() -> tuple[int | str | None, str]:
+def _run_command() -> tuple[int | str | None, str]:
     """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been printed."""
     code: int | str | None
     try:
         try:
             # here, so that errors of its imports are reported, too
-            from twin.cli.app import carried_out
+            from twin.cli.app import run_command_line
 
-            code, sentence = carried_out(sys.argv[1:]), ""
+            code, sentence = run_command_line(sys.argv[1:]), ""
         except SystemExit as end:
             code, sentence = end.code, ""
         sys.stdout.flush()
@@ -40,11 +40,11 @@ def _ended() -> tuple[int | str | None, str]:
     except KeyboardInterrupt:
         # no command has more to say about it
         return interruption()
-    except Unread:
+    except NoReader:
         return READER_GONE, ""
     except TwinError as error:
         return error.exit_code, str(error)
     except OSError as problem:
-        return NotWritten.exit_code, system_sentence(problem)
+        return NotWritten.exit_code, os_error_message(problem)
     except Exception:
         return InternalError.exit_code, str(internal_error())

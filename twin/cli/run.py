@@ -9,16 +9,16 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from twin.cli.ahead import JOB
-from twin.cli.ask import Hear, recorded
-from twin.cli.streams import show
+from twin.cli.ahead import RUN_JOB
+from twin.cli.ask import NoteListener, run_recording_job
+from twin.cli.streams import print_answer
 from twin.cli.terminal import TerminalDisplay
-from twin.kernel.errors import InputRefused, plain
-from twin.kernel.process.guard import GRACE
-from twin.kernel.process.job import LONG, JobLimits
+from twin.kernel.errors import InputRefused, terminal_text
+from twin.kernel.process.guard import STOP_TIMEOUT
+from twin.kernel.process.job import LONG_RUN_DURATION, JobLimits
 from twin.studies.command import (
+    DEFAULT_PORT,
     JOB_ISOLATION,
-    PORT,
     Answer,
     Argument,
     AsJson,
@@ -36,14 +36,14 @@ from twin.studies.command import (
     Page,
     Say,
     Settings,
-    answer_apart,
+    run_isolated,
     study,
 )
-from twin.studies.first_look import load_experiments, print_latest
-from twin.studies.sweep.study import By, rows_facts
+from twin.studies.precheck import load_experiments, print_latest
+from twin.studies.sweep.study import By, rows_to_dict
 
 LIVE_JOB = "twin.robot.live.runs:served_runs"
-MEMORY = 4000.0
+DEFAULT_MEMORY_LIMIT = 4000.0
 
 
 @study(json=False)
@@ -70,9 +70,9 @@ def run(
     ] = JOB_ISOLATION,
     limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
-    limit_memory: Annotated[float, Option("Most memory of the run's process.", "MB", least=0.0)] = MEMORY,
+    limit_memory: Annotated[float, Option("Most memory of the run's process.", "MB", least=0.0)] = DEFAULT_MEMORY_LIMIT,
     live: Annotated[bool, Option("Serve the run to Lichtblick or Foxglove; starts with the first viewer.")] = False,
-    port: LivePort = PORT,
+    port: LivePort = DEFAULT_PORT,
     origins: LiveOrigins = (),
     realtime: Annotated[
         float | None,
@@ -91,7 +91,7 @@ def run(
     """
     if ranges:
         others = (body, report, live, realtime is not None, isolate != "run", limit_wall < math.inf)
-        if len(experiments) > 1 or any(others) or limit_memory != MEMORY:
+        if len(experiments) > 1 or any(others) or limit_memory != DEFAULT_MEMORY_LIMIT:
             raise InputRefused(
                 "--sweep: takes one experiment and --drive, --set, --out, --limit-step, --json; "
                 "for more, write a sweep file for twin sweep"
@@ -100,7 +100,7 @@ def run(
 
         with TerminalDisplay(loading=False) as display:
             answer = short_sweep(experiments[0], ranges, drive, settings, out, limit_step, as_json, yes, display.say)
-        show(answer, as_json)
+        print_answer(answer, as_json)
         raise SystemExit(answer.exit_code)
     if not experiments and start_from is None:
         raise InputRefused("twin run: missing argument 'EXPERIMENT'; see twin run --help")
@@ -127,14 +127,21 @@ def run(
         **({"port": port, "origins": origins} if live else {}),
     }
     # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
-    patience = limit_step + (GRACE if isolate == "drive" else 0.0)
+    patience = limit_step + (STOP_TIMEOUT if isolate == "drive" else 0.0)
     # a paced run lasts as long as it was asked to
-    limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG)
-    with Reported(report, as_json) as reported, TerminalDisplay(as_json) as display:
-        recorded(LIVE_JOB if live else JOB, arguments, display, isolate, limits, reported.noting(display.hear))
+    limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG_RUN_DURATION)
+    with RunPageWriter(report, as_json) as reported, TerminalDisplay(as_json) as display:
+        run_recording_job(
+            LIVE_JOB if live else RUN_JOB,
+            arguments,
+            display,
+            isolate,
+            limits,
+            reported.collect_folders(display.on_note),
+        )
 
 
-class Reported:
+class RunPageWriter:
     """Writes one page on all runs when they are over, also if one of them did not end well."""
 
     def __init__(self, wanted: bool, as_json: bool):
@@ -142,7 +149,7 @@ class Reported:
         self._as_json = as_json
         self._folders: list[Path] = []
 
-    def noting(self, listener: Hear) -> Hear:
+    def collect_folders(self, listener: NoteListener) -> NoteListener:
         """`listener`, and the folders of the runs are kept in mind."""
 
         def hear(note: dict[str, Any]) -> None:
@@ -152,7 +159,7 @@ class Reported:
 
         return hear
 
-    def __enter__(self) -> "Reported":
+    def __enter__(self) -> "RunPageWriter":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:
@@ -162,12 +169,12 @@ class Reported:
         from twin.report.page.page import write_report
 
         try:
-            show(write_report(recorded), self._as_json)
+            print_answer(write_report(recorded), self._as_json)
         except InputRefused as problem:
             if kind is None:
                 raise
             # why the run itself ended is what the user has to hear last
-            print(plain(str(problem)), file=sys.stderr)
+            print(terminal_text(str(problem)), file=sys.stderr)
 
 
 @study(isolated="budget", before=[print_latest])
@@ -224,7 +231,7 @@ def drive_compare(
     """
     name, limits = "twin.studies.qualify.study:compare_drives", JobLimits(limit_step, limit_wall)
     asked = {"fmus": drives, "experiments": experiments, "settings": settings, "body": body, "out": out}
-    answer = answer_apart(name, asked, say, isolate, limits, formats, columns)
+    answer = run_isolated(name, asked, say, isolate, limits, formats, columns)
     if not html:
         return answer
     from twin.report.page.plain import write_drives_page
@@ -261,12 +268,12 @@ def sweep_show(
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
     from twin.robot.experiment.experiment_files import sweep_file
-    from twin.studies.sweep.stored import HOME, stored_sweep
+    from twin.studies.sweep.stored import SWEEPS_FOLDER, stored_sweep
 
     # a sweep by its file or its name; else its folder
     if not sweep.is_dir() and os.path.isfile(file := sweep_file(sweep)):
         sweep = file
-    folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
+    folder = SWEEPS_FOLDER / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
@@ -274,14 +281,14 @@ def sweep_show(
     # only for what is there: what reckons takes a second to load
     from twin.studies.figure import for_paper
     from twin.studies.sweep.parquet import write_parquet
-    from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
+    from twin.studies.sweep.show.parts import SweepQuery, axes_of, parts, sweep_text, worst_label
     from twin.studies.sweep.show.pictures import write_pictures
-    from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_against, usual_metric
+    from twin.studies.sweep.statistics.ranking import claims_in, require_rank, usual_against, usual_metric
 
     claims = claims_in(found.columns)
-    metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
-    checked = checked_rank("--against", against, found.metrics, claims) if against else None
-    asked = Asked(metric, checked or usual_against(found.columns, metric), top, worst_label(found, worst))
+    metric = require_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
+    checked = require_rank("--against", against, found.metrics, claims) if against else None
+    asked = SweepQuery(metric, checked or usual_against(found.columns, metric), top, worst_label(found, worst))
     # a misspelt one is reported before anything else
     axes_of(found, x, y)
     if not as_json:
@@ -301,7 +308,7 @@ def sweep_show(
     if as_json:
         tables = [asdict(part) for part in parts(found, asked)]
         paths = {name: str(path) for name, path in files.items()}
-        yield Answer("", rows_facts(found) | {"tables": tables, "files": paths})
+        yield Answer("", rows_to_dict(found) | {"tables": tables, "files": paths})
     elif files:
         width = max(map(len, files))
         yield Answer("\n".join(["", *(f"  {name:<{width}}  {path}" for name, path in files.items())]), {})

@@ -4,22 +4,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from twin.kernel.archive import sha256
-from twin.robot.places import HOME
+from twin.robot.paths import PROJECT_FOLDER
 from twin.robot.run.measures import (
     LARGE_OVERSHOOT,
-    NEXT,
+    SECOND_KEYS,
     MeasuredValue,
     Values,
     first_measures,
-    fixed,
-    labelled,
+    fixed_point,
+    labelled_text,
     measured_values,
-    shown,
+    value_text,
     with_units,
 )
-from twin.studies.result import counted, wrapped
+from twin.studies.result import count_text, wrap_text
 
-MOST_EVENTS = 20
+MAX_EVENTS = 20
 """The most events that are listed; the recording has all of them."""
 
 
@@ -34,7 +34,7 @@ def run_text(run: Mapping[str, Any]) -> str:
     lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
     lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
     for role, text in run["parts"].items():
-        lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
+        lines += wrap_text(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
     return "\n".join([*lines, _row("recording", run["recording"])])
 
@@ -66,30 +66,30 @@ def _warning(values: Values) -> str:
     share = values["hold_overshoot"].value
     if share is None or share <= LARGE_OVERSHOOT:
         return ""
-    return f"  OVERSHOOT {shown('hold_overshoot', values)}, {shown('hold_overshoot_force', values)}"
+    return f"  OVERSHOOT {value_text('hold_overshoot', values)}, {value_text('hold_overshoot_force', values)}"
 
 
 def _hold(values: Values) -> Iterator[str]:
     """Format the first measures of a held force, or the reason why they are missing, then torque and work."""
     error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
     if error.value is None or begin.value is None or end.value is None:
-        yield from wrapped(f"none: {error.reason}", _row("held", ""))
+        yield from wrap_text(f"none: {error.reason}", _row("held", ""))
     else:
         # a remark on how they are taken stands behind the first one only
-        remark, values = error.reason, {key: _without(error.reason, one) for key, one in values.items()}
+        remark, values = error.reason, {key: _drop_remark(error.reason, one) for key, one in values.items()}
         first = first_measures(values)
         first[0] += f" ({remark})" if remark else ""
         if values["chatter_frequency"].value is not None:
-            first[-1] += f" at {shown('chatter_frequency', values)}"
+            first[-1] += f" at {value_text('chatter_frequency', values)}"
         holds = values["holds"].value or 1.0
         parts = f" in {holds:.0f} parts" * (holds > 1.0)
-        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s{parts}: {', '.join(first)}", _row("held", ""))
+        yield from wrap_text(f"{begin.value:.1f} to {end.value:.1f} s{parts}: {', '.join(first)}", _row("held", ""))
     # a robot that stays on its axis has no lateral error
-    rest = (labelled(key, values) for key in NEXT if (values[key].value or 0.0) > 1e-6)
-    yield from wrapped(", ".join(rest), _row("", ""))
+    rest = (labelled_text(key, values) for key in SECOND_KEYS if (values[key].value or 0.0) > 1e-6)
+    yield from wrap_text(", ".join(rest), _row("", ""))
 
 
-def _without(remark: str, one: MeasuredValue) -> MeasuredValue:
+def _drop_remark(remark: str, one: MeasuredValue) -> MeasuredValue:
     return MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
 
 
@@ -99,9 +99,9 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         # at the end of its tasks a robot presses nothing
         yield _row("force", peak if held else f"{peak}, {outcome['end']:.2f} N in the last second")
         for one in held:
-            yield from wrapped(_held(one, len(held) > 1), _row("", ""))
+            yield from wrap_text(_held_text(one, len(held) > 1), _row("", ""))
         if "end_x" in outcome and not held:
-            x, y = (fixed(outcome[key], 2) for key in ("end_x", "end_y"))
+            x, y = (fixed_point(outcome[key], 2) for key in ("end_x", "end_y"))
             yield _row("", f"{x} N along x, {y} N along y in the last second")
         if outcome["force_error"] is not None:
             yield _row("", f"error since the first touch {outcome['force_error']:.2f} N rms, force loop on")
@@ -114,13 +114,13 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
     yield _row("position", f"{beside}{z:.2f} mm in z from the reference, rms")
 
 
-def _held(one: Mapping[str, Any], several: bool) -> str:
+def _held_text(one: Mapping[str, Any], several: bool) -> str:
     """`7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
     name = f"task {one['task']}: " if several else ""
     asked = f"{one['force']:.2f} N"
     if one["least"] is None:
         return f"{name}never held {asked}" if one["kind"] != "tap" else f"{name}never tapped"
-    did = f"{counted(one['taps'], 'tap')}, peaks " if one["kind"] == "tap" else ""
+    did = f"{count_text(one['taps'], 'tap')}, peaks " if one["kind"] == "tap" else ""
     error = "" if one["error"] is None else f", error {one['error']:.3f} N"
     force = f"{one['least']:.2f} to {one['largest']:.2f} N for {asked}"
     return f"{name}{did}{force}, {one['begin']:.1f} to {one['end']:.1f} s{error}"
@@ -128,10 +128,10 @@ def _held(one: Mapping[str, Any], several: bool) -> str:
 
 def _events(run: Mapping[str, Any]) -> Iterator[str]:
     events = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
-    for t, text in events[:MOST_EVENTS]:
-        yield from wrapped(f"{t:8.3f} s  {text}", later=12)
-    if len(events) > MOST_EVENTS:
-        yield f"{'':8}    and {len(events) - MOST_EVENTS} more events, in the recording"
+    for t, text in events[:MAX_EVENTS]:
+        yield from wrap_text(f"{t:8.3f} s  {text}", later=12)
+    if len(events) > MAX_EVENTS:
+        yield f"{'':8}    and {len(events) - MAX_EVENTS} more events, in the recording"
 
 
 def _robot(run: Mapping[str, Any]) -> Iterator[str]:
@@ -148,12 +148,12 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
         about, _, digest = head.partition("  sha256 ")
         yield _row("drive", about if digest and _comes_with_twin(about.split()[0], digest) else head)
         for line in rest:
-            yield from wrapped(line.strip(), " " * 13, 15)
+            yield from wrap_text(line.strip(), " " * 13, 15)
 
 
 def _comes_with_twin(name: str, digest: str) -> bool:
     """Whether the FMU `name` is one of twin's own, unchanged; `digest` is the beginning of its SHA-256."""
-    files = [file for file in (HOME / "fmus").glob("*/*.fmu") if file.name == name]
+    files = [file for file in (PROJECT_FOLDER / "fmus").glob("*/*.fmu") if file.name == name]
     return any(sha256(file).startswith(digest) for file in files)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.studies.command import Answer, Argument, Option, study
-from twin.studies.first_look import find_logs
+from twin.studies.precheck import find_logs
 
 
 @study(json=False)
@@ -24,10 +24,10 @@ def init(
 
     Example: twin init my_experiment.toml --from pressing
     """
-    from twin.robot.assembly.declared import DECLARED
+    from twin.robot.assembly.declared import DECLARED_TABLES
     from twin.robot.experiment.template import start_experiment
 
-    written = [str(path) for path in start_experiment(DECLARED, file, start)]
+    written = [str(path) for path in start_experiment(DECLARED_TABLES, file, start)]
     return Answer("\n".join([*written, f"next: {shlex.join(['twin', 'run', str(file)])}"]), written)
 
 
@@ -45,13 +45,13 @@ def schema(
     Example: twin schema --out experiment.schema.json
     """
 
-    from twin.robot.assembly.declared import DECLARED
+    from twin.robot.assembly.declared import DECLARED_TABLES
     from twin.robot.experiment.json_schema import schema_text
 
-    text = schema_text(DECLARED)
+    text = schema_text(DECLARED_TABLES)
     if out is None:
         return Answer(text.removesuffix("\n"), {})
-    from twin.kernel.writing import write_text
+    from twin.kernel.atomic_write import write_text
 
     write_text(out, text)
     return Answer(str(out), {})
@@ -70,18 +70,18 @@ def drive_copy(
     """
     import shutil
 
-    from twin.kernel.errors import InputRefused, NotWritten, disk_refusals, nearest
-    from twin.kernel.writing import made_folder
-    from twin.robot.places import located
+    from twin.kernel.atomic_write import make_folder
+    from twin.kernel.errors import InputRefused, NotWritten, nearest, translate_disk_errors
+    from twin.robot.paths import locate_file
 
-    shelf = located("fmus", Path.cwd())
+    shelf = locate_file("fmus", Path.cwd())
     known = sorted({path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))})
     if name not in known:
         raise InputRefused(f"{name}: no such drive in {shelf}; {nearest(name, known)}")
     if os.path.lexists(folder):
         raise InputRefused(f"{folder}: exists; name a new folder")
-    made_folder(folder.absolute().parent)
-    with disk_refusals(folder, kind=NotWritten):
+    make_folder(folder.absolute().parent)
+    with translate_disk_errors(folder, kind=NotWritten):
         shutil.copytree(shelf / name, folder)
     files = [str(path) for path in sorted(folder.rglob("*")) if path.is_file()]
     fmus = [file for file in files if file.endswith(".fmu") and str(folder / "mapping.toml") not in files]

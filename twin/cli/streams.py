@@ -8,8 +8,8 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
 
-from twin.kernel.errors import NotWritten, visible_lines
-from twin.kernel.writing import json_text
+from twin.kernel.atomic_write import json_text
+from twin.kernel.errors import NotWritten, escape_control_lines
 
 if TYPE_CHECKING:
     from twin.studies.command import Answer
@@ -18,7 +18,7 @@ READER_GONE = 128 + 13
 """Exit code of a command whose output has no reader any more: what a shell shows for the signal SIGPIPE."""
 
 
-class Unread(Exception):
+class NoReader(Exception):
     """The reader of standard output has gone, as `head` does when it has enough."""
 
 
@@ -51,7 +51,7 @@ class Outlet(_Stream):
             self._stream.flush()
 
 
-class Aside(_Stream):
+class BestEffortStderr(_Stream):
     """Standard error, which is no reason to fail: what it does not take is lost."""
 
     def write(self, text: str) -> int:
@@ -74,9 +74,9 @@ def standard_streams() -> Iterator[None]:
             # what is opened gets the lowest free number, which is this one
             os.open(os.devnull, os.O_RDWR)
     before = sys.stdin, sys.stdout, sys.stderr
-    output, errors = sys.stdout or _outward(1), sys.stderr or _outward(2)
+    output, errors = sys.stdout or _open_output(1), sys.stderr or _open_output(2)
     sys.stdin = sys.stdin or os.fdopen(0, encoding="utf-8", closefd=False)
-    sys.stdout, sys.stderr = Outlet(output), Aside(errors)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = Outlet(output), BestEffortStderr(errors)  # type: ignore[assignment]
     try:
         yield
     finally:
@@ -84,7 +84,7 @@ def standard_streams() -> Iterator[None]:
             try:
                 stream.flush()
             except OSError:
-                _drop(number)
+                _redirect_to_null(number)
         sys.stdin, sys.stdout, sys.stderr = before
 
 
@@ -93,48 +93,48 @@ def _writing_output() -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:
-        raise Unread from None
+        raise NoReader from None
     except OSError as problem:
         raise NotWritten(f"standard output: cannot be written: {problem.strerror}") from None
 
 
-def _drop(number: int) -> None:
+def _redirect_to_null(number: int) -> None:
     """Lead a stream nowhere: Python tries once more at its end to write what is left, and would fail once more."""
     nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, number)
     os.close(nothing)
 
 
-def _outward(number: int) -> TextIO:
+def _open_output(number: int) -> TextIO:
     return os.fdopen(number, "w", encoding="utf-8", closefd=False)
 
 
-_OBEYED = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
+_CONTROL_CHARACTERS = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
 """Control characters, but line ends, tabs and the colours of the help."""
 
 
-class Harmless(_Stream):
+class EscapingTerminal(_Stream):
     """A terminal that writes control characters out: `\\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
         """Write `text`."""
-        return self._stream.write(_OBEYED.sub(lambda found: repr(found[0])[1:-1], text))
+        return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
 
 
 def guard_terminal() -> None:
-    """From now on standard output is `Harmless`, if it is a terminal; files and pipes get what was written."""
+    """From now on standard output is `EscapingTerminal`, if it is a terminal; files and pipes get what was written."""
     if sys.stdout.isatty():
-        sys.stdout = Harmless(sys.stdout)  # type: ignore[assignment]
+        sys.stdout = EscapingTerminal(sys.stdout)  # type: ignore[assignment]
 
 
-_FOLLOWING = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
+_NEXT_COMMAND = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
 """The program in the line of a command that follows."""
 
 
-def show(answer: "Answer", as_json: bool = False) -> None:
+def print_answer(answer: "Answer", as_json: bool = False) -> None:
     """Print `answer`; commands that follow begin with the program as the shell finds it."""
     from twin.cli.terminal import program
 
-    text = _FOLLOWING.sub(lambda found: found[1] + shlex.quote(program()), answer.text)
+    text = _NEXT_COMMAND.sub(lambda found: found[1] + shlex.quote(program()), answer.text)
     # names in a recording are anybody's
-    print(json_text(answer.facts) if as_json else visible_lines(text), flush=True)
+    print(json_text(answer.facts) if as_json else escape_control_lines(text), flush=True)

@@ -9,31 +9,31 @@ import time
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.compiled.store import compiled_pieces
-from twin.kernel.errors import plain, visible
-from twin.kernel.process.job import duration_text, seen_from_here
-from twin.kernel.recording.folder import LATEST
-from twin.kernel.writing import json_text
+from twin.kernel.atomic_write import json_text
+from twin.kernel.compiled.store import object_count
+from twin.kernel.errors import escape_controls, terminal_text
+from twin.kernel.process.job import duration_text, relative_path
+from twin.kernel.recording.folder import LATEST_LINK
 
-NARROW = 60
+MIN_BAR_COLUMNS = 60
 """A line of so many columns has no room for a bar."""
-SOON = 1.0
+MIN_SHOWN_TIME = 1.0
 """s. What is over sooner needs no estimate."""
-LEAST_SHARE = 0.01
+MIN_SHARE = 0.01
 """Smallest share done at which the remaining time is estimated; the first part also compiles code."""
-PATIENCE = 3.0
+COMPILE_NOTICE_DELAY = 3.0
 """s. Who waits longer for code that is compiled wants to know."""
-MINUTE = 60.0
+PRINT_INTERVAL = 60.0
 """How often (s) progress is printed without a terminal."""
-BESIDE = 48
+MAX_BAR_TEXT = 48
 """Letters for which there is room beside a bar."""
-PIECES = 18
+TYPICAL_PIECES = 18
 """How many pieces of machine code a run of Fig. 4 needs, about; where none is there yet."""
-PERIOD = 0.25
+WATCH_INTERVAL = 0.25
 """Seconds between two looks at what has been compiled."""
 
 
-def compiling(done: int, about: int, seconds: float) -> str:
+def compiling_text(done: int, about: int, seconds: float) -> str:
     """`compiling, once: 12 of about 13, 9 s`; pieces of machine code."""
     of = f" of about {about}" if about else ""
     return f"compiling, once: {done}{of}, {seconds:.0f} s"
@@ -49,12 +49,12 @@ class PlainProgress:
     _share = _first = 0.0
 
     def __init__(self) -> None:
-        self._next = time.monotonic() + MINUTE
+        self._next = time.monotonic() + PRINT_INTERVAL
 
     def say(self, what: str) -> None:
         """From now on `what` is going on, `3 of 8 checks` or of unknown length."""
         if time.monotonic() > self._next:
-            self._next = time.monotonic() + MINUTE
+            self._next = time.monotonic() + PRINT_INTERVAL
             print(f"{self._name} {what}".strip(), file=sys.stderr, flush=True)
 
     def step(self, what: str, share: float | None) -> None:
@@ -63,27 +63,29 @@ class PlainProgress:
             self.say(what)
             return
         _, left = self._pace(share)
-        self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > SOON else ""))
+        self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > MIN_SHOWN_TIME else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if unknown."""
-        if (about or seconds > PATIENCE) and not self._printed:
+        if (about or seconds > COMPILE_NOTICE_DELAY) and not self._printed:
             self._printed = True
             print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""
-        self._name, self._duration, self._began = visible(name), duration, None
+        self._name, self._duration, self._began = escape_controls(name), duration, None
 
     def move(self, share: float) -> None:
         """So much of it has been simulated, 0 .. 1."""
-        clock, speed, left = self._simulated(share)
-        self.say("  ".join(filter(None, (clock, speed, f"{duration_text(left)} left" if left > MINUTE else ""))))
+        clock, speed, left = self._progress_texts(share)
+        self.say(
+            "  ".join(filter(None, (clock, speed, f"{duration_text(left)} left" if left > PRINT_INTERVAL else "")))
+        )
 
     def clear(self) -> None:
         """Leave the line to others; whatever comes next takes it back."""
 
-    def _simulated(self, share: float) -> tuple[str, str, float]:
+    def _progress_texts(self, share: float) -> tuple[str, str, float]:
         """`12.3 / 20.0 s`, as wide at the beginning as at the end; `412 x real time`; the time (s) that is left."""
         speed, left = self._pace(share)
         total = f"{self._duration:.1f}"
@@ -97,7 +99,7 @@ class PlainProgress:
             self._began, self._first = now, share
         self._share = share
         taken, gone = now - self._began, share - self._first
-        return gone / taken if taken > 0.1 else 0.0, taken * (1.0 - share) / gone if gone >= LEAST_SHARE else 0.0
+        return gone / taken if taken > 0.1 else 0.0, taken * (1.0 - share) / gone if gone >= MIN_SHARE else 0.0
 
 
 class PlainLine(PlainProgress):
@@ -107,7 +109,7 @@ class PlainLine(PlainProgress):
         self._write(f"{self._name}  {what}".strip())
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        self.say(compiling(done, about, seconds))
+        self.say(compiling_text(done, about, seconds))
 
     def begin(self, name: str, duration: float) -> None:
         super().begin(name, duration)
@@ -134,7 +136,7 @@ class Bar(PlainProgress):
         self._long: PlainLine | None = None
         # leaves room for the ^C that a terminal echoes: on the next line it would keep this one from being erased
         console = Console(stderr=True, width=Console(stderr=True).width - 3)
-        self._roomy = console.width > NARROW
+        self._roomy = console.width > MIN_BAR_COLUMNS
         name = Column(no_wrap=True, overflow="ellipsis", ratio=None if self._roomy else 1)
         text = rich_progress.TextColumn
         # a name is no markup
@@ -155,23 +157,23 @@ class Bar(PlainProgress):
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         self._count_to(about or None)
-        self._show(clock=compiling(done, about, seconds), completed=done)
+        self._show(clock=compiling_text(done, about, seconds), completed=done)
 
     def say(self, what: str) -> None:
-        if self._long is None and len(what) <= BESIDE:
+        if self._long is None and len(what) <= MAX_BAR_TEXT:
             self._show(clock=what)
             return
         # a line that tells of several things has no room for a bar that counts nothing
         self._line.stop()
         self._long = self._long or PlainLine()
-        self._long.say(visible(what))
+        self._long.say(escape_controls(what))
 
     def step(self, what: str, share: float | None) -> None:
         if share is None:
             self.say(what)
             return
         self._count_to(1.0)
-        self._show(description=visible(what), completed=share, clock=f"{share:4.0%}")
+        self._show(description=escape_controls(what), completed=share, clock=f"{share:4.0%}")
 
     def begin(self, name: str, duration: float) -> None:
         super().begin(name, duration)
@@ -180,7 +182,7 @@ class Bar(PlainProgress):
 
     def move(self, share: float) -> None:
         self._count_to(1.0)
-        clock, speed, _ = self._simulated(share)
+        clock, speed, _ = self._progress_texts(share)
         self._line.update(self._task, completed=share, clock=clock, speed=speed)
 
     def clear(self) -> None:
@@ -219,7 +221,7 @@ class CompileWatch:
 
     def __init__(self, progress: PlainProgress):
         self._progress = progress
-        self._before = compiled_pieces()
+        self._before = object_count()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
 
@@ -235,11 +237,11 @@ class CompileWatch:
 
     def _look(self) -> None:
         began = time.monotonic()
-        while not self._over.wait(PERIOD):
-            new = compiled_pieces() - self._before
+        while not self._over.wait(WATCH_INTERVAL):
+            new = object_count() - self._before
             if new:
                 # how many are lacking of those that were there in part, or of a run that needs more, is unknown
-                about = PIECES if not self._before and new < PIECES else 0
+                about = TYPICAL_PIECES if not self._before and new < TYPICAL_PIECES else 0
                 self._progress.compile(new, about, time.monotonic() - began)
 
 
@@ -286,7 +288,7 @@ class TerminalDisplay:
             self._watch.end()
         self._progress.step(what, share)
 
-    def hear(self, note: dict[str, Any]) -> None:
+    def on_note(self, note: dict[str, Any]) -> None:
         """Take a note of a job, see `recorded_runs`, `recorded` and `answered`."""
         if "say" in note:
             self.say(note["say"], note["share"])
@@ -295,7 +297,7 @@ class TerminalDisplay:
             from twin.cli.run_text import run_facts, run_text
 
             facts = {"experiment": self._name, **note["run"]}
-            facts["recording"] = seen_from_here(Path(facts["recording"]))
+            facts["recording"] = relative_path(Path(facts["recording"]))
             self.clear()
             print(json_text(run_facts(facts)) if self._as_json else run_text(facts), flush=True)
             self._done.append(_shortest(facts["recording"].parent))
@@ -305,7 +307,7 @@ class TerminalDisplay:
             print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
         elif "refused" in note:
             self.clear()
-            print(plain(f"refused: {note['refused']}"), file=sys.stderr, flush=True)
+            print(terminal_text(f"refused: {note['refused']}"), file=sys.stderr, flush=True)
         else:
             self._name, self.folder = note["experiment"], Path(note["folder"])
             self._progress.begin(self._name, note["duration"])
@@ -337,5 +339,5 @@ def program() -> str:
 
 def _shortest(folder: Path) -> Path:
     """results/EXPERIMENT instead of the folder of its latest run."""
-    latest = folder.parent / LATEST
+    latest = folder.parent / LATEST_LINK
     return folder.parent if latest.is_symlink() and latest.resolve() == folder.resolve() else folder

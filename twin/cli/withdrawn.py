@@ -6,13 +6,13 @@ import click
 
 from twin.kernel.errors import InputRefused
 
-_COMPLETION = (
+_COMPLETION_REMEDY = (
     'for bash put eval "$(_TWIN_COMPLETE=bash_source twin)" into ~/.bashrc, for zsh the same with zsh_source into '
     "~/.zshrc, for fish type _TWIN_COMPLETE=fish_source twin > ~/.config/fish/completions/twin.fish"
 )
-WITHDRAWN = {
-    ("", "--install-completion"): _COMPLETION,
-    ("", "--show-completion"): _COMPLETION,
+WITHDRAWN_OPTIONS = {
+    ("", "--install-completion"): _COMPLETION_REMEDY,
+    ("", "--show-completion"): _COMPLETION_REMEDY,
     ("branch", "--drive"): "type twin run EXPERIMENT --drive FMU, a run with it from the start",
     ("cosim", "--remote"): "leave it out; all FMUs of a system run on this machine",
     ("cosim", "--tolerance"): "type --tick-ms MS, a step that is short enough",
@@ -22,10 +22,10 @@ WITHDRAWN = {
 
 def withdrawn_options(command: str) -> list[click.Parameter]:
     """Hidden options that refuse to be used, of `command`."""
-    return [_refused(option, instead) for (of, option), instead in WITHDRAWN.items() if of == command]
+    return [_refusing_option(option, instead) for (of, option), instead in WITHDRAWN_OPTIONS.items() if of == command]
 
 
-def _refused(option: str, instead: str) -> click.Option:
+def _refusing_option(option: str, instead: str) -> click.Option:
     def refuse(context: click.Context, _: click.Parameter, given: Any) -> None:
         if given is None or context.resilient_parsing:
             return

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from twin.kernel.errors import InputRefused, disk_refusals
+from twin.kernel.errors import InputRefused, translate_disk_errors
 
 try:
     import fcntl
@@ -21,15 +21,15 @@ except ImportError:
     fcntl = None  # type: ignore[assignment]
 
 
-VARIABLE = "TWIN_CACHE"
-REMEDY = f"set {VARIABLE} to a folder of yours"
-PRIVATE = 0o700
-_NAME = re.compile(r"[0-9a-f]{16,64}")
+CACHE_VARIABLE = "TWIN_CACHE"
+CACHE_REMEDY = f"set {CACHE_VARIABLE} to a folder of yours"
+PRIVATE_MODE = 0o700
+_HASH_NAME = re.compile(r"[0-9a-f]{16,64}")
 """Of a folder that is known by the hash of what it was made of."""
-_FORGOTTEN = 24 * 3600.0
+_ABANDONED_AGE = 24 * 3600.0
 """Age (s) from which on an unfinished folder is abandoned: a process that was killed left it."""
 
-_held: dict[Path, tuple[int, int]] = {}
+_locked_folders: dict[Path, tuple[int, int]] = {}
 """Folder -> (inode, descriptor whose lock says that this process uses it)."""
 
 
@@ -48,15 +48,15 @@ def cache_base() -> Path:
     Raises:
         InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
     """
-    given = os.environ.get(VARIABLE, "")
+    given = os.environ.get(CACHE_VARIABLE, "")
     try:
-        base = Path(given).expanduser() if given else _usual_base()
+        base = Path(given).expanduser() if given else _default_base()
     except RuntimeError:
-        unknown = f"{VARIABLE}={given}: no such user" if given else "no home folder is known to keep anything in"
-        raise InputRefused(f"{unknown}; {REMEDY}") from None
+        unknown = f"{CACHE_VARIABLE}={given}: no such user" if given else "no home folder is known to keep anything in"
+        raise InputRefused(f"{unknown}; {CACHE_REMEDY}") from None
     if not base.is_absolute():
         # the processes of a run are in different folders
-        place = f"{VARIABLE}={given}" if given else f"cache folder {base}"
+        place = f"{CACHE_VARIABLE}={given}" if given else f"cache folder {base}"
         raise InputRefused(f"{place}: a relative path; expected an absolute path, or ~/...")
     return base
 
@@ -67,22 +67,22 @@ def private_folder(folder: Path) -> Path:
     Raises:
         InputRefused: it belongs to somebody else, others can write to it, or the user cannot.
     """
-    with disk_refusals(folder, "cannot be made a cache folder", InputRefused, REMEDY):
+    with translate_disk_errors(folder, "cannot be made a cache folder", InputRefused, CACHE_REMEDY):
         try:
             found = folder.stat()
         except FileNotFoundError:
-            folder.mkdir(PRIVATE, parents=True, exist_ok=True)
+            folder.mkdir(PRIVATE_MODE, parents=True, exist_ok=True)
             found = folder.stat()
         link = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
-        raise InputRefused(f"{folder}: not a folder; remove it, or {REMEDY}")
+        raise InputRefused(f"{folder}: not a folder; remove it, or {CACHE_REMEDY}")
     risk = "and its content is run"
-    if owner := _other_owner(link, found):
-        raise InputRefused(f"{folder}: {owner}, {risk}; {REMEDY}")
-    if open_ := _open_to_others(found):
-        raise InputRefused(f"{folder}: {open_}, {risk}; {REMEDY}, or remove that permission if it was not used")
+    if owner := _owner_problem(link, found):
+        raise InputRefused(f"{folder}: {owner}, {risk}; {CACHE_REMEDY}")
+    if open_ := _permission_problem(found):
+        raise InputRefused(f"{folder}: {open_}, {risk}; {CACHE_REMEDY}, or remove that permission if it was not used")
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
-        raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
+        raise InputRefused(f"{folder}: cannot be written; {CACHE_REMEDY}")
     return folder
 
 
@@ -94,7 +94,7 @@ def discard_foreign(path: Path) -> None:
     Raises:
         OSError: it cannot be renamed.
     """
-    why = foreign(path)
+    why = ownership_problem(path)
     if why:
         # another process may be first
         with contextlib.suppress(FileNotFoundError):
@@ -102,16 +102,16 @@ def discard_foreign(path: Path) -> None:
         print(f"twin: {why}: removed, because what is kept there is run", file=sys.stderr)
 
 
-def foreign(path: Path) -> str:
+def ownership_problem(path: Path) -> str:
     """What at or below `path` is not the user's alone, and why; "" if all of it is, or nothing is there."""
     if not hasattr(os, "geteuid"):
         return ""
     try:
         # first the link: what it leads to may be out of reach
-        why = _other_owner(path.lstat())
+        why = _owner_problem(path.lstat())
         if not why:
             found = path.stat()
-            why = _other_owner(found) or _open_to_others(found)
+            why = _owner_problem(found) or _permission_problem(found)
     # nothing, or a link that leads nowhere; another process may take it away meanwhile
     except FileNotFoundError:
         return ""
@@ -122,12 +122,12 @@ def foreign(path: Path) -> str:
     for entry in _entries_below(path) if stat.S_ISDIR(found.st_mode) else ():
         with contextlib.suppress(FileNotFoundError):
             inner = entry.stat(follow_symlinks=False)
-            if why := _other_owner(inner) or (_open_to_others(inner) if entered else ""):
+            if why := _owner_problem(inner) or (_permission_problem(inner) if entered else ""):
                 return f"{entry.path}: {why}"
     return ""
 
 
-def _other_owner(*found: os.stat_result) -> str:
+def _owner_problem(*found: os.stat_result) -> str:
     """Why what was `found` is not the user's own; "" if it is."""
     if not hasattr(os, "geteuid"):
         return ""
@@ -139,14 +139,14 @@ def _owner(found: os.stat_result) -> int:
     return found.st_uid
 
 
-def _open_to_others(found: os.stat_result) -> str:
+def _permission_problem(found: os.stat_result) -> str:
     """Why what was `found` may be written to by somebody else; "" if it may not. The mode of a link says nothing."""
     if not hasattr(os, "geteuid") or stat.S_ISLNK(found.st_mode) or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return ""
     return f"others can write to it (mode {stat.S_IMODE(found.st_mode):o})"
 
 
-def hold(folder: Path) -> bool:
+def lock_against_eviction(folder: Path) -> bool:
     """Whether `folder` is there; it is not evicted as long as this process lives, and it counts as used now.
 
     Raises:
@@ -155,10 +155,10 @@ def hold(folder: Path) -> bool:
     try:
         os.utime(folder)
         inode = folder.stat().st_ino
-        if folder in _held:
-            if _held[folder][0] == inode:
+        if folder in _locked_folders:
+            if _locked_folders[folder][0] == inode:
                 return True
-            os.close(_held.pop(folder)[1])
+            os.close(_locked_folders.pop(folder)[1])
         if fcntl is None:
             return folder.is_dir()
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -170,7 +170,7 @@ def hold(folder: Path) -> bool:
     # it may have been evicted while the lock was waited for
     with contextlib.suppress(FileNotFoundError):
         if folder.stat().st_ino == inode == os.fstat(descriptor).st_ino:
-            _held[folder] = inode, descriptor
+            _locked_folders[folder] = inode, descriptor
             return True
     os.close(descriptor)
     return False
@@ -191,7 +191,7 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
                     folders.append(entry.path)
 
 
-def evict(home: Path, most: int, names: re.Pattern[str] = _NAME) -> None:
+def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
     """Leave in `home` the `most` folders or files that were used last, and those that a process holds.
 
     Args:
@@ -206,10 +206,10 @@ def evict(home: Path, most: int, names: re.Pattern[str] = _NAME) -> None:
             used.append((entry.stat().st_mtime, entry))
     counted = [entry for _, entry in sorted(used, reverse=True) if names.fullmatch(entry.name)]
     for old in counted[most:]:
-        with contextlib.suppress(OSError), _alone(old):
+        with contextlib.suppress(OSError), _exclusive_lock(old):
             remove(old)
     for last, entry in used:
-        if entry.name.startswith(".") and time.time() - last > _FORGOTTEN:
+        if entry.name.startswith(".") and time.time() - last > _ABANDONED_AGE:
             with contextlib.suppress(OSError):
                 _delete(entry)
 
@@ -232,14 +232,14 @@ def _delete(path: Path) -> None:
 
         # somebody else's may stay: it is out of the way
         with contextlib.suppress(PermissionError):
-            path.chmod(PRIVATE)
+            path.chmod(PRIVATE_MODE)
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink()
 
 
 @contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _exclusive_lock(folder: Path) -> Iterator[None]:
     """No process begins to hold `folder` meanwhile; raises `OSError` if somebody does already."""
     if fcntl is None:
         yield
@@ -253,7 +253,7 @@ def _alone(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _usual_base() -> Path:
+def _default_base() -> Path:
     """The platform's convention; XDG's base directories count only if they are absolute."""
     if sys.platform == "win32":
         local = os.environ.get("LOCALAPPDATA", "")

@@ -4,13 +4,13 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
-LONGEST_WORD = 200
+MAX_WORD_LENGTH = 200
 """Characters of a word that are shown whole; a value of 100 kB helps no reader of the sentence."""
 
-MOST_LINES = 60
+MAX_MESSAGE_LINES = 60
 """Of a sentence with many mistakes: more would push the first out of sight."""
 
-BAD_NAME = (OSError, ValueError)
+PATH_ERRORS = (OSError, ValueError)
 
 
 class TwinError(Exception):
@@ -37,7 +37,7 @@ class ComponentFailed(TwinError):
     exit_code = 3
 
 
-class EndRequested(ComponentFailed):
+class EndRequest(ComponentFailed):
     """A component asked for the end of the simulation: regular, where the caller takes it as that."""
 
 
@@ -61,13 +61,13 @@ def internal_error() -> InternalError:
     return InternalError(f"{traceback.format_exc()}internal error of twin; please report it with the lines above")
 
 
-def system_sentence(problem: OSError) -> str:
+def os_error_message(problem: OSError) -> str:
     """An unforeseen failure of the surroundings; a traceback would show our code, which is not to blame."""
     return f"{problem.filename or 'twin'}: {problem.strerror or problem}"
 
 
 @contextmanager
-def disk_refusals(
+def translate_disk_errors(
     place: object,
     trouble: str = "cannot be written",
     kind: type[TwinError] = NotWritten,
@@ -81,7 +81,7 @@ def disk_refusals(
         trouble: what cannot be done with it.
         kind: of error.
         remedy: what to do about it.
-        caught: `BAD_NAME` where a name may have a NUL in it.
+        caught: `PATH_ERRORS` where a name may have a NUL in it.
     """
     try:
         yield
@@ -101,13 +101,13 @@ def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", mos
         most: so many are offered.
     """
     names = list(known)
-    close = closest(got, names, most)
+    close = close_matches(got, names, most)
     if not close:
         return otherwise.replace("{}", ", ".join(names) or "none")
     return "did you mean " + " or ".join(f"'{name}'" for name in close) + "?"
 
 
-def closest(got: str, names: Sequence[str], most: int = 1) -> list[str]:
+def close_matches(got: str, names: Sequence[str], most: int = 1) -> list[str]:
     """Those of `names` that may have been meant by `got`, at most so many, as `nearest` tells them."""
     # most commands have no mistake
     import difflib
@@ -117,38 +117,38 @@ def closest(got: str, names: Sequence[str], most: int = 1) -> list[str]:
     return close or difflib.get_close_matches(got, names, most, cutoff=0.5)
 
 
-def visible(text: str) -> str:
+def escape_controls(text: str) -> str:
     """`text` on one line, control characters written out."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def visible_lines(text: str) -> str:
+def escape_control_lines(text: str) -> str:
     """`text` on the lines it has, other control characters written out."""
-    return "\n".join(visible(line) for line in text.split("\n"))
+    return "\n".join(escape_controls(line) for line in text.split("\n"))
 
 
-def plain(text: str) -> str:
-    """`text` fit for a terminal: control characters written out, words of more than `LONGEST_WORD` and all lines after
-    `MOST_LINES` cut short."""
-    lines = visible_lines(text).split("\n")
-    if len(lines) > MOST_LINES:
-        lines[MOST_LINES:] = [f"... and {len(lines) - MOST_LINES} more lines"]
-    return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", "\n".join(lines))
+def terminal_text(text: str) -> str:
+    """`text` fit for a terminal: control characters written out, words of more than `MAX_WORD_LENGTH` and all lines after
+    `MAX_MESSAGE_LINES` cut short."""
+    lines = escape_control_lines(text).split("\n")
+    if len(lines) > MAX_MESSAGE_LINES:
+        lines[MAX_MESSAGE_LINES:] = [f"... and {len(lines) - MAX_MESSAGE_LINES} more lines"]
+    return re.sub(rf"\S{{{MAX_WORD_LENGTH},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", "\n".join(lines))
 
 
-class RecordingFailed(NotWritten):
+class RecordingWriteError(NotWritten):
     """A recording could not be written: disk full, no permission; what was written stays readable."""
 
 
-class RecordingRefused(InputRefused):
+class RecordingError(InputRefused):
     """A file is not a recording that can be read: missing, empty, not MCAP, or of another layout."""
 
 
-class RecordingDamaged(RecordingRefused):
+class RecordingDamageError(RecordingError):
     """A recording's bytes are not those that were written; `salvage=True` reads what precedes the damage."""
 
 
-class UnknownSeries(RecordingRefused, KeyError):
+class UnknownSeries(RecordingError, KeyError):
     """A recording was asked for a topic or field it does not hold.
 
     Args:

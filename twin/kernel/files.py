@@ -10,15 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from twin.kernel.errors import BAD_NAME, InputRefused, closest, disk_refusals
+from twin.kernel.errors import PATH_ERRORS, InputRefused, close_matches, translate_disk_errors
 
-LIMIT = 10 * 2**20
+MAX_TEXT_BYTES = 10 * 2**20
 """Bytes of the largest text file that is read: an experiment has some kilobytes."""
 
-TOML_LIMIT = 2 * 2**20
+MAX_TOML_BYTES = 2 * 2**20
 """Bytes of the largest TOML file: its parser takes about 2 s for so many, and 50,000 way points need no more."""
 
-KINDS = (
+FILE_SIGNATURES = (
     (b"\x89PNG", "a PNG picture"),
     (b"\x89MCAP0", "an MCAP recording"),
     (b"PK\x03\x04", "a ZIP archive, as FMUs are"),
@@ -31,7 +31,7 @@ KINDS = (
 
 BOM = b"\xef\xbb\xbf"
 
-DEEPEST = 32
+MAX_DEPTH = 32
 """Tables, arrays or elements within each other, and parts of a dotted key, in a file that is read; ours have five."""
 _TOML_TOKEN = re.compile(
     r"""[ \t]+ | \#[^\n]*
@@ -43,7 +43,7 @@ _TOML_TOKEN = re.compile(
 quotes end with the line or the text, so that each character is scanned once."""
 
 
-def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
+def read_bytes(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> bytes:
     """The content of the regular file at `path`.
 
     Args:
@@ -54,18 +54,18 @@ def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
     Raises:
         InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
     """
-    with open_regular(path, limit, kind) as file, disk_refusals(path, "cannot be read", InputRefused):
+    with open_regular(path, limit, kind) as file, translate_disk_errors(path, "cannot be read", InputRefused):
         return file.read(limit)
 
 
 def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
     """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
-    with disk_refusals(path, "cannot be read", InputRefused, caught=BAD_NAME):
+    with translate_disk_errors(path, "cannot be read", InputRefused, caught=PATH_ERRORS):
         try:
             # a pipe without a writer would otherwise be waited for here
             handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
         except FileNotFoundError:
-            raise InputRefused(f"{path}: no such {kind}{meant(path)}") from None
+            raise InputRefused(f"{path}: no such {kind}{suggestion(path)}") from None
     found = os.fstat(handle)
     what = ""
     if stat.S_ISDIR(found.st_mode):
@@ -80,22 +80,22 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
     return open(handle, "rb")
 
 
-def meant(path: Path) -> str:
+def suggestion(path: Path) -> str:
     """`; did you mean 'folder/file.toml'?`, where nothing is at `path`: what stands beside it and is spelt
     alike; "" if nothing is, or it may not be read."""
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
-    except BAD_NAME:
+    except PATH_ERRORS:
         return ""
-    return "".join(f"; did you mean '{beside[name]}'?" for name in closest(path.stem, list(beside)))
+    return "".join(f"; did you mean '{beside[name]}'?" for name in close_matches(path.stem, list(beside)))
 
 
 def foreign_kind(content: bytes) -> str:
-    """What a file with this beginning is, if it is one of `KINDS`; "" if not."""
-    return next((kind for beginning, kind in KINDS if content.startswith(beginning)), "")
+    """What a file with this beginning is, if it is one of `FILE_SIGNATURES`; "" if not."""
+    return next((kind for beginning, kind in FILE_SIGNATURES if content.startswith(beginning)), "")
 
 
-def read_text(path: Path, limit: int = LIMIT, kind: str = "file") -> str:
+def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> str:
     """The UTF-8 text in the regular file at `path`; arguments as of `read_bytes`.
 
     Raises:
@@ -120,10 +120,10 @@ def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
     Raises:
         InputRefused: as `read_text`, or not TOML.
     """
-    return toml_of(read_text(path, TOML_LIMIT, kind), str(path))
+    return parse_toml(read_text(path, MAX_TOML_BYTES, kind), str(path))
 
 
-def toml_of(text: str, where: str) -> dict[str, Any]:
+def parse_toml(text: str, where: str) -> dict[str, Any]:
     """The tables that `text` writes.
 
     Raises:
@@ -131,37 +131,37 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     """
     # the parser takes time with the square of a key's parts, which may be quoted and stand apart
     bare = _TOML_TOKEN.sub(lambda token: "" if token[0].isspace() or token[0].startswith("#") else "_", text)
-    if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\n]", bare)):
-        raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
-    return _parsed("TOML", tomllib.loads, text, where)
+    if any(part.count(".") > MAX_DEPTH for part in re.split(r"[=,\[\]{}\n]", bare)):
+        raise InputRefused(f"{where}: not valid TOML: a key of more than {MAX_DEPTH} parts")
+    return _parse("TOML", tomllib.loads, text, where)
 
 
-def read_json(path: Path, limit: int = LIMIT) -> Any:
+def read_json(path: Path, limit: int = MAX_TEXT_BYTES) -> Any:
     """What the JSON file at `path` says.
 
     Raises:
         InputRefused: as `read_text`, or not JSON.
     """
-    return json_of(read_text(path, limit), str(path))
+    return parse_json(read_text(path, limit), str(path))
 
 
-def json_of(text: str | bytes, where: str) -> Any:
+def parse_json(text: str | bytes, where: str) -> Any:
     """What the JSON in `text` says.
 
     Raises:
         InputRefused: not JSON; the sentence begins with `where`.
     """
-    return _parsed("JSON", json.loads, text, where)
+    return _parse("JSON", json.loads, text, where)
 
 
-def xml_of(content: bytes, where: str) -> ET.Element:
+def parse_xml(content: bytes, where: str) -> ET.Element:
     """The root of the XML in `content`.
 
     Raises:
-        InputRefused: not XML, deeper than `DEEPEST`, or with a document type, which may define entities that grow or
+        InputRefused: not XML, deeper than `MAX_DEPTH`, or with a document type, which may define entities that grow or
             that name files; the sentence begins with `where`.
     """
-    parser = ET.XMLParser(target=_Plain())
+    parser = ET.XMLParser(target=_SafeTreeBuilder())
     try:
         parser.feed(content)
         root: ET.Element = parser.close()
@@ -173,7 +173,7 @@ def xml_of(content: bytes, where: str) -> ET.Element:
     return root
 
 
-class _Plain(ET.TreeBuilder):
+class _SafeTreeBuilder(ET.TreeBuilder):
     """Builds elements, and stops at what may make more of them than the text has."""
 
     _depth = 0
@@ -184,7 +184,7 @@ class _Plain(ET.TreeBuilder):
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
         self._depth += 1
-        if self._depth > DEEPEST:
+        if self._depth > MAX_DEPTH:
             raise RecursionError
         return super().start(tag, attrs)
 
@@ -193,9 +193,9 @@ class _Plain(ET.TreeBuilder):
         return super().end(tag)
 
 
-def _parsed(language: str, parse: Callable[[Any], Any], text: str | bytes, where: str) -> Any:
+def _parse(language: str, parse: Callable[[Any], Any], text: str | bytes, where: str) -> Any:
     try:
-        return _sound(parse(text))
+        return _check_values(parse(text))
     except RecursionError:
         raise InputRefused(f"{where}: not valid {language}: nested too deeply") from None
     # not only the parser's own error: a number of 5,000 digits is a plain ValueError
@@ -203,15 +203,15 @@ def _parsed(language: str, parse: Callable[[Any], Any], text: str | bytes, where
         raise InputRefused(f"{where}: not valid {language}: {problem}") from None
 
 
-def _sound(found: Any) -> Any:
+def _check_values(found: Any) -> Any:
     """`found`, which has no depth and no number that later code would stumble over.
 
     Raises:
-        RecursionError: it is deeper than `DEEPEST`.
+        RecursionError: it is deeper than `MAX_DEPTH`.
         ValueError: a whole number has more than 64 bits.
     """
     level = [found]
-    for _ in range(DEEPEST):
+    for _ in range(MAX_DEPTH):
         if any(isinstance(value, int) and value.bit_length() > 64 for value in level):
             raise ValueError("a whole number of more than 64 bits")
         level = [

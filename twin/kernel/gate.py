@@ -17,10 +17,10 @@ from websockets.datastructures import Headers
 
 from twin.kernel.errors import InputRefused
 
-HOST = "127.0.0.1"
+LOOPBACK_HOST = "127.0.0.1"
 """This machine's own address: no other one reaches a server that listens there."""
-HERE = r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?"
-VIEWERS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
+LOCAL_HOST_PATTERN = r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?"
+VIEWER_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
 """Origins of Foxglove's and Lichtblick's pages, and of their desktop programs, which are pages out of a file."""
 
 
@@ -50,7 +50,7 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
     """Policy of the live server: viewers, pages of this machine and programs watch; the token lets them tune.
 
     Args:
-        origins: further allowed origins, besides `VIEWERS` and pages of this machine.
+        origins: further allowed origins, besides `VIEWER_ORIGINS` and pages of this machine.
 
     Raises:
         InputRefused: one of `origins` is none.
@@ -58,11 +58,11 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
     for origin in origins:
         if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^\s/?#@*]*", origin.lower()):
             raise InputRefused(f"origin {origin}: expected scheme://host or scheme://host:port, without a path")
-    known = "|".join(re.escape(origin.lower()) for origin in (*VIEWERS, *origins))
+    known = "|".join(re.escape(origin.lower()) for origin in (*VIEWER_ORIGINS, *origins))
     return GatePolicy(
-        hosts=HERE,
+        hosts=LOCAL_HOST_PATTERN,
         expected_host="not a name of this machine's own address; open ws://127.0.0.1",
-        origins=f"{known}|https?://{HERE}",
+        origins=f"{known}|https?://{LOCAL_HOST_PATTERN}",
         expected_origin="not an origin that may watch; --origin ORIGIN lets it in",
         own_pages_only=False,
     )
@@ -75,7 +75,7 @@ def own_page_policy(port: int) -> GatePolicy:
     cannot make it send the cookie (SameSite=Strict), and scripts cannot read it (HttpOnly). Browsers share cookies
     between the ports of a host, so its name has the port.
     """
-    address = f"{HOST}:{port}"
+    address = f"{LOOPBACK_HOST}:{port}"
     return GatePolicy(
         hosts=re.escape(address),
         expected_host=f"expected {address}",

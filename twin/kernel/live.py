@@ -13,8 +13,8 @@ from websockets.typing import Subprotocol
 from twin.kernel.errors import InputRefused
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
-_MESSAGE_DATA, _TIME = 1, 2
-_HEAD = struct.Struct("<BIQ")
+_MESSAGE_OPCODE, _TIME_OPCODE = 1, 2
+_MESSAGE_HEAD = struct.Struct("<BIQ")
 """Of message data: kind, subscription, time."""
 
 
@@ -88,22 +88,22 @@ def status(level: Level, text: str) -> str:
     return _message("status", level=int(level), message=text)
 
 
-def time_now(time: int) -> bytes:
+def time_message(time: int) -> bytes:
     """Simulated time (ns)."""
-    return struct.pack("<BQ", _TIME, time)
+    return struct.pack("<BQ", _TIME_OPCODE, time)
 
 
 def message_data(subscription: int, message: Message) -> bytes:
     """`message` for the subscription of this number."""
-    return _HEAD.pack(_MESSAGE_DATA, subscription, message.time) + message.content
+    return _MESSAGE_HEAD.pack(_MESSAGE_OPCODE, subscription, message.time) + message.content
 
 
-def unpacked_data(frame: bytes) -> tuple[int, int, bytes] | None:
+def parse_message_data(frame: bytes) -> tuple[int, int, bytes] | None:
     """`message_data` backwards: (subscription, simulated time (ns), content); None: a frame of another kind."""
-    if frame[:1] != bytes([_MESSAGE_DATA]) or len(frame) < _HEAD.size:
+    if frame[:1] != bytes([_MESSAGE_OPCODE]) or len(frame) < _MESSAGE_HEAD.size:
         return None
-    _, subscription, time = _HEAD.unpack_from(frame)
-    return subscription, time, frame[_HEAD.size :]
+    _, subscription, time = _MESSAGE_HEAD.unpack_from(frame)
+    return subscription, time, frame[_MESSAGE_HEAD.size :]
 
 
 class _Request(BaseModel):
@@ -132,7 +132,7 @@ class Unsubscribe(_Request):
     ids: list[Number] = Field(alias="subscriptionIds")
 
 
-class AskParameters(_Request):
+class GetParameters(_Request):
     """No names: all of them."""
 
     op: Literal["getParameters"]
@@ -140,7 +140,7 @@ class AskParameters(_Request):
     id: str | None = None
 
 
-class Wish(_Request):
+class ParameterRequest(_Request):
     """A parameter as it shall be; without a value, as it shall not be."""
 
     name: str
@@ -149,7 +149,7 @@ class Wish(_Request):
 
 class SetParameters(_Request):
     op: Literal["setParameters"]
-    parameters: list[Wish]
+    parameters: list[ParameterRequest]
     id: str | None = None
 
 
@@ -158,18 +158,18 @@ class FollowParameters(_Request):
     names: list[str] = Field(alias="parameterNames")
 
 
-Request = Subscribe | Unsubscribe | AskParameters | SetParameters | FollowParameters
-_REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
+Request = Subscribe | Unsubscribe | GetParameters | SetParameters | FollowParameters
+_REQUEST_ADAPTER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
 
 
-def request(text: str) -> Request:
+def parse_request(text: str) -> Request:
     """What a viewer asks.
 
     Raises:
         InputRefused: nothing that this server knows.
     """
     try:
-        return _REQUESTS.validate_json(text)
+        return _REQUEST_ADAPTER.validate_json(text)
     except ValidationError as mistake:
         first = mistake.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])

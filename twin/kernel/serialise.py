@@ -30,7 +30,7 @@ def to_dict(value: Any) -> Any:
         return to_dict(value.tolist())
     if keys := getattr(value, "JSON_KEYS", ""):
         pairs = (entry.partition("=") for entry in keys.split())
-        return {key: to_dict(_at(value, path or key)) for key, _, path in pairs}
+        return {key: to_dict(_value_at(value, path or key)) for key, _, path in pairs}
     if is_dataclass(value):
         return {field.name: to_dict(getattr(value, field.name)) for field in fields(value)}
     if hasattr(value, "_asdict"):
@@ -40,7 +40,7 @@ def to_dict(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no form in JSON")
 
 
-def _at(record: Any, path: str) -> Any:
+def _value_at(record: Any, path: str) -> Any:
     """The value at `path`: attributes, keys of mappings and indices, with dots between them."""
     for name in path.split("."):
         if isinstance(record, Mapping):

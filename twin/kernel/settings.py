@@ -81,7 +81,7 @@ def optional(unit: str = "", *, help: str, example: Any, **declared: Any) -> Any
     return setting(unit, help=help, default=None, examples=[example], **declared)
 
 
-class _Declaring(ModelMetaclass):
+class _SettingsMeta(ModelMetaclass):
     """Makes fields of pydantic of the settings in a class."""
 
     def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **more: Any) -> Any:
@@ -95,7 +95,7 @@ class _Declaring(ModelMetaclass):
         return made
 
 
-class Settings(BaseModel, metaclass=_Declaring):
+class Settings(BaseModel, metaclass=_SettingsMeta):
     """A table of the TOML file: unknown keys are mistakes, numbers are finite, types are not guessed.
 
     Attributes:
@@ -107,7 +107,7 @@ class Settings(BaseModel, metaclass=_Declaring):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True)
 
     @classmethod
-    def of(cls, **values: Any) -> Self:
+    def from_si(cls, **values: Any) -> Self:
         """A table of values in SI by attribute, unchecked; the others are their defaults."""
         return cls.model_construct(**values)
 
@@ -119,7 +119,7 @@ class Settings(BaseModel, metaclass=_Declaring):
             return value
         # a `share` and a `factor` have none
         si = value if unit is None else unit.in_si(value)
-        if not _finite(si):
+        if not _is_finite(si):
             raise ValueError("expected a number that is finite in SI units, too")
         return si
 
@@ -131,8 +131,8 @@ def _unit_of(table: type[Settings], name: str) -> tuple[bool, Unit | None]:
     return key is not None, None if key is None else known_unit(key.removeprefix(f"{name}_"))
 
 
-def _finite(value: Any) -> bool:
-    return all(map(_finite, value)) if isinstance(value, tuple) else math.isfinite(value)
+def _is_finite(value: Any) -> bool:
+    return all(map(_is_finite, value)) if isinstance(value, tuple) else math.isfinite(value)
 
 
 class FieldSource(NamedTuple):
@@ -163,9 +163,9 @@ class FieldSource(NamedTuple):
 
     def number(self, table: Settings) -> Any:
         """What the record has in it if `table` is what the file says; a choice counts from 0."""
-        return self.of(getattr(table, self.name))
+        return self.record_value(getattr(table, self.name))
 
-    def of(self, value: Any) -> Any:
+    def record_value(self, value: Any) -> Any:
         """What the record has of a `value`, SI."""
         if value is None:
             return self.setting.absent
@@ -175,7 +175,7 @@ class FieldSource(NamedTuple):
         return value if self.times == self.divisor == 1.0 else value / self.divisor * self.times
 
 
-def alike(form: str, names: str) -> dict[str, str]:
+def fields_of_form(form: str, names: str) -> dict[str, str]:
     """Fields of a record that are all of one form: `record(**alike("f8", "k c error"), known="i8")`."""
     return dict.fromkeys(names.split(), form)
 
@@ -185,15 +185,15 @@ Fields = Mapping[str, FieldSource | Setting]
 """Fields of a record by name: where the number of each comes from, or what is declared of one that no file sets."""
 
 
-def taken(table: type[Settings], *names: str, into: str = "") -> dict[str, FieldSource]:
+def setting_fields(table: type[Settings], *names: str, into: str = "") -> dict[str, FieldSource]:
     """Fields of the settings `names` of `table`, or else of all its numbers and choices that go `into` a record."""
     chosen = names or [name for name in table.settings if table.settings[name].into == into and _is_number(table, name)]
     return {table.settings[name].field: FieldSource(table, name) for name in chosen}
 
 
 def numbers(table: Settings, into: str = "") -> dict[str, Any]:
-    """What a record of the numbers of one table has in its fields; `into`: as of `taken`."""
-    return {field: source.number(table) for field, source in taken(type(table), into=into).items()}
+    """What a record of the numbers of one table has in its fields; `into`: as of `setting_fields`."""
+    return {field: source.number(table) for field, source in setting_fields(type(table), into=into).items()}
 
 
 def _is_number(table: type[Settings], name: str) -> bool:
@@ -248,7 +248,7 @@ class Values(tuple[Any, ...]):
         return tuple.__new__(cls, [given[name] if name in given else cls._field_defaults[name] for name in cls._fields])
 
     @classmethod
-    def made(cls, *tables: Settings, **more: Any) -> Self:
+    def from_tables(cls, *tables: Settings, **more: Any) -> Self:
         """The numbers that `tables` say, with `more` by field."""
         for name, source in cls.sources.items():
             if name not in more:
@@ -280,4 +280,6 @@ def _start_of(field: FieldSource | Setting) -> Any:
     if not isinstance(field, FieldSource):
         return declared.default
     _, unit = _unit_of(field.table, field.name)
-    return field.of(declared.default if unit is None or declared.default is None else unit.in_si(declared.default))
+    return field.record_value(
+        declared.default if unit is None or declared.default is None else unit.in_si(declared.default)
+    )

@@ -10,10 +10,10 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 _KGF = Fraction("9.80665")
-_PREFIXED = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "Hz")
-LONGEST = 40
+_PREFIXED_UNITS = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "Hz")
+MAX_UNIT_LENGTH = 40
 """Characters of a unit; the words of a longer one would multiply to more than a float holds."""
-_WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
+_UNIT_WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
 
 
 class Dimension(NamedTuple):
@@ -65,7 +65,7 @@ class Unit(NamedTuple):
 NUMBER, FORCE, TORQUE = Dimension(), Dimension(kg=1, m=1, s=-2), Dimension(kg=1, m=2, s=-2)
 POWER, CURRENT, TEMPERATURE = Dimension(kg=1, m=2, s=-3), Dimension(A=1), Dimension(K=1)
 VOLTAGE = POWER._replace(A=-1)
-ATOMS = {
+UNIT_SYMBOLS = {
     "1": Unit(NUMBER),
     "%": Unit(NUMBER, Fraction(1, 100)),
     "m": Unit(Dimension(m=1)),
@@ -87,13 +87,13 @@ ATOMS = {
     "rev": Unit(Dimension(rad=1), Fraction(2), 1),
     "rpm": Unit(Dimension(rad=1, s=-1), Fraction(2, 60), 1),
 }
-_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
-_PREFIXES |= {small: Fraction(1, 10**6) for small in ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")}
-_PREFIXES["n"] = Fraction(1, 10**9)
-ATOMS |= {
-    prefix + name: ATOMS[name]._replace(factor=ATOMS[name].factor * scale)
-    for prefix, scale in _PREFIXES.items()
-    for name in _PREFIXED
+_SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
+_SI_PREFIXES |= {small: Fraction(1, 10**6) for small in ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")}
+_SI_PREFIXES["n"] = Fraction(1, 10**9)
+UNIT_SYMBOLS |= {
+    prefix + name: UNIT_SYMBOLS[name]._replace(factor=UNIT_SYMBOLS[name].factor * scale)
+    for prefix, scale in _SI_PREFIXES.items()
+    for name in _PREFIXED_UNITS
 }
 _SI_NAMES = {
     NUMBER: "1",
@@ -114,7 +114,7 @@ _SI_NAMES = {
 
 def known_unit(text: str) -> Unit | None:
     """The unit that `text` spells; None if there is no such unit."""
-    if len(text) > LONGEST:
+    if len(text) > MAX_UNIT_LENGTH:
         return None
     dimension = NUMBER
     factor, pi, sign = Fraction(1), 0, 1
@@ -123,11 +123,11 @@ def known_unit(text: str) -> Unit | None:
         if word in ("/", "per"):
             sign = -1
             continue
-        match = _WORD.fullmatch(word)
-        name, power = (match[1], int(match[2] or 1)) if match and word not in ATOMS else (word, 1)
-        if name not in ATOMS:
+        match = _UNIT_WORD.fullmatch(word)
+        name, power = (match[1], int(match[2] or 1)) if match and word not in UNIT_SYMBOLS else (word, 1)
+        if name not in UNIT_SYMBOLS:
             return None
-        atom = ATOMS[name]
+        atom = UNIT_SYMBOLS[name]
         power *= sign
         dimension = Dimension(*(d + power * e for d, e in zip(dimension, atom.dimension, strict=True)))
         factor *= atom.factor**power

@@ -20,39 +20,41 @@ import numpy as np
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, state, states, width
-from twin.kernel.settings import alike
+from twin.kernel.settings import fields_of_form
 
-WINDOW = record(next=state("i8"), period="i8", onset="i8", end="i8")
+WINDOW_RECORD = record(next=state("i8"), period="i8", onset="i8", end="i8")
 """The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
 
-ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")
-COMMAND_MEMORY = record(window=WINDOW, size="i8", limit="f8")
-POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
-POWER_MEMORY = record(window=WINDOW, lines="i8")
+ACTIVE_PORT = Port("active", 1, "1", "whether the fault is active", "bool")
+COMMAND_MEMORY = record(window=WINDOW_RECORD, size="i8", limit="f8")
+POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
+POWER_MEMORY = record(window=WINDOW_RECORD, lines="i8")
 GATE_MEMORY = record(size="i8")
-VALUE = Port("value", 1, "SI", "the parameter as it holds now")
-PARAMETER_MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
+VALUE_PORT = Port("value", 1, "SI", "the parameter as it holds now")
+PARAMETER_MEMORY = record(
+    window=WINDOW_RECORD, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8"
+)
 """`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
 _GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
-_UNIT = 2.0**-53
+_UNIT_STEP = 2.0**-53
 ENCODER_CHANNELS = 3
-COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
+COUNT_PORT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
 COUNT_MEMORY = record(
-    window=WINDOW,
-    **alike("i8", "law element partner"),
-    **alike("f8", "counts share"),
+    window=WINDOW_RECORD,
+    **fields_of_form("i8", "law element partner"),
+    **fields_of_form("f8", "counts share"),
     **states(held="f8", spiked="i8", random="u8"),
 )
 """`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
-NEVER = 1 << 62
+NEVER_TICK = 1 << 62
 """The tick at which a lost message arrives."""
 MESSAGE_MEMORY = record(
-    window=WINDOW,
-    **alike("i8", "size sender_period least most blank"),
+    window=WINDOW_RECORD,
+    **fields_of_form("i8", "size sender_period least most blank"),
     share="f8",
     sent=state("i8"),
     capacity="i8",
-    **states(**alike("i8", "messages arrivals present lost"), random="u8"),
+    **states(**fields_of_form("i8", "messages arrivals present lost"), random="u8"),
 )
 """A message is `least` to `most` ticks under way, a `share` of them for ever; `blank`: zeros are read until the next
 one, and `lost` says that it is so. `sent`: messages since the onset; the
@@ -68,7 +70,7 @@ class Span(NamedTuple):
 
 
 def window(span: Span, period: int) -> tuple[int, int, int, int]:
-    """A `WINDOW` before the first step of a component of `period` ticks."""
+    """A `WINDOW_RECORD` before the first step of a component of `period` ticks."""
     return 0, period, span.onset, span.end
 
 
@@ -81,7 +83,7 @@ def tick_now(window):
 
 
 @njit(cache=True)
-def within(window, k):
+def is_active(window, k):
     """Whether the fault is active at tick `k`."""
     return window.onset <= k and k < window.end
 
@@ -89,7 +91,7 @@ def within(window, k):
 @step_function(COMMAND_MEMORY)
 def command_step(m, t, h, u, y):
     asked, given = carray(u, m.size), carray(y, m.size + 1)
-    active = within(m.window, tick_now(m.window))
+    active = is_active(m.window, tick_now(m.window))
     for j in range(m.size):
         given[j] = min(max(asked[j], -m.limit), m.limit) if active else asked[j]
     given[m.size] = active
@@ -106,12 +108,12 @@ class FaultComponent(NativeComponent):
 
     numbers: Mapping[str, tuple[str, float]] = {}
 
-    def join(self, tick: int) -> None:
+    def join_run(self, tick: int) -> None:
         """Come into a run at the beginning of `tick`, as if it had been there from the start without acting."""
         clock = self.memory["window"]
         clock["next"] = -(-tick // clock["period"]) * clock["period"]
 
-    def passed_on(self, given: np.ndarray) -> np.ndarray:
+    def idle_outputs(self, given: np.ndarray) -> np.ndarray:
         """The outputs of a fault that does not act: what it is `given`, and that it does not act.
 
         What its next step needs of them it remembers.
@@ -132,13 +134,13 @@ class CommandFault(FaultComponent):
     def __init__(self, name: str, span: Span, limit: float, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, as far as the drive can follow")
         memory = memory_of(COMMAND_MEMORY, window=window(span, 1), size=size, limit=limit)
-        super().__init__(name, (port,), (port, ACTIVE), True, command_step, memory)
+        super().__init__(name, (port,), (port, ACTIVE_PORT), True, command_step, memory)
 
 
 @step_function(POWER_MEMORY)
 def power_step(m, t, h, u, y):
     given, left = carray(u, m.lines), carray(y, m.lines + 1)
-    active = within(m.window, tick_now(m.window))
+    active = is_active(m.window, tick_now(m.window))
     for j in range(m.lines):
         left[j] = 0.0 if active else given[j]
     left[m.lines] = active
@@ -156,7 +158,7 @@ class PowerFault(FaultComponent):
 
     def __init__(self, name: str, span: Span, port: Port):
         memory = memory_of(POWER_MEMORY, window=window(span, 1), lines=port.size)
-        super().__init__(name, (port,), (port, ACTIVE), True, power_step, memory)
+        super().__init__(name, (port,), (port, ACTIVE_PORT), True, power_step, memory)
 
 
 @step_function(GATE_MEMORY)
@@ -178,14 +180,14 @@ class PowerGate(NativeComponent):
 
     def __init__(self, name: str, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, of a drive that has power")
-        super().__init__(name, (port, POWER), (port,), True, gate_step, memory_of(GATE_MEMORY, size=size))
+        super().__init__(name, (port, POWER_PORT), (port,), True, gate_step, memory_of(GATE_MEMORY, size=size))
 
 
-@step_function(PARAMETER_MEMORY, outputs=(VALUE, ACTIVE))
+@step_function(PARAMETER_MEMORY, outputs=(VALUE_PORT, ACTIVE_PORT))
 def parameter_step(m, t, h, u, y):
     parameter = carray(doubles_at(m.address), 1)
     k = tick_now(m.window)
-    active = within(m.window, k)
+    active = is_active(m.window, k)
     value = parameter[0] if m.chained else m.nominal
     if active:
         grown = min(1.0, (k - m.window.onset) / m.ramp) if m.ramp else 1.0
@@ -227,10 +229,10 @@ class ParameterFault(FaultComponent):
             PARAMETER_MEMORY, window=window(span, 1), factor=factor, added=added, ramp=ramp, chained=chained
         )
         memory["address"], memory["nominal"] = cell.ctypes.data, cell[0]
-        value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
-        super().__init__(name, (), (value, ACTIVE), True, parameter_step, memory, keep=owner)
+        value = replace(VALUE_PORT, meaning=f"{parameter} of {owner.name}, as it holds now")
+        super().__init__(name, (), (value, ACTIVE_PORT), True, parameter_step, memory, keep=owner)
 
-    def passed_on(self, given: np.ndarray) -> np.ndarray:
+    def idle_outputs(self, given: np.ndarray) -> np.ndarray:
         return np.array([self.memory["nominal"][0], 0.0])
 
 
@@ -238,7 +240,7 @@ _27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))
 
 
 @njit(cache=True)
-def mixed(z):
+def scramble(z):
     """SplitMix64's scrambling of a uint64."""
     z = (z ^ (z >> _30)) * _MIX_1
     z = (z ^ (z >> _27)) * _MIX_2
@@ -246,17 +248,17 @@ def mixed(z):
 
 
 @njit(cache=True)
-def drawn(memory):
+def next_uniform(memory):
     """The next number of the generator in `memory.random` (uint64): uniform in [0, 1)."""
     memory.random += _GAMMA
-    return (mixed(memory.random) >> _11) * _UNIT
+    return (scramble(memory.random) >> _11) * _UNIT_STEP
 
 
 def first_state(seed: int, number: int) -> int:
     """State of the generator of the fault with this number: the same `seed` serves them all, and each draws its own."""
     # modulo 2**64, which is what is meant
     with np.errstate(over="ignore"):
-        return int(mixed(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
+        return int(scramble(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
 
 
 class CountLaw(IntEnum):
@@ -274,7 +276,7 @@ class CountLaw(IntEnum):
     SWAP = 9
 
 
-NUMBERS: dict[CountLaw, dict[str, str]] = {
+LAW_FIELDS: dict[CountLaw, dict[str, str]] = {
     CountLaw.BIAS: {"magnitude": "counts"},
     CountLaw.GLITCH: {"magnitude": "counts", "share": "share"},
     CountLaw.DROPOUT_HOLD: {"magnitude": "share"},
@@ -284,11 +286,22 @@ NUMBERS: dict[CountLaw, dict[str, str]] = {
 """Numbers of a [[fault]] that a law takes as they are, and the field of its memory."""
 
 # plain integers: what compiled code compares with
-_BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in CountLaw)
+(
+    _BIAS_LAW,
+    _DRIFT_LAW,
+    _QUANTISATION_LAW,
+    _HOLD_LAW,
+    _ZERO_LAW,
+    _NAN_LAW,
+    _STUCK_LAW,
+    _GLITCH_LAW,
+    _FLIP_LAW,
+    _SWAP_LAW,
+) = (int(law) for law in CountLaw)
 
 
 @njit(cache=True)
-def whole(count):
+def round_half_up(count):
     """The nearest whole count, half up, as the encoder itself rounds."""
     return np.floor(count + 0.5)
 
@@ -296,12 +309,12 @@ def whole(count):
 @njit(cache=True)
 def lost_count(m, count):
     """What a reader gets while a random share of samples is lost."""
-    if drawn(m) >= m.share:
+    if next_uniform(m) >= m.share:
         m.held = count
         return count
-    if m.law == _HOLD:
+    if m.law == _HOLD_LAW:
         return m.held
-    return 0.0 if m.law == _ZERO else np.nan
+    return 0.0 if m.law == _ZERO_LAW else np.nan
 
 
 @njit(cache=True)
@@ -311,45 +324,45 @@ def spiked_count(m, count):
     A spike follows a good sample with probability q, a spike never: of all samples the share p = q (1 - p) are spikes,
     so q = p / (1 - p).
     """
-    spike = drawn(m) < m.share / (1.0 - m.share) and m.spiked == 0
+    spike = next_uniform(m) < m.share / (1.0 - m.share) and m.spiked == 0
     m.spiked = 1 if spike else 0
-    return count + whole(m.counts) if spike else count
+    return count + round_half_up(m.counts) if spike else count
 
 
 @njit(cache=True)
 def faulty_count(m, counts, k):
     """What the encoder `m.element` delivers at tick `k` instead of its own of the clean `counts`."""
     count = counts[m.element]
-    if m.law == _BIAS:
-        return count + whole(m.counts)
-    if m.law == _DRIFT:
-        return count + whole(m.counts * (k - m.window.onset))
-    if m.law == _QUANTISATION:
-        return m.counts * whole(count / m.counts)
-    if m.law == _STUCK:
+    if m.law == _BIAS_LAW:
+        return count + round_half_up(m.counts)
+    if m.law == _DRIFT_LAW:
+        return count + round_half_up(m.counts * (k - m.window.onset))
+    if m.law == _QUANTISATION_LAW:
+        return m.counts * round_half_up(count / m.counts)
+    if m.law == _STUCK_LAW:
         return m.held
-    if m.law == _GLITCH:
+    if m.law == _GLITCH_LAW:
         return spiked_count(m, count)
-    if m.law == _FLIP:
+    if m.law == _FLIP_LAW:
         return -count
-    if m.law == _SWAP:
+    if m.law == _SWAP_LAW:
         return counts[m.partner]
     return lost_count(m, count)
 
 
-@step_function(COUNT_MEMORY, (COUNT,), (COUNT, ACTIVE))
+@step_function(COUNT_MEMORY, (COUNT_PORT,), (COUNT_PORT, ACTIVE_PORT))
 def count_step(m, t, h, u, y):
     counts, delivered = u.count, y.count
     # not delivered[:] = counts, for which memory is allocated
     for i in range(ENCODER_CHANNELS):
         delivered[i] = counts[i]
     k = tick_now(m.window)
-    active = within(m.window, k)
+    active = is_active(m.window, k)
     if k == 0 or not active:
         m.held = counts[m.element]
     if active:
         delivered[m.element] = faulty_count(m, counts, k)
-        if m.law == _SWAP:
+        if m.law == _SWAP_LAW:
             delivered[m.partner] = counts[m.element]
     y.active = active
     return 0
@@ -387,51 +400,51 @@ class CountFault(FaultComponent):
         memory = memory_of(COUNT_MEMORY, window=window(span, period), counts=counts, share=share, random=random)
         memory["law"], memory["element"], memory["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
         out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
-        super().__init__(name, (port,), (out, ACTIVE), True, count_step, memory, period=period)
+        super().__init__(name, (port,), (out, ACTIVE_PORT), True, count_step, memory, period=period)
         self.finite = law != CountLaw.DROPOUT_NAN
 
-    def passed_on(self, given: np.ndarray) -> np.ndarray:
+    def idle_outputs(self, given: np.ndarray) -> np.ndarray:
         self.memory["held"] = given[int(self.memory["element"][0])]
-        return super().passed_on(given)
+        return super().idle_outputs(given)
 
 
 _ticks_at = pointer_to(np.int64)
 
 
 @njit(cache=True)
-def copy(target, values):
+def copy_values(target, values):
     """Write `values` into `target`; an assignment of a whole array allocates memory."""
     for j in range(len(values)):
         target[j] = values[j]
 
 
 @njit(cache=True)
-def arrival(m, k):
+def arrival_tick(m, k):
     """The tick at which a message sent at tick `k` arrives."""
-    if m.share > 0.0 and drawn(m) < m.share:
-        return NEVER
+    if m.share > 0.0 and next_uniform(m) < m.share:
+        return NEVER_TICK
     under_way = m.least
     if m.most > m.least:
-        under_way += int(drawn(m) * (m.most - m.least + 1))
+        under_way += int(next_uniform(m) * (m.most - m.least + 1))
     return k + under_way
 
 
 @njit(cache=True)
-def post(m, message, messages, arrivals, k):
+def send_message(m, message, messages, arrivals, k):
     """Put `message` of tick `k` under way."""
     m.sent += 1
     slot = m.sent % m.capacity
-    copy(messages[slot], message)
-    arrivals[slot] = arrival(m, k)
-    m.lost = m.blank and arrivals[slot] == NEVER
+    copy_values(messages[slot], message)
+    arrivals[slot] = arrival_tick(m, k)
+    m.lost = m.blank and arrivals[slot] == NEVER_TICK
 
 
 @njit(cache=True)
-def receive(m, present, messages, arrivals, k):
+def receive_message(m, present, messages, arrivals, k):
     """Make the newest message that has arrived the `present` one, in place."""
     for n in range(m.sent, max(0, m.sent - m.capacity), -1):
         if arrivals[n % m.capacity] <= k:
-            copy(present, messages[n % m.capacity])
+            copy_values(present, messages[n % m.capacity])
             return
 
 
@@ -441,14 +454,14 @@ def message_step(m, t, h, u, y):
     messages = carray(doubles_at(m.messages), (m.capacity, m.size))
     arrivals = carray(_ticks_at(m.arrivals), m.capacity)
     k = tick_now(m.window)
-    active = within(m.window, k)
+    active = is_active(m.window, k)
     if k == 0 or not active:
-        copy(present, message)
+        copy_values(present, message)
         m.sent, m.lost = 0, 0
     if active:
         if k % m.sender_period == 0:
-            post(m, message, messages, arrivals, k)
-        receive(m, present, messages, arrivals, k)
+            send_message(m, message, messages, arrivals, k)
+        receive_message(m, present, messages, arrivals, k)
     for j in range(m.size):
         read[j] = 0.0 if m.lost else present[j]
     read[m.size] = active
@@ -497,8 +510,8 @@ class MessageFault(FaultComponent):
         memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
         # a count that came through a fault before may be NaN
         read = (replace(port, kind="double") for port in ports)
-        super().__init__(name, ports, (*read, ACTIVE), True, message_step, memory, pointers=pointers)
+        super().__init__(name, ports, (*read, ACTIVE_PORT), True, message_step, memory, pointers=pointers)
 
-    def passed_on(self, given: np.ndarray) -> np.ndarray:
+    def idle_outputs(self, given: np.ndarray) -> np.ndarray:
         self.pointers["present"][:] = given
-        return super().passed_on(given)
+        return super().idle_outputs(given)

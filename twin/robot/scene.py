@@ -34,65 +34,65 @@ from numpy.typing import ArrayLike, NDArray
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.system import System
-from twin.kernel.recording.messages import BLANK_TIME, MessageForm, blank
+from twin.kernel.recording.messages import BLANK_TIME, MessageForm, blank_value
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, geometry_of, skeleton
 from twin.robot.plant.contact_law import Contact
 
 X, Y, Z = 0, 1, 2
-IDENTITY = (0.0, 0.0, 0.0, 1.0)
-BASE = "base"
-LEGS = (1, 2, 3)
-LINKS = tuple(f"link_{leg}" for leg in LEGS)
-RODS = tuple(f"rod_{leg}_{side}" for leg in LEGS for side in ("minus", "plus"))
-PLATFORM = "platform"
-SURFACE = "surface"
-FRAMES = (*LINKS, *RODS, PLATFORM, SURFACE)
+IDENTITY_ROTATION = (0.0, 0.0, 0.0, 1.0)
+BASE_FRAME = "base"
+LEG_NUMBERS = (1, 2, 3)
+LINK_FRAMES = tuple(f"link_{leg}" for leg in LEG_NUMBERS)
+ROD_FRAMES = tuple(f"rod_{leg}_{side}" for leg in LEG_NUMBERS for side in ("minus", "plus"))
+PLATFORM_FRAME = "platform"
+SURFACE_FRAME = "surface"
+SCENE_FRAMES = (*LINK_FRAMES, *ROD_FRAMES, PLATFORM_FRAME, SURFACE_FRAME)
 """In the order of `poses`."""
 HALF_WIDTH = 0.012
 """Of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
-POSE = 7
+POSE_SIZE = 7
 """Numbers of a position and a quaternion."""
 # angle phi_i of each leg about z
 PHI = np.arctan2(OUTWARD[:, 1], OUTWARD[:, 0])
 # distinct in every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
 GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
 BLUE = Color(r=0.0, g=114 / 255, b=178 / 255, a=1.0)
-SKY = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)
+SKY_BLUE = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)
 YELLOW = Color(r=240 / 255, g=228 / 255, b=66 / 255, a=1.0)
 # seen through, so that the arrows of the force that go into it are not hidden
-SURFACES = {
+SURFACE_COLORS = {
     "scale": Color(r=0.6, g=0.6, b=0.6, a=0.4),
     "skin": Color(r=204 / 255, g=121 / 255, b=167 / 255, a=0.4),
 }
-SECOND = Color(r=213 / 255, g=94 / 255, b=0.0, a=0.35)
-HULL = 0.003
+SECOND_ROBOT_COLOR = Color(r=213 / 255, g=94 / 255, b=0.0, a=0.35)
+HULL_THICKNESS = 0.003
 """By which the second robot is thicker (m): both are seen where they agree."""
-PLATE = 0.003
+PLATE_THICKNESS = 0.003
 """Thickness of base, platform and a flat surface (m)."""
 SURFACE_EXTENT = 0.2
 """Length of a flat surface's sides and of a cylinder that is pressed on (m)."""
-MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
+MOTOR_DIAMETER, LINK_DIAMETER, AXLE_DIAMETER, ROD_DIAMETER = 0.018, 0.009, 0.006, 0.004
 """Diameters (m)."""
-LENGTH = 0.01
+ARROW_LENGTH = 0.01
 """Of an arrow of 1 N (m)."""
-BESIDE = 0.008
+ESTIMATE_OFFSET = 0.008
 """From the true force to the estimate along x (m), so that both are seen where they agree."""
 # shares of an arrow's length: shaft, its diameter, head, its diameter
-SHARES = (0.75, 0.06, 0.25, 0.13)
-ARROWS = {
+ARROW_SHARES = (0.75, 0.06, 0.25, 0.13)
+ARROW_COLORS = {
     "true": Color(r=213 / 255, g=94 / 255, b=0.0, a=1.0),
     "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
 }
-NUMBERS = POSE + len(SHARES)
+ARROW_SIZE = POSE_SIZE + len(ARROW_SHARES)
 """Of one arrow: pose and sizes."""
-WIDTH = NUMBERS * len(ARROWS)
+ARROWS_WIDTH = ARROW_SIZE * len(ARROW_COLORS)
 PICTURE_RATE = 50.0
 """Pictures per second (Hz)."""
 
 
 @njit(cache=True)
-def turn(axis, angle):
+def axis_rotation(axis, angle):
     """Right-handed turn by `angle` (rad) about the axis X, Y or Z."""
     sin, cos = math.sin(0.5 * angle), math.cos(0.5 * angle)
     return (sin if axis == X else 0.0, sin if axis == Y else 0.0, sin if axis == Z else 0.0, cos)
@@ -112,22 +112,22 @@ def product(p, q):
 
 
 @njit(cache=True)
-def leaning(azimuth, lowered):
+def lean_rotation(azimuth, lowered):
     """The right-handed turn about y by `lowered`, then about z by `azimuth` (rad)."""
-    return product(turn(Z, azimuth), turn(Y, lowered))
+    return product(axis_rotation(Z, azimuth), axis_rotation(Y, lowered))
 
 
 @njit(cache=True)
-def pointing(x, y, z):
+def direction_rotation(x, y, z):
     """A turn that takes e_x to the direction of (x, y, z): about y, then about z; none where that is 0."""
     # a right-handed turn about y lowers e_x
-    return leaning(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
+    return lean_rotation(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
 
 
 def poses(
     geometry: Geometry, theta_l: NDArray[np.float64], p_B: NDArray[np.float64], surface_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Position (m) and unit quaternion (x, y, z, w) of each of `FRAMES` in B, (n, len(FRAMES), POSE).
+    """Position (m) and unit quaternion (x, y, z, w) of each of `SCENE_FRAMES` in B, (n, len(FRAMES), POSE).
 
     Args:
         geometry: lengths of Fig. 2.
@@ -139,7 +139,7 @@ def poses(
         InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
     """
     joints = skeleton(geometry, theta_l, p_B)
-    found = np.empty((len(p_B), len(FRAMES), POSE))
+    found = np.empty((len(p_B), len(SCENE_FRAMES), POSE_SIZE))
     _put_poses(*map(np.ascontiguousarray, (*joints, theta_l, p_B, surface_B)), len(p_B), found)
     return found
 
@@ -149,46 +149,46 @@ def put_pose(to, at, x, y, z, q):
     """Put position and quaternion where numbers of `to` begin, `at` of them, and say where the next begin."""
     to[at], to[at + 1], to[at + 2] = x, y, z
     to[at + 3], to[at + 4], to[at + 5], to[at + 6] = q
-    return at + POSE
+    return at + POSE_SIZE
 
 
 @entry("nothing", "doubles", "doubles", "doubles", "doubles", "doubles", "doubles", "int", "doubles")
 def _put_poses(base_joints, ends, platform_joints, theta_l, p_B, surface_B, count, found):
-    B, to = carray(base_joints, (3, 3)), carray(found, count * len(FRAMES) * POSE)
+    B, to = carray(base_joints, (3, 3)), carray(found, count * len(SCENE_FRAMES) * POSE_SIZE)
     A, P = carray(ends, (count, 3, 3)), carray(platform_joints, (count, 3, 3))
-    angle, p, surface = carray(theta_l, (count, 3)), carray(p_B, (count, 3)), carray(surface_B, (count, POSE))
+    angle, p, surface = carray(theta_l, (count, 3)), carray(p_B, (count, 3)), carray(surface_B, (count, POSE_SIZE))
     at = 0
     for i in range(count):
         for leg in range(3):
-            at = put_pose(to, at, B[leg, 0], B[leg, 1], B[leg, 2], leaning(PHI[leg], angle[i, leg]))
+            at = put_pose(to, at, B[leg, 0], B[leg, 1], B[leg, 2], lean_rotation(PHI[leg], angle[i, leg]))
         for leg in range(3):
             x, y, z = A[i, leg]
-            q = _rod_turn(leg, P[i, leg, 0] - x, P[i, leg, 1] - y, P[i, leg, 2] - z)
+            q = _rod_rotation(leg, P[i, leg, 0] - x, P[i, leg, 1] - y, P[i, leg, 2] - z)
             for side in (-HALF_WIDTH, HALF_WIDTH):
                 at = put_pose(to, at, x + side * AXIS[leg, 0], y + side * AXIS[leg, 1], z + side * AXIS[leg, 2], q)
-        at = put_pose(to, at, p[i, 0], p[i, 1], p[i, 2], IDENTITY)
-        for k in range(POSE):
+        at = put_pose(to, at, p[i, 0], p[i, 1], p[i, 2], IDENTITY_ROTATION)
+        for k in range(POSE_SIZE):
             to[at + k] = surface[i, k]
-        at += POSE
+        at += POSE_SIZE
 
 
 @njit(cache=True)
-def _rod_turn(leg, x, y, z):
+def _rod_rotation(leg, x, y, z):
     """A turn that takes e_x to the rod A_iP_i, (x, y, z), and leaves e_z in the plane of the link."""
     outward = x * OUTWARD[leg, 0] + y * OUTWARD[leg, 1]
     sideways = x * AXIS[leg, 0] + y * AXIS[leg, 1]
-    swing = turn(Z, math.atan2(sideways, math.hypot(outward, z)))
-    return product(leaning(PHI[leg], math.atan2(-z, outward)), swing)
+    swing = axis_rotation(Z, math.atan2(sideways, math.hypot(outward, z)))
+    return product(lean_rotation(PHI[leg], math.atan2(-z, outward)), swing)
 
 
 # turns that lay a cylinder, whose axis is z, along another axis
-ALONG_X, ALONG_Y = turn(Y, 0.5 * math.pi), turn(X, 0.5 * math.pi)
+ALONG_X, ALONG_Y = axis_rotation(Y, 0.5 * math.pi), axis_rotation(X, 0.5 * math.pi)
 
 
 def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
     """All parts of the robot, and what it presses on."""
-    links = [_link(name, geometry) for name in LINKS]
-    rods = [_entity(name, cylinders=[_bar(geometry.l_b, ROD, SKY)]) for name in RODS]
+    links = [_link(name, geometry) for name in LINK_FRAMES]
+    rods = [_entity(name, cylinders=[_bar(geometry.l_b, ROD_DIAMETER, SKY_BLUE)]) for name in ROD_FRAMES]
     return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
 
 
@@ -196,17 +196,17 @@ def second_robot(beside: str, drawn: SceneUpdate) -> SceneUpdate:
     """The moving parts of `drawn` once more, in frames that begin with `beside`: a hull that is seen through."""
     found = SceneUpdate()
     for one in drawn.entities:
-        if one.frame_id not in (BASE, SURFACE):
+        if one.frame_id not in (BASE_FRAME, SURFACE_FRAME):
             one = found.entities.add(frame_id=f"{beside}{one.frame_id}", id=f"{beside}{one.id}", frame_locked=True,
                                      cylinders=one.cylinders)  # fmt: skip
             for cylinder in one.cylinders:
                 size = cylinder.size
-                size.x, size.y, size.z = size.x + HULL, size.y + HULL, size.z + HULL
-                cylinder.color.CopyFrom(SECOND)
+                size.x, size.y, size.z = size.x + HULL_THICKNESS, size.y + HULL_THICKNESS, size.z + HULL_THICKNESS
+                cylinder.color.CopyFrom(SECOND_ROBOT_COLOR)
     return found
 
 
-def pose(position: ArrayLike, q: Sequence[float] = IDENTITY) -> Pose:
+def pose(position: ArrayLike, q: Sequence[float] = IDENTITY_ROTATION) -> Pose:
     """Pose of a position (m, (3,)) and a quaternion (x, y, z, w)."""
     x, y, z = np.asarray(position)
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
@@ -219,39 +219,41 @@ def _entity(frame: str, **primitives: Any) -> SceneEntity:
 
 def _base(geometry: Geometry) -> SceneEntity:
     """A disc through the base joints, and a motor at each."""
-    plate = _disc(geometry.a, 0.5 * PLATE, GREY)
-    return _entity(BASE, cylinders=[plate, *_axles(geometry.a, MOTOR, GREY)])
+    plate = _disc(geometry.a, 0.5 * PLATE_THICKNESS, GREY)
+    return _entity(BASE_FRAME, cylinders=[plate, *_axles(geometry.a, MOTOR_DIAMETER, GREY)])
 
 
 def _link(name: str, geometry: Geometry) -> SceneEntity:
     """A proximal link, with the axle at A_i that carries both rods."""
-    axle = _cylinder(AXLE, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
-    return _entity(name, cylinders=[_bar(geometry.l_a, LINK, BLUE), axle])
+    axle = _cylinder(AXLE_DIAMETER, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
+    return _entity(name, cylinders=[_bar(geometry.l_a, LINK_DIAMETER, BLUE), axle])
 
 
 def _platform(geometry: Geometry) -> SceneEntity:
     """A disc that stands on O_P, the point that touches, and the three axles at P_i."""
-    plate = _disc(geometry.b, 0.5 * PLATE, YELLOW)
-    return _entity(PLATFORM, cylinders=[plate, *_axles(geometry.b, AXLE, YELLOW)])
+    plate = _disc(geometry.b, 0.5 * PLATE_THICKNESS, YELLOW)
+    return _entity(PLATFORM_FRAME, cylinders=[plate, *_axles(geometry.b, AXLE_DIAMETER, YELLOW)])
 
 
 def _surface(contact: Contact) -> SceneEntity:
     """What the robot presses on: a plate, a sphere or a cylinder below its apex."""
-    color = SURFACES[contact.kind]
+    color = SURFACE_COLORS[contact.kind]
     if contact.radius is None:
-        size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE)
-        return _entity(SURFACE, cubes=[CubePrimitive(pose=pose((0.0, 0.0, -0.5 * PLATE)), size=size, color=color)])
+        size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE_THICKNESS)
+        return _entity(
+            SURFACE_FRAME, cubes=[CubePrimitive(pose=pose((0.0, 0.0, -0.5 * PLATE_THICKNESS)), size=size, color=color)]
+        )
     diameter, middle = 2.0 * contact.radius, (0.0, 0.0, -contact.radius)
     if contact.shape == "sphere":
         size = Vector3(x=diameter, y=diameter, z=diameter)
-        return _entity(SURFACE, spheres=[SpherePrimitive(pose=pose(middle), size=size, color=color)])
+        return _entity(SURFACE_FRAME, spheres=[SpherePrimitive(pose=pose(middle), size=size, color=color)])
     lying = pose(middle, ALONG_X if contact.shape == "cylinder_x" else ALONG_Y)
-    return _entity(SURFACE, cylinders=[_cylinder(diameter, SURFACE_EXTENT, color, lying)])
+    return _entity(SURFACE_FRAME, cylinders=[_cylinder(diameter, SURFACE_EXTENT, color, lying)])
 
 
 def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
     """A cylinder along each leg's joint axis, as wide as a parallelogram, `radius` away from the frame's origin."""
-    lying = [product(turn(Z, phi), ALONG_Y) for phi in PHI]
+    lying = [product(axis_rotation(Z, phi), ALONG_Y) for phi in PHI]
     return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
 
 
@@ -262,7 +264,7 @@ def _bar(length: float, diameter: float, color: Color) -> CylinderPrimitive:
 
 def _disc(radius: float, height: float, color: Color) -> CylinderPrimitive:
     """A flat cylinder with its middle at `height` on z."""
-    return _cylinder(2.0 * radius, PLATE, color, pose((0.0, 0.0, height)))
+    return _cylinder(2.0 * radius, PLATE_THICKNESS, color, pose((0.0, 0.0, height)))
 
 
 def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> CylinderPrimitive:
@@ -273,8 +275,10 @@ def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> Cyli
 def force_example() -> SceneUpdate:
     """Both arrows with blanks in the order of `arrows`."""
     entities = []
-    for arrow, (name, color) in enumerate(ARROWS.items()):
-        x, y, z, *q, shaft, shaft_width, head, head_width = (blank(NUMBERS * arrow + i) for i in range(NUMBERS))
+    for arrow, (name, color) in enumerate(ARROW_COLORS.items()):
+        x, y, z, *q, shaft, shaft_width, head, head_width = (
+            blank_value(ARROW_SIZE * arrow + i) for i in range(ARROW_SIZE)
+        )
         primitive = ArrowPrimitive(
             pose=pose((x, y, z), q),
             shaft_length=shaft,
@@ -283,7 +287,7 @@ def force_example() -> SceneUpdate:
             head_diameter=head_width,
             color=color,
         )
-        entities.append(SceneEntity(timestamp=BLANK_TIME, frame_id=BASE, id=name, arrows=[primitive]))
+        entities.append(SceneEntity(timestamp=BLANK_TIME, frame_id=BASE_FRAME, id=name, arrows=[primitive]))
     return SceneUpdate(entities=entities)
 
 
@@ -297,22 +301,22 @@ def arrows(
         F_ee_B: true force by the robot on the environment in N, (n, 3).
         estimate_B: what the estimator takes it for, likewise.
     """
-    found = np.empty((len(p_B), WIDTH))
+    found = np.empty((len(p_B), ARROWS_WIDTH))
     _put_arrows(*map(np.ascontiguousarray, (p_B, F_ee_B, estimate_B)), len(p_B), found)
     return found
 
 
 @entry("nothing", "doubles", "doubles", "doubles", "int", "doubles")
 def _put_arrows(p_B, F_ee_B, estimate_B, count, found):
-    p, to = carray(p_B, (count, 3)), carray(found, count * WIDTH)
+    p, to = carray(p_B, (count, 3)), carray(found, count * ARROWS_WIDTH)
     true, estimate = carray(F_ee_B, (count, 3)), carray(estimate_B, (count, 3))
     at = 0
     for i in range(count):
-        for aside, force in ((0.0, true[i]), (BESIDE, estimate[i])):
+        for aside, force in ((0.0, true[i]), (ESTIMATE_OFFSET, estimate[i])):
             x, y, z = force
-            at = put_pose(to, at, p[i, 0] + aside, p[i, 1], p[i, 2], pointing(x, y, z))
-            length = LENGTH * math.sqrt(x * x + y * y + z * z)
-            for share in SHARES:
+            at = put_pose(to, at, p[i, 0] + aside, p[i, 1], p[i, 2], direction_rotation(x, y, z))
+            length = ARROW_LENGTH * math.sqrt(x * x + y * y + z * z)
+            for share in ARROW_SHARES:
                 to[at] = share * length
                 at += 1
 
@@ -343,8 +347,8 @@ class Scene:
         self._F_ee_B, self._estimate_B = system.columns("plant.F_ee_B"), system.columns("estimator.F_ee_B")
         self.forms = (
             MessageForm("scene", scene_update(self._geometry, experiment.contact), 0, experiment.duration_ticks + 1),
-            MessageForm("tf", transforms_example(), POSE * len(FRAMES), self._period),
-            MessageForm("force", force_example(), WIDTH, self._period),
+            MessageForm("tf", transforms_example(), POSE_SIZE * len(SCENE_FRAMES), self._period),
+            MessageForm("force", force_example(), ARROWS_WIDTH, self._period),
         )
 
     def begin_at(self, tick: int) -> None:
@@ -369,20 +373,20 @@ class Scene:
 
 def surface_pose(contact: Contact) -> NDArray[np.float64]:
     """Position and quaternion of the surface at rest in B, (7,): its apex, R_y(tilt) R_x(tilt_x) as in the plant."""
-    q = product(turn(Y, contact.tilt), turn(X, contact.tilt_x))
+    q = product(axis_rotation(Y, contact.tilt), axis_rotation(X, contact.tilt_x))
     return np.concatenate([[0.0, 0.0, contact.height], q])
 
 
 def transforms_example(beside: str = "") -> FrameTransforms:
-    """A `foxglove.FrameTransforms` of all `FRAMES`, behind the name of a second robot, with blanks as of `poses`."""
+    """A `foxglove.FrameTransforms` of all `SCENE_FRAMES`, behind the name of a second robot, with blanks as of `poses`."""
     transforms = []
-    for number, frame in enumerate(FRAMES):
-        x, y, z, *q = (blank(POSE * number + i) for i in range(POSE))
+    for number, frame in enumerate(SCENE_FRAMES):
+        x, y, z, *q = (blank_value(POSE_SIZE * number + i) for i in range(POSE_SIZE))
         where = pose((x, y, z), q)
         transforms.append(
             FrameTransform(
                 timestamp=BLANK_TIME,
-                parent_frame_id=BASE,
+                parent_frame_id=BASE_FRAME,
                 child_frame_id=f"{beside}{frame}",
                 translation=where.position,
                 rotation=where.orientation,

@@ -14,26 +14,28 @@ import numpy as np
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, record_of, states
-from twin.kernel.settings import alike
-from twin.robot.faults import ACTIVE, POWER, WINDOW, FaultComponent, Span, tick_now, window, within
+from twin.kernel.settings import fields_of_form
+from twin.robot.faults import ACTIVE_PORT, POWER_PORT, WINDOW_RECORD, FaultComponent, Span, is_active, tick_now, window
 
-INERTIA = 1e-4
+SHAFT_INERTIA = 1e-4
 """Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
-FRICTION = 1e-4
+SHAFT_FRICTION = 1e-4
 """Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
 DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
 TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
 SHAFT_OUTPUTS = (
     Port("theta_m", 1, "rad", "motor angle as it really is"),
     Port("omega_m", 1, "rad/s", "motor speed as it really is"),
-    ACTIVE,
+    ACTIVE_PORT,
 )
-FAILED = 2
-SHAFT_MEMORY = record(window=WINDOW, law="i8", omega="f8", **states(**alike("f8", "stop drive offset theta_m omega_m")))
+FAILED_STATUS = 2
+SHAFT_MEMORY = record(
+    window=WINDOW_RECORD, law="i8", omega="f8", **states(**fields_of_form("f8", "stop drive offset theta_m omega_m"))
+)
 """`omega`: speed of a runaway (rad/s). `stop`: angle beyond which a jam lets nothing turn. `drive`: where the drive's
 own shaft was. `offset`: how far the real shaft is from it. `theta_m`, `omega_m`: the real shaft."""
-BRAKE = Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool")
-UNPOWERED_INPUTS = (DRIVE_SHAFT, TAU_LOAD, POWER, BRAKE)
+BRAKE_PORT = Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool")
+UNPOWERED_INPUTS = (DRIVE_SHAFT, TAU_LOAD, POWER_PORT, BRAKE_PORT)
 UNPOWERED_OUTPUTS = SHAFT_OUTPUTS[:2]
 
 
@@ -48,12 +50,12 @@ class DriveLaw(IntEnum):
 
 
 # plain integers: what compiled code compares with
-_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in DriveLaw)
+_RUNAWAY_LAW, _FREEWHEEL_LAW, _DEAD_LAW, _JAM_LAW, _FAILURE_LAW = (int(law) for law in DriveLaw)
 
 
 def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
     """The ports of a shaft, with or without an input that takes its power away."""
-    return (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
+    return (DRIVE_SHAFT, TAU_LOAD, POWER_PORT) if monitored else (DRIVE_SHAFT, TAU_LOAD)
 
 
 @njit(cache=True)
@@ -65,26 +67,26 @@ def free_shaft(theta_m, omega_m, tau_load, h):
     h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
     Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
     """
-    omega_m = (omega_m - h * tau_load / INERTIA) / (1.0 + h * FRICTION / INERTIA)
+    omega_m = (omega_m - h * tau_load / SHAFT_INERTIA) / (1.0 + h * SHAFT_FRICTION / SHAFT_INERTIA)
     return theta_m + h * omega_m, omega_m
 
 
 @njit(cache=True)
-def move(m, drive, tau_load, power, h):
+def turn_shaft(m, drive, tau_load, power, h):
     """Turn the shaft of `m` over a step in which the fault is active; `drive` is where the drive's own has gone."""
     before = m.theta_m
-    if m.law == _FREEWHEEL:
+    if m.law == _FREEWHEEL_LAW:
         m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
         return
-    if m.law == _RUNAWAY and power != 0.0:
+    if m.law == _RUNAWAY_LAW and power != 0.0:
         m.theta_m += h * m.omega
-    if m.law == _JAM:
+    if m.law == _JAM_LAW:
         m.theta_m = min(m.theta_m + drive - m.drive, m.stop)
     m.omega_m = (m.theta_m - before) / h
 
 
 @cache
-def shaft_step_over(monitored):
+def make_shaft_step(monitored):
     """The step of a shaft, with or without an input that takes its power away."""
 
     @step_function(SHAFT_MEMORY, shaft_inputs(monitored), SHAFT_OUTPUTS)
@@ -94,13 +96,13 @@ def shaft_step_over(monitored):
         if monitored:
             power = u.power
         k = tick_now(m.window)
-        active = within(m.window, k)
-        if active and m.law == _FAILURE:
-            return FAILED
+        active = is_active(m.window, k)
+        if active and m.law == _FAILURE_LAW:
+            return FAILED_STATUS
         if active:
             if k == m.window.onset:
                 m.stop = m.theta_m
-            move(m, drive, u.tau_load, power, h)
+            turn_shaft(m, drive, u.tau_load, power, h)
             m.offset = m.theta_m - drive
         else:
             m.omega_m = (drive + m.offset - m.theta_m) / h
@@ -146,11 +148,11 @@ class DriveFault(FaultComponent):
         )
         initial = np.array([theta_m, 0.0, 0.0])
         super().__init__(
-            name, shaft_inputs(monitored), SHAFT_OUTPUTS, False, shaft_step_over(monitored), memory, initial, period
+            name, shaft_inputs(monitored), SHAFT_OUTPUTS, False, make_shaft_step(monitored), memory, initial, period
         )
         self.label, self.target = label, target
 
-    def passed_on(self, given: np.ndarray) -> np.ndarray:
+    def idle_outputs(self, given: np.ndarray) -> np.ndarray:
         # the shaft is where the drive's own is; how fast it turns shows in the next step
         theta_m = float(given[0])
         self.memory["drive"] = self.memory["theta_m"] = theta_m
@@ -160,7 +162,7 @@ class DriveFault(FaultComponent):
         return f"made {self.target} fail (drive_failure)"
 
 
-class Unpowered(NamedTuple):
+class UnpoweredParameters(NamedTuple):
     """What a shaft without power does, SI.
 
     Attributes:
@@ -178,7 +180,9 @@ class Unpowered(NamedTuple):
     b: float
 
 
-UNPOWERED_MEMORY = record(unpowered=record_of(Unpowered), **states(off="i8", **alike("f8", "theta_m omega_m")))
+UNPOWERED_MEMORY = record(
+    unpowered=record_of(UnpoweredParameters), **states(off="i8", **fields_of_form("f8", "theta_m omega_m"))
+)
 """`off`: whether the power has gone, which lasts."""
 
 
@@ -220,7 +224,7 @@ class UnpoweredShaft(NativeComponent):
         period: of the drive, in ticks.
     """
 
-    def __init__(self, name: str, unpowered: Unpowered, theta_m: float, period: int = 1):
+    def __init__(self, name: str, unpowered: UnpoweredParameters, theta_m: float, period: int = 1):
         memory = memory_of(UNPOWERED_MEMORY, unpowered=tuple(unpowered), theta_m=theta_m)
         initial = np.array([theta_m, 0.0])
         super().__init__(name, UNPOWERED_INPUTS, UNPOWERED_OUTPUTS, False, unpowered_step, memory, initial, period)

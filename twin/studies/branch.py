@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, BodyName, Option, Say, study
-from twin.studies.first_look import print_latest
+from twin.studies.precheck import print_latest
 from twin.studies.result import Column, Note, Result, Table, note
 
 if TYPE_CHECKING:
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import Run
 
-HOME = Path("results") / "branches"
-PICTURE = "branches.png"
-APART = 1e-3
+RESULTS_FOLDER = Path("results") / "branches"
+PICTURE_FILE = "branches.png"
+MIN_DIFFERENCE = 1e-3
 """Difference (N) of the true force from which on a branch has left the run."""
-BEFORE = 1.0
+PAST_DURATION = 1.0
 """How much (s) of the shared past the picture shows."""
 
 
@@ -56,16 +56,16 @@ class BranchOutcome:
     run: "Run"
     t: "np.ndarray"
     F_z: "np.ndarray"
-    apart: float | None
+    departure: float | None
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def json_values(self) -> dict[str, Any]:
         """For programs, in SI units."""
         outcome = self.run.outcome
         return {
             "branch": self.branch.name,
             "recording": str(self.run.recording),
-            "leaves_at": self.apart,
+            "leaves_at": self.departure,
             "peak": self.peak[0],
             "peak_time": self.peak[1],
             "end": outcome.end,
@@ -110,8 +110,8 @@ def branch(
         ComponentFailed: a component failed in a branch.
         NotWritten: the disk refuses.
     """
+    from twin.kernel.atomic_write import make_folder
     from twin.kernel.recording.folder import recording_in
-    from twin.kernel.writing import made_folder
     from twin.robot.run.branch import branched_experiment
     from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import execute
@@ -136,7 +136,7 @@ def branch(
     experiments = [branched_experiment(recording, one.settings, one.faults, one.body) for one in asked]
     if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
-    home = made_folder((out or HOME / base.name).absolute())
+    home = make_folder((out or RESULTS_FOLDER / base.name).absolute())
     say("coming to the branch", 0.0)
     point = BranchPoint(base, recording, start)
     outcomes: list[BranchOutcome] = []
@@ -147,11 +147,11 @@ def branch(
         plan.append((replace(one, name=named), experiment))
     for number, (one, experiment) in enumerate(plan):
         say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
-        with point.handed_over(experiment) as state:
+        with point.hand_over(experiment) as state:
             done = execute(experiment, home / f"{number}", state=state)
         outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None))
     say("drawing", 1.0)
-    _draw(outcomes, recording, start * tick, home / PICTURE)
+    _draw(outcomes, recording, start * tick, home / PICTURE_FILE)
     return _result(base.name, run, outcomes, start * tick, point, home)
 
 
@@ -163,7 +163,7 @@ def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutc
 
     found = read(run.recording)
     t, F_z = found.time("plant"), -found["plant.F_ee_B"][:, 2]
-    left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > APART) if other else np.zeros(0, dtype=int)
+    left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > MIN_DIFFERENCE) if other else np.zeros(0, dtype=int)
     return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
 
 
@@ -171,9 +171,9 @@ def _result(
     name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
 ) -> Result:
     from twin.kernel.recording.reader import read
-    from twin.robot.assembly.declared import DECLARED
+    from twin.robot.assembly.declared import DECLARED_TABLES
     from twin.robot.experiment.recorded import recorded_values
-    from twin.studies.metrics.standing import one_run_each
+    from twin.studies.metrics.standing import compare_single_runs
 
     columns = [
         Column("branch", left=True),
@@ -184,32 +184,39 @@ def _result(
         Column(gap=3, left=True, folds=True),
     ]
     rows = [
-        (str(number), one.apart if one.apart is not None else math.nan, *one.peak, one.run.outcome.end, one.run.trip)
+        (
+            str(number),
+            one.departure if one.departure is not None else math.nan,
+            *one.peak,
+            one.run.outcome.end,
+            one.run.trip,
+        )
         for number, one in enumerate(outcomes)
     ]
     named = [note(str(number), one.branch.name) for number, one in enumerate(outcomes)]
     count = len(outcomes) - 1
     headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {point.how}"
-    folders = " ".join(str(_seen(home / str(number))) for number in range(len(outcomes)))
+    folders = " ".join(str(_reported_path(home / str(number))) for number in range(len(outcomes)))
     after = note(
-        "leaves", f"when the true force differs from the run's by more than {APART:g} N; end: mean of the last second"
+        "leaves",
+        f"when the true force differs from the run's by more than {MIN_DIFFERENCE:g} N; end: mean of the last second",
     )
     lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
     first = outcomes[0]
 
     def experiment_of(one: BranchOutcome) -> dict[str, Any]:
-        return recorded_values(DECLARED, read(one.run.recording).metadata, one.run.recording)
+        return recorded_values(DECLARED_TABLES, read(one.run.recording).metadata, one.run.recording)
 
     compared = [
-        one_run_each(
+        compare_single_runs(
             (str(number), "0"),
             (one.run.outcome.measures, first.run.outcome.measures),
             (experiment_of(one), experiment_of(first)),
         )
         for number, one in enumerate(outcomes[1:], start=1)
     ]
-    facts = {"at": at, "verdict": compared, "state": point.how, "branches": [one.facts for one in outcomes]}
-    files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
+    facts = {"at": at, "verdict": compared, "state": point.how, "branches": [one.json_values for one in outcomes]}
+    files = {"picture": _reported_path(home / PICTURE_FILE), "next": f"twin report {run} {folders}"}
     return Result(
         headline,
         [Table(columns, rows), *named, *(Note(text, later=2) for text in compared), *lacking, after],
@@ -218,10 +225,10 @@ def _result(
     )
 
 
-def _seen(path: Path) -> Path:
-    from twin.kernel.process.job import seen_from_here
+def _reported_path(path: Path) -> Path:
+    from twin.kernel.process.job import relative_path
 
-    return seen_from_here(path)
+    return relative_path(path)
 
 
 def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: Path) -> None:
@@ -233,7 +240,7 @@ def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: P
     t, F_z = past.time("plant"), -past["plant.F_ee_B"][:, 2]
     with picture(path, 9.0, 4.2, f"True pressing force, branches at {at:g} s") as figure:
         axes = figure.subplots()
-        before = (t >= at - BEFORE) & (t <= at)
+        before = (t >= at - PAST_DURATION) & (t <= at)
         axes.plot(t[before], F_z[before], color=INK, lw=1.6)
         colors = cycle((INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY))
         for number, (one, color) in enumerate(zip(outcomes, colors, strict=False)):

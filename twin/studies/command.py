@@ -17,9 +17,9 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
+from twin.kernel.atomic_write import make_folder, write_json
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.process.job import INTERRUPTED, JobLimits, function_called
-from twin.kernel.writing import made_folder, write_json
+from twin.kernel.process.job import INTERRUPT_EXIT_CODE, JobLimits, load_function
 from twin.studies.result import Result, render_text, to_json
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record")
-Asked = Mapping[str, Any]
+ArgumentValues = Mapping[str, Any]
 """Values of a study's arguments, by name."""
 
 
@@ -85,16 +85,16 @@ class Study:
     limited: bool = False
     json: bool = True
     reported: bool = False
-    before: Sequence[Callable[[Asked], Mapping[str, Any] | None]] = ()
-    on_failure: Callable[[Asked], str] | None = None
+    before: Sequence[Callable[[ArgumentValues], Mapping[str, Any] | None]] = ()
+    on_failure: Callable[[ArgumentValues], str] | None = None
 
     def __call__(self, function: Function) -> Function:
         function = _with_own_options(function)
         vars(function)["study"] = self
         return function
 
-    def shared(self) -> list[str]:
-        """Those of `SHARED` that it has."""
+    def shared_options(self) -> list[str]:
+        """Those of `SHARED_OPTIONS` that it has."""
         process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
         page = ["report"] if self.reported else []
         return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *page, *process]
@@ -103,7 +103,7 @@ class Study:
 study = Study
 
 
-def options_of(record: type[Record], asked: Asked) -> Record:
+def options_of(record: type[Record], asked: ArgumentValues) -> Record:
     """Return a record of options, from what is asked by their names; what is not asked has its default."""
     return record(**{one.name: asked[one.name] for one in fields(record) if one.name in asked})  # type: ignore[arg-type]
 
@@ -136,10 +136,10 @@ def _with_own_options(function: Function) -> Function:
     return called  # type: ignore[return-value]
 
 
-class Interrupted(TwinError):
+class StudyInterrupt(TwinError):
     """Ctrl-C; says what is kept."""
 
-    exit_code = INTERRUPTED
+    exit_code = INTERRUPT_EXIT_CODE
 
 
 JobIsolation = Literal["run", "none"]
@@ -189,7 +189,7 @@ ColumnMaps = Annotated[
 ]
 FromS = Annotated[float | None, Option("Start of the part of the log to use, in s.", "S")]
 ToS = Annotated[float | None, Option("End of the part of the log to use, in s.", "S")]
-PORT = 8765
+DEFAULT_PORT = 8765
 """Where `--live` serves; viewers propose it, too."""
 LivePort = Annotated[int, Option("With --live: port; 0: any free one.", "N", flags="--port", least=0, most=65535)]
 LiveOrigins = Annotated[
@@ -199,7 +199,7 @@ LiveOrigins = Annotated[
 Page = Annotated[bool, Option("Also write an HTML page, like twin report.", flags="--report")]
 ExperimentName = Annotated[Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")]
 
-SHARED: Mapping[str, tuple[Any, Any]] = {
+SHARED_OPTIONS: Mapping[str, tuple[Any, Any]] = {
     "formats": (Formats, ()),
     "columns": (Columns, 2),
     "as_json": (AsJson, False),
@@ -211,9 +211,9 @@ SHARED: Mapping[str, tuple[Any, Any]] = {
 """Options that studies share, by the names of arguments: what they are, and their defaults."""
 
 
-def answer_apart(
+def run_isolated(
     name: str,
-    asked: Asked,
+    asked: ArgumentValues,
     say: "Say",
     isolate: JobIsolation = "none",
     limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
@@ -223,7 +223,7 @@ def answer_apart(
     """What a study answers.
 
     Args:
-        name: "module:function", see `answered`.
+        name: "module:function", see `answer_study`.
         isolate: what gets a process of its own; a study that steps no FMU needs none.
         formats, columns: of pictures for a paper, besides those for the screen.
 
@@ -240,16 +240,16 @@ def answer_apart(
     if isolate == "none":
         from twin.kernel.process.reporter import DirectReporter
 
-        return Answer(**answered(DirectReporter(hear), **arguments))
-    from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+        return Answer(**answer_study(DirectReporter(hear), **arguments))
+    from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 
     try:
-        return Answer(**guarded(JOB, arguments, limits, hear))
-    except (JobEnded, JobEndedLoading) as failure:
+        return Answer(**run_guarded(ANSWER_JOB, arguments, limits, hear))
+    except (JobFailure, JobLoadFailure) as failure:
         raise ComponentFailed(str(failure)) from None
 
 
-def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
+def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> dict[str, Any]:
     """What a study answers that records a run, taken apart; a job of the guard.
 
     Notes, besides those of the study: {"experiment": what is run, "folder": of the run, "duration" (s)} before it.
@@ -257,10 +257,10 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
     Args:
         name: "module:function"; the function takes what is asked, and `reporter`.
     """
-    return vars(answer_of(function_called(name)(**asked, reporter=reporter)))
+    return vars(answer_of(load_function(name)(**asked, reporter=reporter)))
 
 
-def confirmed(question: str) -> bool:
+def confirm(question: str) -> bool:
     """Whether who sits at the terminal says yes."""
     import click
 
@@ -273,7 +273,7 @@ class Say(Protocol):
     def __call__(self, what: str, share: float | None = None, /) -> None: ...
 
 
-def silent(what: str, share: float | None = None, /) -> None:
+def ignore_progress(what: str, share: float | None = None, /) -> None:
     """Where progress is not asked for."""
 
 
@@ -293,7 +293,7 @@ class Steps:
         self._say(what, min(1.0, (max(0, self._begun - 1) + done) / self._total))
 
 
-JOB = "twin.studies.command:answered"
+ANSWER_JOB = "twin.studies.command:answer_study"
 
 
 @dataclass(frozen=True)
@@ -311,15 +311,17 @@ class Answer:
     exit_code: int = 0
 
 
-def judged(name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()) -> Result:
+def write_verdict(
+    name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()
+) -> Result:
     """`result` of a comparison with notes and with where its files are; picture and verdict are written."""
-    files = {"picture": made_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
+    files = {"picture": make_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
     draw(files["picture"])
     write_json(files["verdict"], result.facts)
     return replace(result, body=[*result.body, *(f"  note     {note}" for note in notes)], files=files, label=8)
 
 
-def answered(
+def answer_study(
     reporter: "Reporter", study: str, asked: dict[str, Any], formats: Sequence[str] = (), columns: int = 2
 ) -> dict[str, Any]:
     """The answer of a study, taken apart; a job of the guard.
@@ -336,12 +338,12 @@ def answered(
         reporter.note(say=what, share=share)
 
     if not formats:
-        return vars(answer_of(function_called(study)(**asked, say=say)))
+        return vars(answer_of(load_function(study)(**asked, say=say)))
     # most answers draw nothing, and it takes a while to load
     from twin.studies.figure import for_paper
 
     with for_paper(formats, columns) as paper:
-        answer = answer_of(function_called(study)(**asked, say=say))
+        answer = answer_of(load_function(study)(**asked, say=say))
     files = [str(path) for path in paper.written]
     lines = [answer.text, *(f"  {Path(file).suffix[1:]:<8} {file}" for file in files)]
     return vars(replace(answer, text="\n".join(lines), facts=answer.facts | {"pictures": files}))

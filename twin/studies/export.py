@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Answer, Argument, Asked, Option, study
-from twin.studies.first_look import print_latest
+from twin.studies.command import Answer, Argument, ArgumentValues, Option, study
+from twin.studies.precheck import print_latest
 
 if TYPE_CHECKING:
     from twin.kernel.recording.export.export import Format
 
-FORMATS: tuple["Format", ...] = ("csv", "parquet", "mat", "ros2")
-JOINTS = {
+EXPORT_FORMATS: tuple["Format", ...] = ("csv", "parquet", "mat", "ros2")
+JOINT_FIELDS = {
     "theta_l": ("joint", "position"),
     "omega_l": ("joint", "velocity"),
     "tau_l": ("joint", "effort"),
@@ -23,8 +23,8 @@ JOINTS = {
 """Whose angle, speed or torque a field is."""
 
 
-def _check_format(asked: Asked) -> None:
-    chosen = [form for form in FORMATS if asked[form]]
+def _check_format(asked: ArgumentValues) -> None:
+    chosen = [form for form in EXPORT_FORMATS if asked[form]]
     if len(chosen) != 1:
         got = " and ".join(f"--{form}" for form in chosen) or "none"
         raise InputRefused(f"twin export: expected one of --csv, --parquet, --mat and --ros2, got {got}")
@@ -59,8 +59,8 @@ def export(
     """
     from twin.kernel.recording.export.export import export_recording
 
-    form = next(form for form, wanted in zip(FORMATS, (csv, parquet, mat, ros2), strict=True) if wanted)
-    exported = export_recording(run, form, signals, rate, out, force, maps, JOINTS)
+    form = next(form for form, wanted in zip(EXPORT_FORMATS, (csv, parquet, mat, ros2), strict=True) if wanted)
+    exported = export_recording(run, form, signals, rate, out, force, maps, JOINT_FIELDS)
     text = f"{exported.path}  {exported.signals} signals, {exported.rows} {'messages' if ros2 else 'rows'}"
     if exported.note:
         text += f"\n  note  {exported.note}"

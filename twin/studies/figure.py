@@ -10,18 +10,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin.kernel.writing import written
+from twin.kernel.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLUMNS = {1: 3.5, 2: 7.16}
+COLUMN_WIDTHS = {1: 3.5, 2: 7.16}
 """Width (in) of a picture in one column of a paper, and across two: those that IEEE asks for."""
-LETTERS = 8.0
+FONT_SIZE = 8.0
 """Size of letters (pt)."""
-PANEL = 1.9
+PANEL_HEIGHT = 1.9
 """Height (in) of a panel in one column, where panels stand below each other."""
-HEAVY, FINE = 1.0, 0.6
+HEAVY_LINE, FINE_LINE = 1.0, 0.6
 """Weight (pt) of lines in a paper; on the screen a heavy one has more than 1 pt."""
 NO_DATE: Mapping[str, Mapping[str, None]] = {
     "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Producer": None},
@@ -70,17 +70,17 @@ def write_for_paper(figure: "Figure", path: Path) -> None:
     # here, for who only draws for the screen or not at all
     from matplotlib import rc_context
 
-    _fit(figure, paper.columns)
+    _resize_for_paper(figure, paper.columns)
     # letters that can be searched; names of parts that are the same every time
     with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "twin"}):
         for form in paper.formats:
             vector = path.with_suffix(f".{form}")
-            with written(vector) as beside:
+            with atomic_write(vector) as beside:
                 figure.savefig(beside, metadata=dict(NO_DATE[form]))
             paper.written.append(vector)
 
 
-def _fit(figure: "Figure", columns: int) -> None:
+def _resize_for_paper(figure: "Figure", columns: int) -> None:
     """Bring what was drawn for the screen to the width of a paper's columns, with letters and lines of a paper."""
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
@@ -88,7 +88,9 @@ def _fit(figure: "Figure", columns: int) -> None:
     width, height = figure.get_size_inches()
     stacked = _stack(figure) if columns == 1 else 0
     # letters shrink less than the picture, which needs more height for them
-    figure.set_size_inches(COLUMNS[columns], stacked * PANEL or 1.1 * COLUMNS[columns] * height / width)
+    figure.set_size_inches(
+        COLUMN_WIDTHS[columns], stacked * PANEL_HEIGHT or 1.1 * COLUMN_WIDTHS[columns] * height / width
+    )
     figure.set_layout_engine("constrained")
     for axes in figure.axes:
         if legend := axes.get_legend():
@@ -96,11 +98,11 @@ def _fit(figure: "Figure", columns: int) -> None:
             names = [text.get_text() for text in legend.get_texts()]
             handles = [handle for handle in legend.legend_handles if handle is not None]
             loc: Any = getattr(legend, "_loc", "best")
-            axes.legend(handles, names, loc=loc, fontsize=LETTERS, frameon=False)
+            axes.legend(handles, names, loc=loc, fontsize=FONT_SIZE, frameon=False)
     for text in figure.findobj(Text):
-        text.set_fontsize(LETTERS)
+        text.set_fontsize(FONT_SIZE)
     for line in figure.findobj(Line2D):
-        line.set_linewidth(HEAVY if line.get_linewidth() > 1.0 else FINE)
+        line.set_linewidth(HEAVY_LINE if line.get_linewidth() > 1.0 else FINE_LINE)
         line.set_markersize(0.5 * line.get_markersize())
 
 
@@ -130,14 +132,14 @@ BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#c
 """Okabe and Ito's (https://jfly.uni-koeln.de/color), which colour-blind readers can tell apart."""
 PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
 """As the caption of Fig. 4 names them; their lightness also tells them apart in print."""
-JOINTS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
+JOINT_COLORS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
 LESS_IS_BETTER = "cividis_r"
 """Colours of a map of something of which less is better. In every map light is good, so that they read alike, also in
 print; made for colour-blind readers."""
 LIGHT_IS_GOOD = "(light is better)"
 INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
 Look = Mapping[Any, bool | float]
-LOOK: Look = {
+PICTURE_STYLE: Look = {
     "figure.dpi": 110,
     "axes.grid": True,
     "axes.spines.top": False,
@@ -145,8 +147,8 @@ LOOK: Look = {
     "grid.alpha": 0.25,
     "legend.frameon": False,
 }
-BARE: Look = {"axes.grid": False}
-MAP: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
+BARE_STYLE: Look = {"axes.grid": False}
+MAP_STYLE: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
 """Of a panel that is filled."""
 
 
@@ -156,7 +158,7 @@ OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
 
 @contextmanager
 def picture(
-    path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = LOOK
+    path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = PICTURE_STYLE
 ) -> Iterator[Figure]:
     """A figure to draw on, written to `path`, in the format of its suffix, when the block is done; see `for_paper`.
 
@@ -166,7 +168,7 @@ def picture(
         width, height: in inches.
         title: above all panels.
         by_hand: panels are placed by the code that draws them.
-        look: what of `LOOK` is otherwise: `BARE` or `MAP`.
+        look: what of `PICTURE_STYLE` is otherwise: `BARE_STYLE` or `MAP_STYLE`.
 
     Raises:
         NotWritten: the folder or the disk refuses.
@@ -176,11 +178,11 @@ def picture(
 
     # whatever the user's matplotlibrc says
     defaults = {key: value for key, value in rcParamsDefault.items() if key not in OF_PROCESS}
-    with rc_context({**defaults, **LOOK, **look}):
+    with rc_context({**defaults, **PICTURE_STYLE, **look}):
         figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
         yield figure
-        with written(path) as beside:
+        with atomic_write(path) as beside:
             figure.savefig(beside, metadata={"Software": None})
         write_for_paper(figure, path)

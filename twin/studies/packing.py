@@ -12,9 +12,9 @@ import numpy as np
 
 from twin.studies.metrics.response import Curve
 
-LARGEST = 4_000_000
+MAX_BYTES = 4_000_000
 """Bytes that are unpacked at most: a million samples, eleven hours of a curve in a sweep."""
-LEVEL = 6
+COMPRESSION_LEVEL = 6
 """Of zlib: higher ones take twice as long for one percent."""
 
 
@@ -22,7 +22,7 @@ def text_of(values: Curve) -> str:
     """`values` (n,) as text; the same values are the same text."""
     steps = np.diff(values.astype("<f4").view("<u4"), prepend=np.uint32(0))
     planes = np.ascontiguousarray(steps.view(np.uint8).reshape(-1, 4).T)
-    return base64.b64encode(zlib.compress(planes.tobytes(), LEVEL)).decode("ascii")
+    return base64.b64encode(zlib.compress(planes.tobytes(), COMPRESSION_LEVEL)).decode("ascii")
 
 
 def values_of(text: str) -> Curve:
@@ -32,7 +32,7 @@ def values_of(text: str) -> Curve:
         ValueError: it did not make this.
     """
     try:
-        content = zlib.decompressobj().decompress(base64.b64decode(text), LARGEST)
+        content = zlib.decompressobj().decompress(base64.b64decode(text), MAX_BYTES)
     except zlib.error as problem:
         raise ValueError(str(problem)) from None
     steps = np.ascontiguousarray(np.frombuffer(content, np.uint8).reshape(4, -1).T).view("<u4")[:, 0]

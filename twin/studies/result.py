@@ -11,13 +11,13 @@ from itertools import accumulate, zip_longest
 from math import isnan
 from typing import Any
 
-WIDTH = 80
-TIE = "\xa0"
+TEXT_WIDTH = 80
+NO_BREAK_SPACE = "\xa0"
 """Between what is to stand on one line."""
 
 
-def wrapped(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
-    """`text` after `head` in lines of `WIDTH`.
+def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
+    """`text` after `head` in lines of `TEXT_WIDTH`.
 
     Args:
         text: on one line.
@@ -27,14 +27,14 @@ def wrapped(text: str, head: str = "", later: int | None = None, whole: bool = F
     """
     indent = " " * (len(head) if later is None else later)
     return textwrap.wrap(
-        text, WIDTH, initial_indent=head, subsequent_indent=indent, break_on_hyphens=not whole,
+        text, TEXT_WIDTH, initial_indent=head, subsequent_indent=indent, break_on_hyphens=not whole,
         break_long_words=not whole,
     )  # fmt: skip
 
 
-def labelled(label: str, text: str, whole: bool = False) -> list[str]:
+def labelled_lines(label: str, text: str, whole: bool = False) -> list[str]:
     """`text` beside its label, as all reports end with: `  note       ...`."""
-    return wrapped(text, f"  {label:<10} ", whole=whole)
+    return wrap_text(text, f"  {label:<10} ", whole=whole)
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -43,17 +43,17 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
-def cut(text: str, length: int) -> str:
+def shorten(text: str, length: int) -> str:
     """A value in at most so many characters."""
     return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
-def some(names: Sequence[str], most: int) -> str:
+def join_names(names: Sequence[str], most: int) -> str:
     """`a, b and 3 more`: at most so many of `names`."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def counted(count: int, noun: str) -> str:
+def count_text(count: int, noun: str) -> str:
     """`1 run`, `2 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -181,10 +181,10 @@ class Result:
 def render_text(result: Result) -> str:
     """`result` for people, in lines of at most 80 columns but for what cannot be folded."""
     files = [f"  {kind:<{result.label}} {file}" if result.label else f"  {file}" for kind, file in result.files.items()]
-    return laid_out([result.headline, *result.body, *files])
+    return lay_out([result.headline, *result.body, *files])
 
 
-def laid_out(blocks: Sequence[Block]) -> str:
+def lay_out(blocks: Sequence[Block]) -> str:
     """The text of `blocks`, one below the other."""
     return "\n".join(line.rstrip() for block in blocks for line in _lines(block))
 
@@ -194,8 +194,8 @@ def _lines(part: Block) -> Sequence[str]:
         case Table():
             return list(_table(part))
         case Note():
-            lines = wrapped(part.text, part.head, part.later, part.whole) or [part.head]
-            return [line.replace(TIE, " ") for line in lines]
+            lines = wrap_text(part.text, part.head, part.later, part.whole) or [part.head]
+            return [line.replace(NO_BREAK_SPACE, " ") for line in lines]
     return [part]
 
 
@@ -206,14 +206,14 @@ def _table(table: Table) -> Iterator[str]:
     widths = [c.width or max(len(row[i]) for row in (*titles, *cells)) for i, c in enumerate(columns)]
     gaps = [table.indent, *(column.gap for column in columns[1:])]
     ends = accumulate(map(sum, zip(gaps, widths, strict=True)))
-    shown = sum(end <= WIDTH for end in ends) if table.left_out else len(columns)
+    shown = sum(end <= TEXT_WIDTH for end in ends) if table.left_out else len(columns)
 
     def line(row: Sequence[str]) -> Iterator[str]:
         text = ""
         for column, cell, gap, width in zip(columns[:shown], row, gaps, widths, strict=False):
             text += " " * gap
             if column.folds:
-                yield from wrapped(cell, text) or [text]
+                yield from wrap_text(cell, text) or [text]
                 return
             text += f"{cell:{'<' if column.left else '>'}{width}}"
         yield text
@@ -224,7 +224,7 @@ def _table(table: Table) -> Iterator[str]:
     for row in table.rows:
         yield from _lines(row) if isinstance(row, Note | str) else line(next(rest))
     if shown < len(columns):
-        yield f"  ({counted(len(columns) - shown, 'more column')} in {table.left_out})"
+        yield f"  ({count_text(len(columns) - shown, 'more column')} in {table.left_out})"
 
 
 def to_json(result: Result) -> Any:

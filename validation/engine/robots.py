@@ -10,7 +10,7 @@ from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, position, transmission_sines
 from twin.robot.mechanism.statics import G_ACCELERATION, arm_gravity_torque, environment_force, leg_force
 from twin.robot.mechanism.workspace import is_reachable
-from twin.robot.plant.component import STILL
+from twin.robot.plant.component import NO_MOTION
 from twin.robot.plant.contact import apex_frame
 from twin.robot.plant.dynamics import PlantParameters, acceleration, joint_torque, spring_deflection
 from validation.engine.constrained import Numbers
@@ -68,7 +68,7 @@ class TwinsRobot:
             "joint angles": theta,
             "Jacobian": J,
             "mass matrix": self._mass(state.p_B, theta, J),
-            "gravity": np.array(environment_force(c, c, theta, p, STILL)),
+            "gravity": np.array(environment_force(c, c, theta, p, NO_MOTION)),
             "acceleration": self._accelerated(c, state.p_B, state.v_B, state.theta_m),
             WEIGHTLESS: alone,
             "rods": held,
@@ -86,7 +86,7 @@ class TwinsRobot:
     @staticmethod
     def _accelerated(c: PlantParameters, p_B: Numbers, v_B: Numbers, theta_m: Numbers) -> Numbers:
         state = tuple(p_B), tuple(v_B), (0.0, 0.0), tuple(theta_m)
-        return np.array(acceleration.compiled(c, *state, STILL, STILL, apex_frame(c), NO_ANCHOR)[0])
+        return np.array(acceleration.dispatcher(c, *state, NO_MOTION, NO_MOTION, apex_frame(c), NO_ANCHOR)[0])
 
 
 class EnginesRobot:

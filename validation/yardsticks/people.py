@@ -79,7 +79,7 @@ def stiffer_than_the_spine() -> Mapping[str, float]:
 
 
 def pressure_on_the_arm() -> Mapping[str, float]:
-    from twin.robot.monitor.checks import Monitor
+    from twin.robot.monitor.limits import Monitor
     from validation.people import pressure
 
     return {"at the monitor's limit": outside(1e-3 * pressure(Monitor().force_limit), 0.0, ARM[0])}

@@ -60,13 +60,13 @@ def satellite() -> Mapping[str, float]:
 def pressing() -> Any:
     """Fig. 4's loops where it presses."""
     from twin.robot.assembly.load import load_experiment
-    from twin.studies.analyse.linearised import Linearised
+    from twin.studies.analyse.linearised import Linearisation
     from twin.studies.analyse.operating_point import operating_points
     from validation.masters.robot import ROOT
 
     experiment = load_experiment(ROOT / "experiments" / "fig4_force_position.toml")
     points, _ = operating_points(experiment)
-    return Linearised(experiment, points).at(next(point for point in points if point.in_contact))
+    return Linearisation(experiment, points).linear_point(next(point for point in points if point.in_contact))
 
 
 def opened(breaks: Sequence[str]) -> Any:
@@ -90,13 +90,17 @@ def beside_disk_margins() -> Mapping[str, float]:
     """Of Fig. 4's loops where it presses, at each frequency, of the value."""
     import control
 
-    from twin.studies.analyse.linear.loops import COMMANDS
+    from twin.studies.analyse.linear.loops import SPEED_COMMANDS
     from twin.studies.analyse.linear.margins import sensitivity, smallest_disk
 
     at = pressing()
     omega = np.geomspace(0.1, 0.9 * np.pi / at.loops.dt, AT)
     found = {}
-    for where, breaks in (("laws", tuple(at.gains)), ("motors", COMMANDS), ("both", (*at.gains, *COMMANDS))):
+    for where, breaks in (
+        ("laws", tuple(at.gains)),
+        ("motors", SPEED_COMMANDS),
+        ("both", (*at.gains, *SPEED_COMMANDS)),
+    ):
         loop, S = opened(breaks), sensitivity(at.loops, at.gains, breaks, omega)
         for skew in (-1.0, 0.0, 1.0):
             theirs = control.disk_margins(loop, omega, skew=skew, returnall=True)[0]

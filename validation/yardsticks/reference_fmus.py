@@ -35,15 +35,15 @@ def found(model: str) -> list[Path]:
 def beside_its_results(model: str) -> Mapping[str, float]:
     """How far each signal is from the FMU's own results at their times, of its range."""
     from twin.kernel.fmi.description import described
-    from twin.studies.reference.outcome import BareRun, bare_run, carried, prepared
+    from twin.studies.reference.outcome import BareRun, bare_run, read_trial, reference_files
 
     off: dict[str, float] = {}
     for file in found(model):
         description = described(file)
         if description.version not in (2, 3) or description.kind != "co_simulation":
             continue
-        for trial in carried(file).trials:
-            files, runs = prepared(file, trial, description), list[BareRun]()
+        for trial in reference_files(file).trials:
+            files, runs = read_trial(file, trial, description), list[BareRun]()
             bare_run(description, trial, files, runs.append)
             run, results = runs[0], files.results
             assert results is not None
@@ -116,13 +116,13 @@ def _off(own: Curves, other: Curves, rows: int) -> dict[str, float]:
 def _each(model: str) -> Iterator[tuple[str, Path, np.ndarray, Curves]]:
     """Version of FMI, file, times and results of each FMU of a model that may be exchanged."""
     from twin.kernel.fmi.description import described
-    from twin.studies.reference.outcome import carried, prepared
+    from twin.studies.reference.outcome import read_trial, reference_files
 
     for file in found(model):
         if ME not in described(file).kinds or not (description := described(file, ME)).version > 1:
             continue
-        for trial in carried(file).trials:
-            results = prepared(file, trial, description).results
+        for trial in reference_files(file).trials:
+            results = read_trial(file, trial, description).results
             assert results is not None
             known = description.variables
             numbers = {name: one for name, one in results.signals.items() if name in known and known[name].kind >= 0}

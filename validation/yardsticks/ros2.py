@@ -20,13 +20,13 @@ def bag() -> tuple[Path, Path]:
     """A recording, and the bag made of it."""
     import twin
     from twin.kernel.recording.export.export import export_recording
-    from twin.studies.export import JOINTS
+    from twin.studies.export import JOINT_FIELDS
 
     folder = PLACE / "bag"
     shutil.rmtree(folder, ignore_errors=True)
     experiment = twin.load(ROOT / "experiments" / "fig4_force_position.toml", [f"duration_s={DURATION:g}"])
     recording = twin.run(experiment, folder).recording
-    return recording, export_recording(recording, "ros2", out=PLACE / "bag_ros2", force=True, joints=JOINTS).path
+    return recording, export_recording(recording, "ros2", out=PLACE / "bag_ros2", force=True, joints=JOINT_FIELDS).path
 
 
 def by_rosbags(folder: Path) -> Iterator[tuple[str, int, Any]]:
@@ -67,7 +67,7 @@ def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[s
     """How many numbers of each topic are not, bit for bit, at their time what was recorded."""
     from twin.kernel.recording.export.ros_bag import ros_topics
     from twin.kernel.recording.reader import read as read_recording
-    from twin.studies.export import JOINTS
+    from twin.studies.export import JOINT_FIELDS
 
     path, folder = bag()
     recording = read_recording(path)
@@ -78,7 +78,7 @@ def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[s
         rows.append(numbers(message))
     differences = {}
     for source, stream in recording.streams.items():
-        for sent in ros_topics(source, stream.fields, JOINTS):
+        for sent in ros_topics(source, stream.fields, JOINT_FIELDS):
             times, rows = found.get(sent.name, ([], []))
             columns = [
                 stream.values[name].astype(float).reshape(len(stream.records), -1)[:, k] for _, name, k in sent.places

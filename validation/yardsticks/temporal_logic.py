@@ -6,7 +6,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.robot.experiment.measure import requirement
+from twin.robot.experiment.measure import parse_requirement
 from twin.studies.metrics import requirement as distance
 from validation.yardstick import Yardstick
 
@@ -62,7 +62,7 @@ def differences() -> dict[str, float]:
         length = draw.randint(2, LONGEST)
         curves = Curves(**{name: [draw.gauss(0.0, 2.0) for _ in range(length)] for name in "ab"})
         text = formula(draw, draw.randint(1, 3))
-        ours, other = distance.distance(requirement(text), curves.tick, curves.held), theirs(text, curves)
+        ours, other = distance.distance(parse_requirement(text), curves.tick, curves.held), theirs(text, curves)
         # of a window after the end both say never, or always
         largest = max(largest, 0.0 if ours == other else abs(ours - other))
     return {f"{FORMULAS} formulas": largest}

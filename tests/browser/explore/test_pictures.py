@@ -8,10 +8,9 @@ from playwright.sync_api import BrowserContext, expect
 
 from tests.browser.explore.explorer import GAIN, SPRING, Explorer, Opened, wait_until
 from tests.laws.runs import shipped
-from twin.report.explore.asked import Base, asked
 from twin.report.explore.figures import fig4_runs
-from twin.studies.faults.matrix import onsets_of
-from twin.studies.faults.trials import healthy_run
+from twin.report.explore.page_state import PageBase, parse_state
+from twin.studies.faults.onsets import healthy_run, onsets_of
 from twin.studies.paper.claim import tally
 from twin.studies.paper.fig4 import fig4_score
 
@@ -117,7 +116,7 @@ def test_claims_of_the_paper_turn_over_with_the_state(opened: Opened):
     page = opened.page
     page.click("#score summary")
     page.locator("#score tbody tr").first.wait_for(timeout=60_000)
-    score = fig4_score(fig4_runs(asked(Base("fig4_force_position"), {})))
+    score = fig4_score(fig4_runs(parse_state(PageBase("fig4_force_position"), {})))
     (held, judged), (own, checks) = tally(score.claims), tally(score.quality)
     expect(page.locator("#score .hint")).to_contain_text(
         f"{held} of {judged} of the paper's text, {own} of {checks} of this run's own checks hold; "

@@ -22,7 +22,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (folder / "deep" / "far.py").write_text("a = 1\n")
     (folder / "deep" / "lazy.py").write_text("a = 1\n")
     (folder / "deep" / "other.py").write_text("a = 1\n")
-    monkeypatch.setattr(source, "PACKAGE", folder)
+    monkeypatch.setattr(source, "PACKAGE_FOLDER", folder)
     yield folder
     forget()
 

@@ -18,7 +18,7 @@ from twin.kernel.compiled.function import Function, carray, njit
 from twin.kernel.compiled.native import Entry, Native, address_of
 from twin.kernel.cosim.component import doubles_at
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.page import load
+from twin.kernel.process.shared_memory import load
 
 PAIR = np.dtype([("a", "f8"), ("b", "f8")])
 _numbers = itertools.count()
@@ -42,7 +42,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty store."""
     folder = tmp_path / "objects"
     folder.mkdir(0o700)
-    monkeypatch.setattr(store, "folder", lambda: folder)
+    monkeypatch.setattr(store, "object_folder", lambda: folder)
     return folder
 
 
@@ -83,9 +83,9 @@ def test_it_is_found_again_by_another_process_and_nothing_is_compiled_then(place
     first = Native("double", ("double",), ours(lambda x: math.sin(x) + x))
     assert first.address
     monkeypatch.setattr(machine, "_loaded", set())
-    monkeypatch.setattr(Native, "emitted", lambda *asked: pytest.fail("compiled again"))
-    assert Native("double", ("double",), first.function).is_there
-    assert not Native("double", ("double", "double"), first.function).is_there
+    monkeypatch.setattr(Native, "emit_object", lambda *asked: pytest.fail("compiled again"))
+    assert Native("double", ("double",), first.function).has_code
+    assert not Native("double", ("double", "double"), first.function).has_code
 
 
 def test_what_is_built_into_something_else_is_not_compiled_once_more(place: Path, monkeypatch: pytest.MonkeyPatch):
@@ -126,10 +126,10 @@ def test_a_function_that_needs_memory_of_its_own_stays_with_numba(place: Path):
 def test_each_form_of_the_processor_is_another_code_that_numba_compiles_once(place: Path, monkeypatch):
     native = Native("double", ("double", "double"), ours(lambda a, b: math.sqrt(a) / b + a * b))
     plain, avx, _ = machine.X86_64
-    code = native.emitted(plain)
+    code = native.emit_object(plain)
     monkeypatch.setattr(machine, "module_of", lambda *asked: pytest.fail("compiled again"))
-    assert native.emitted(avx) != code
-    assert len({machine.file_of(native.name, form) for form in machine.X86_64}) == 3
+    assert native.emit_object(avx) != code
+    assert len({machine.object_name(native.name, form) for form in machine.X86_64}) == 3
 
 
 @pytest.fixture
@@ -137,7 +137,7 @@ def chosen(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], str]]:
     """The name of the form that a process with that TWIN_PROCESSOR chooses."""
 
     def choose(given: str) -> str:
-        monkeypatch.setenv(machine.VARIABLE, given)
+        monkeypatch.setenv(machine.PROCESSOR_VARIABLE, given)
         machine.chosen_form.cache_clear()
         return machine.chosen_form().name
 
@@ -158,7 +158,7 @@ def test_a_process_has_the_richest_form_that_its_processor_can_run_or_the_one_th
 
 
 def test_where_nothing_can_be_kept_the_code_runs_all_the_same(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setattr(store, "folder", lambda: tmp_path / "gone")
+    monkeypatch.setattr(store, "object_folder", lambda: tmp_path / "gone")
     assert Entry("double", ("double",), ours(lambda x: x + 0.25))(1.0) == 1.25
 
 
@@ -181,7 +181,7 @@ USES = """
 import sys, tempfile
 from twin.kernel.compiled.machine import _loaded
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.usual import usual
+from twin.robot.assembly.precompile import usual
 from twin.robot.run.run import execute
 with tempfile.TemporaryDirectory() as folder:
     execute(load_experiment("fig4_force_position"), folder)

@@ -44,7 +44,7 @@ def test_what_is_registered_or_declared_is_known_to_what_is_compiled():
         memory.copy(to, to, 0)
         return (lanes.three(a, b, a) + lanes.three(b, b, b))[0]
 
-    assert calls.compiled(1.0, 2.0, np.zeros(1).ctypes.data) == 3.0
+    assert calls.dispatcher(1.0, 2.0, np.zeros(1).ctypes.data) == 3.0
 
 
 def test_no_other_file_looks_inside_numba(root: Path):

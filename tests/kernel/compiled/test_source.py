@@ -10,7 +10,7 @@ import pytest
 
 from tests.kernel.compiled.conftest import forget
 from twin.kernel.compiled import store
-from twin.kernel.compiled.source import parsed
+from twin.kernel.compiled.source import parse_source
 from twin.kernel.compiled.store import name_of, source_digest
 
 
@@ -104,8 +104,8 @@ first, second = (lambda: 1), [
 )
 def test_text_is_no_code(old: str, new: str):
     assert old in CODE
-    assert parsed(CODE.replace(old, new).encode()).digest == parsed(CODE.encode()).digest
-    assert parsed(CODE.replace(old, new).encode()).imports == (("math", ("sin",)),)
+    assert parse_source(CODE.replace(old, new).encode()).digest == parse_source(CODE.encode()).digest
+    assert parse_source(CODE.replace(old, new).encode()).imports == (("math", ("sin",)),)
 
 
 @pytest.mark.parametrize(
@@ -121,11 +121,11 @@ def test_text_is_no_code(old: str, new: str):
 )
 def test_code_is_code(old: str, new: str):
     assert old in CODE
-    assert parsed(CODE.replace(old, new).encode()).digest != parsed(CODE.encode()).digest
+    assert parse_source(CODE.replace(old, new).encode()).digest != parse_source(CODE.encode()).digest
 
 
 def test_what_is_no_python_is_known_by_all_its_bytes():
-    assert parsed(b"\xff = 1") != parsed(b"\xff = 2") != parsed(b"x = ")
+    assert parse_source(b"\xff = 1") != parse_source(b"\xff = 2") != parse_source(b"x = ")
 
 
 def test_text_above_a_function_does_not_change_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -150,7 +150,7 @@ def test_text_above_a_function_does_not_change_its_place(tmp_path: Path, monkeyp
 def test_an_unchanged_file_is_parsed_once_on_a_machine(tmp_path: Path, package: Path, monkeypatch: pytest.MonkeyPatch):
     kept = tmp_path / "objects"
     kept.mkdir(0o700)
-    monkeypatch.setattr(store, "folder", lambda: kept)
+    monkeypatch.setattr(store, "object_folder", lambda: kept)
     first = digest()
     assert store._sources().parsed > 0
     assert digest() == first and store._sources().parsed == 0
@@ -158,8 +158,13 @@ def test_an_unchanged_file_is_parsed_once_on_a_machine(tmp_path: Path, package: 
     file.write_text("# another\n" + file.read_text())
     assert digest() == first and store._sources().parsed == 1
     # what is damaged, or of another layout, is found again
-    for content in (b"", b"nothing", store.sealed(store.DIGESTS, b"[1]"), store.sealed(store.DIGESTS, b'{"a": 1}')):
-        (kept / store.DIGESTS).write_bytes(content)
+    for content in (
+        b"",
+        b"nothing",
+        store.seal(store.DIGESTS_FILE, b"[1]"),
+        store.seal(store.DIGESTS_FILE, b'{"a": 1}'),
+    ):
+        (kept / store.DIGESTS_FILE).write_bytes(content)
         assert digest() == first and store._sources().parsed > 1
 
 

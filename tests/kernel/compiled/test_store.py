@@ -15,7 +15,7 @@ import pytest
 from tests.damage import KINDS, damage
 from twin.kernel.compiled import store
 from twin.kernel.compiled.function import njit
-from twin.kernel.compiled.store import damaged_files, keep, name_of, object_files, sealed, stored_code
+from twin.kernel.compiled.store import damaged_files, name_of, object_files, seal, store_file, stored_code
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
 WHERE = "import twin.kernel.compiled.store as s; print(s.folder()); print(s.refusal())"
@@ -27,7 +27,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty store."""
     folder = tmp_path / "objects"
     folder.mkdir(0o700)
-    monkeypatch.setattr(store, "folder", lambda: folder)
+    monkeypatch.setattr(store, "object_folder", lambda: folder)
     monkeypatch.setattr(store, "_reported", set())
     return folder
 
@@ -47,7 +47,7 @@ def test_what_it_is_closed_over_tells_it_from_others():
     pair = np.dtype([("a", "f8"), ("b", "f8")])
     assert len({made(factor) for factor in (1, 1.0, True, (1, 2), "1", None, pair, doubled)}) == 8
     assert made(2.0) == made(2.0)
-    with pytest.raises(store.Unnamed):
+    with pytest.raises(store.UnnamedFunction):
         made(1.0, object())
     assert name_of(doubled, "kinds") != name_of(doubled, "others")
 
@@ -55,14 +55,14 @@ def test_what_it_is_closed_over_tells_it_from_others():
 def test_source_that_is_in_no_file_has_no_name():
     scope: dict[str, Callable] = {}
     exec("def f(x): return x", {"__name__": "nowhere"}, scope)
-    with pytest.raises(store.Unnamed):
+    with pytest.raises(store.UnnamedFunction):
         name_of(scope["f"], "")
 
 
 def test_what_was_put_there_is_found_and_nothing_is_said(place: Path, capsys: pytest.CaptureFixture[str]):
     assert stored_code("twin.a.o") == b""
     for name, code in CODE.items():
-        keep(name, code)
+        store_file(name, code)
     assert {name: stored_code(name) for name in CODE} == CODE
     assert (damaged_files(object_files()), [file.name for file in object_files()]) == ([], list(CODE))
     assert capsys.readouterr().err == ""
@@ -71,7 +71,7 @@ def test_what_was_put_there_is_found_and_nothing_is_said(place: Path, capsys: py
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_thrown_away_and_told_once(place: Path, capsys: pytest.CaptureFixture[str], kind: str):
     for name, code in CODE.items():
-        keep(name, code)
+        store_file(name, code)
         damage(place / name, kind, random.Random(1))
     # a link to nowhere is a file that is not there
     assert len(damaged_files(object_files())) == (0 if kind == "link" else 2)
@@ -79,7 +79,7 @@ def test_a_damaged_file_is_thrown_away_and_told_once(place: Path, capsys: pytest
     told = f"twin: compiled code in {place}/ was damaged: compiled again\n"
     assert capsys.readouterr().err == ("" if kind == "link" else told)
     for name, code in CODE.items():
-        keep(name, code)
+        store_file(name, code)
         assert stored_code(name) == code
     assert damaged_files(object_files()) == []
 
@@ -89,7 +89,7 @@ def test_whatever_is_damaged_nothing_else_is_ever_loaded(place: Path, rounds: in
     for seed in range(rounds):
         draw = random.Random(seed)
         for name, code in CODE.items():
-            keep(name, code)
+            store_file(name, code)
         for name in draw.sample(list(CODE), draw.randrange(1, 3)):
             damage(place / name, draw.choice(KINDS), draw)
         assert all(stored_code(name) in (b"", code) for name, code in CODE.items())
@@ -98,9 +98,9 @@ def test_whatever_is_damaged_nothing_else_is_ever_loaded(place: Path, rounds: in
 def test_what_came_with_the_package_is_looked_at_first_and_never_written(place: Path, monkeypatch, capsys):
     came = place.with_name("came")
     came.mkdir()
-    monkeypatch.setattr(store, "CARRIED", came)
-    keep("twin.a.o", b"compiled here")
-    (came / "twin.a.o").write_bytes(sealed("twin.a.o", b"from the wheel"))
+    monkeypatch.setattr(store, "PACKAGED_OBJECTS", came)
+    store_file("twin.a.o", b"compiled here")
+    (came / "twin.a.o").write_bytes(seal("twin.a.o", b"from the wheel"))
     assert stored_code("twin.a.o") == b"from the wheel"
     assert damaged_files(object_files(came)) == []
     # as it is not the user's to mend, nothing is said
@@ -108,12 +108,12 @@ def test_what_came_with_the_package_is_looked_at_first_and_never_written(place: 
     changed = (came / "twin.a.o").read_bytes()
     assert stored_code("twin.a.o") == b"compiled here" and capsys.readouterr().err == ""
     assert damaged_files(object_files(came)) == [came / "twin.a.o"]
-    keep("twin.a.o", b"compiled again")
+    store_file("twin.a.o", b"compiled again")
     assert (came / "twin.a.o").read_bytes() == changed
 
 
 def test_a_file_that_took_the_name_of_another_one_is_not_loaded(place: Path):
-    keep("twin.a.o", CODE["twin.a.o"])
+    store_file("twin.a.o", CODE["twin.a.o"])
     (place / "twin.a.o").rename(place / "twin.b.o")
     assert stored_code("twin.b.o") == b""
 
@@ -122,7 +122,7 @@ def test_a_file_that_took_the_name_of_another_one_is_not_loaded(place: Path):
 def test_code_that_another_user_has_left_is_not_loaded(
     place: Path, give_away: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
 ):
-    keep("twin.a.o", b"no good")
+    store_file("twin.a.o", b"no good")
     give_away(place / "twin.a.o")
     assert stored_code("twin.a.o") == b"" and not object_files()
     assert capsys.readouterr().err.startswith(f"twin: {place}/twin.a.o: belongs to user 1234, not to you")
@@ -132,7 +132,7 @@ def test_code_that_another_user_has_left_is_not_loaded(
 def test_code_that_others_can_write_to_is_not_loaded_and_ours_is_closed_to_them(place: Path):
     before = os.umask(0)
     try:
-        keep("twin.a.o", b"code")
+        store_file("twin.a.o", b"code")
     finally:
         os.umask(before)
     assert (place / "twin.a.o").stat().st_mode & 0o777 == 0o600
@@ -141,12 +141,12 @@ def test_code_that_others_can_write_to_is_not_loaded_and_ours_is_closed_to_them(
 
 
 def test_what_was_used_last_stays(place: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(store, "MOST", 3)
+    monkeypatch.setattr(store, "MAX_FILES", 3)
     for k in range(3):
-        keep(f"twin.{k}.o", b"code")
+        store_file(f"twin.{k}.o", b"code")
         os.utime(place / f"twin.{k}.o", (k, k))
     assert stored_code("twin.0.o")
-    keep("twin.3.o", b"code")
+    store_file("twin.3.o", b"code")
     assert [file.name for file in object_files()] == ["twin.0.o", "twin.2.o", "twin.3.o"]
 
 
@@ -155,7 +155,7 @@ def test_a_disk_that_is_full_costs_only_that_nothing_is_kept(place: Path, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", full)
-    keep("twin.a.o", b"code")
+    store_file("twin.a.o", b"code")
     assert stored_code("twin.a.o") == b""
 
 
@@ -163,7 +163,7 @@ def test_whoever_needs_what_another_makes_waits_for_it(place: Path):
     order = []
 
     def make(number: int) -> None:
-        with store.alone("it"):
+        with store.object_lock("it"):
             order.append(number)
             time.sleep(0.05)
             order.append(number)
@@ -178,7 +178,7 @@ def test_whoever_needs_what_another_makes_waits_for_it(place: Path):
 
 def where(package: Path, **environment: str) -> tuple[Path, str]:
     """Folder and refusal of a new process that imports `package`."""
-    clean = {name: value for name, value in os.environ.items() if name != store.VARIABLE}
+    clean = {name: value for name, value in os.environ.items() if name != store.FOLDER_VARIABLE}
     # -S: without site-packages it starts faster, and finds no other package of that name
     done = subprocess.run(
         [sys.executable, "-S", "-c", WHERE], cwd=package.parent, env={**clean, **environment}, capture_output=True,
@@ -211,7 +211,7 @@ def test_without_a_folder_of_the_users_alone_nothing_is_kept(package: Path, tmp_
     before = {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts}
     wishes = {"TWIN_CACHE": wish.format(open=tmp_path / "open")}
     if wish == "numba":
-        wishes = {store.VARIABLE: str(tmp_path / "open")}
+        wishes = {store.FOLDER_VARIABLE: str(tmp_path / "open")}
     folder, why = where(package, TMPDIR=str(tmp_path / "scratch"), **wishes)
     assert folder.parents[1] == tmp_path / "scratch" and "TWIN_CACHE" in why
     assert {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts} == before

@@ -13,7 +13,7 @@ def test_a_step_is_compiled_once_and_only_when_its_address_is_asked_for(monkeypa
         return 17
 
     monkeypatch.setattr(native.Native, "name", "")
-    monkeypatch.setattr(native.Native, "_of_numba", counted)
+    monkeypatch.setattr(native.Native, "_compile_with_numba", counted)
     step = step_function(np.dtype([("x", "f8")]))(lambda m, t, h, u, y: 0)
     assert not compiled
     assert (step.address, step.address) == (17, 17)

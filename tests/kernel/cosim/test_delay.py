@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.kernel.cosim.models import sampled
 from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.delay import MEMORY, columns, delay, filled, play
+from twin.kernel.cosim.delay import DELAY_MEMORY, columns, delay, fill_ring, play
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
@@ -40,8 +40,8 @@ def test_two_delays_keep_memories_of_their_own(ticks):
 
 def test_what_is_taken_elsewhere_begins_with_what_it_is_given():
     late = delay("late", (X,), 2, INITIAL)
-    assert isinstance(late, NativeComponent) and late.memory.dtype == MEMORY
-    begun = NativeComponent("late", (X,), (X,), True, filled, late.memory, np.zeros(2), pointers=late.pointers)
+    assert isinstance(late, NativeComponent) and late.memory.dtype == DELAY_MEMORY
+    begun = NativeComponent("late", (X,), (X,), True, fill_ring, late.memory, np.zeros(2), pointers=late.pointers)
     told = sampled("told", lambda t, h, u: (5.0, 6.0), outputs=(X,))
     assert Simulation(System([told, begun], [("told.x", "late.x")], 1.0), 0).run()[0, 2:].tolist() == [5.0, 6.0]
     assert late.pointers["ring"].tolist() == [[5.0, 6.0], [5.0, 6.0]]

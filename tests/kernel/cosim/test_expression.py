@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.kernel.cosim.expression import LONGEST, expression
+from twin.kernel.cosim.expression import MAX_LENGTH, parse_expression
 from twin.kernel.errors import InputRefused
 
 times = st.floats(0.0, 100.0)
@@ -37,8 +37,8 @@ def joined(parts: st.SearchStrategy) -> st.SearchStrategy:
 @given(st.recursive(leaf(), joined, max_leaves=12), times)
 def test_an_expression_has_the_value_that_python_gives_it(pair, t: float):
     text, meaning = pair
-    if len(text) <= LONGEST:
-        assert expression(text, "x").at(t) == pytest.approx(meaning(t), rel=1e-12, abs=1e-12)
+    if len(text) <= MAX_LENGTH:
+        assert parse_expression(text, "x").value_at(t) == pytest.approx(meaning(t), rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -57,12 +57,14 @@ def test_an_expression_has_the_value_that_python_gives_it(pair, t: float):
     ],
 )
 def test_steps_ramps_and_pulses_begin_and_end_at_their_ticks(text: str, values: dict[float, float]):
-    found = expression(text, "x")
-    assert {t: found.at(t) for t in values} == pytest.approx(values, abs=1e-15)
+    found = parse_expression(text, "x")
+    assert {t: found.value_at(t) for t in values} == pytest.approx(values, abs=1e-15)
 
 
 def test_where_there_is_no_value_it_is_nan():
-    assert math.isnan(expression("0/0", "x").at(0.0)) and math.isnan(expression("pulse(0, 1, 0)", "x").at(1.0))
+    assert math.isnan(parse_expression("0/0", "x").value_at(0.0)) and math.isnan(
+        parse_expression("pulse(0, 1, 0)", "x").value_at(1.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,7 +89,7 @@ def test_where_there_is_no_value_it_is_nan():
 )
 def test_what_is_not_of_the_grammar_is_refused(text: str, told: str):
     try:
-        expression(text, "--input u")
+        parse_expression(text, "--input u")
     except InputRefused as refused:
         assert str(refused).startswith("--input u") and told in str(refused)
     else:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.kernel.cosim.observers import Observer, Simulated, TickEvent, simulate
+from twin.kernel.cosim.observers import Observer, SimulationResult, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.assemble import FORCE_REFERENCE, Assembly, assemble, tunables
+from twin.robot.assembly.assemble import FORCE_REFERENCE, Assembly, assemble, tunable_parameters
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.run import execute
@@ -36,13 +36,13 @@ class Diary(Observer):
     def ready(self, tick: int) -> None:
         self.called.append(("ready", tick))
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.called.append(("take", first))
         self.rows.append(rows.copy())
         self.enough = first + len(rows) >= self._until
 
 
-def looked_on(*observers: Observer, slice_ticks: int = 100, timed: bool = False) -> Simulated:
+def looked_on(*observers: Observer, slice_ticks: int = 100, timed: bool = False) -> SimulationResult:
     with assemble(shipped(FORCE, *TOUCHING)) as assembly:
         return simulate(assembly, LAST, observers, slice_ticks, timed)
 
@@ -70,7 +70,7 @@ def test_observers_do_not_change_a_bit():
     experiment, run = shipped(FORCE, *TOUCHING), Trace()
     with assemble(experiment) as assembly:
         system = assembly.system
-        tally = Tally(system, HoldRequest.of(experiment))
+        tally = Tally(system, HoldRequest.from_experiment(experiment))
         observers = [Tuning(experiment, assembly), Watch(assembly, experiment), tally, run, Diary()]
         simulate(assembly, LAST, observers, slice_ticks=50, timed=True)
     assert run.values.tobytes() == run_in_memory(experiment).values.tobytes()
@@ -88,7 +88,7 @@ class Turn(Observer):
     """Writes `value` into the controller's reference of the force before tick `at`."""
 
     def __init__(self, assembly: Assembly, at: int, value: float):
-        self._memory = tunables(shipped(FORCE), assembly.system)[FORCE_REFERENCE].memory
+        self._memory = tunable_parameters(shipped(FORCE), assembly.system)[FORCE_REFERENCE].memory
         self._at, self._value = at, value
 
     def ready(self, tick: int) -> None:
@@ -110,7 +110,7 @@ def test_an_observer_sees_the_events_that_those_before_it_found():
         def __init__(self) -> None:
             self.events: list[TickEvent] = []
 
-        def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
             self.events += events
 
     change = f"change=[{{t_s = 0.734, key = '{FORCE_REFERENCE}', value = 6.0}}]"

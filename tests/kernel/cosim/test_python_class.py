@@ -11,7 +11,7 @@ from examples.python_component import LaggingDrive, step_response
 from tests.kernel.cosim.models import U, continuous, sampled
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port
-from twin.kernel.cosim.python_class import NamedPorts, PythonComponent, PythonSource, made, wanted_of
+from twin.kernel.cosim.python_class import NamedPorts, PythonComponent, PythonSource, declared_ports, make_instance
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
@@ -78,9 +78,11 @@ def part_of(folder: Path, text: str, **parameters: float) -> Component:
     file = folder / "mine.py"
     file.write_text(text)
     source = PythonSource(file)
-    kind = source.class_of("Part")
-    wanted = wanted_of("mine.py:Part", kind, INPUTS, OUTPUTS, ("v",))
-    return PythonComponent("part", NamedPorts(made("mine.py:Part", kind, parameters), *wanted), 2, label="mine.py:Part")
+    kind = source.load_class("Part")
+    wanted = declared_ports("mine.py:Part", kind, INPUTS, OUTPUTS, ("v",))
+    return PythonComponent(
+        "part", NamedPorts(make_instance("mine.py:Part", kind, parameters), *wanted), 2, label="mine.py:Part"
+    )
 
 
 def outputs_of(part: Component, ticks: int = 4) -> np.ndarray:
@@ -93,7 +95,7 @@ def outputs_of(part: Component, ticks: int = 4) -> np.ndarray:
         def step(self, t: float, inputs: dict[str, Any]) -> dict[str, Any]:
             return {"p": np.array([1.0, 2.0, 3.0]) * t, "on": True}
 
-    way = PythonComponent("way", NamedPorts(Way(), *wanted_of("Way", Way, INPUTS, INPUTS, ())))
+    way = PythonComponent("way", NamedPorts(Way(), *declared_ports("Way", Way, INPUTS, INPUTS, ())))
     wires = [(f"way.{port.name}", f"part.{port.name}") for port in part.inputs]
     system = System([way, part], wires, 0.5)
     return Simulation(system, ticks).run()[:, system.columns(f"part.{part.outputs[0].name}")]
@@ -201,5 +203,5 @@ def test_the_hash_is_of_what_was_run(tmp_path: Path):
     file.write_text("class Part: value = 1")
     source = PythonSource(file)
     file.write_text("class Part: value = 2")
-    assert source.class_of("Part").value == 1  # type: ignore[attr-defined]
+    assert source.load_class("Part").value == 1  # type: ignore[attr-defined]
     assert source.sha256 != PythonSource(file).sha256

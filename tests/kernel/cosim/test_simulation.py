@@ -46,7 +46,7 @@ def failure(culprit: Component, slice_ticks: int = 100) -> tuple[str, np.ndarray
     """The sentence, and the rows that were delivered."""
     simulation = Simulation(system(culprit), 20, slice_ticks)
     slices = []
-    while not simulation.finished:
+    while not simulation.is_over:
         slices.append(simulation.advance().copy())
     assert simulation.failure is not None
     return str(simulation.failure), np.concatenate(slices)
@@ -155,7 +155,7 @@ def test_a_failed_simulation_has_finished_and_run_raises_what_happened():
     simulation = Simulation(system(raising(True, ValueError("no"))), 20)
     with pytest.raises(ComponentFailed, match=r"raised ValueError: no \(\w+\.py, line \d+\) at t = 0\.5 s"):
         simulation.run()
-    assert simulation.finished
+    assert simulation.is_over
     assert simulation.next_tick == FAILS_AT
 
 
@@ -192,8 +192,8 @@ def test_a_system_with_a_component_more_takes_over_where_another_one_stands():
     before.advance(7)
     passing = sampled("passing", echo, (Port("u"),))
     after = Simulation(System([clocked, passing, held], [("clock.y", "passing.u"), ("passing.y", "held.u")], 0.5), 20)
-    assert after.take_over(before) == ["passing"]
-    after.join(passing, lambda given: given)
+    assert after.copy_from(before) == ["passing"]
+    after.derive_outputs(passing, lambda given: given)
     assert after.next_tick == before.next_tick == 7
     assert after.outputs(passing) == after.outputs(clocked) == before.outputs(clocked)
     rows, others = after.advance(5).copy(), before.advance(5)
@@ -205,5 +205,5 @@ def test_what_another_component_of_its_name_remembers_is_handed_over():
     ticking = sampled("clock", clock)
     one, other = (Simulation(System([ticking, each], [("clock.y", "wait.y")], 0.5), 20) for each in wait)
     one.advance(7)
-    assert other.take_over(one) == []
+    assert other.copy_from(one) == []
     np.testing.assert_array_equal(other.advance(5).copy(), one.advance(5))

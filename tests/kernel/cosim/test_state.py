@@ -16,7 +16,7 @@ from twin.kernel.cosim.delay import delay
 from twin.kernel.cosim.port import Port, memory_of, record, state, state_fields
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SavedPiece, SavedState, of_plain, plain, stateless
+from twin.kernel.cosim.state import SavedPiece, SavedState, decode_json, encode_json, stateless_reasons
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 
@@ -129,7 +129,7 @@ def test_a_state_of_another_simulation_is_refused_and_what_it_saves_is_not():
 
 
 def test_a_class_without_a_state_is_named_and_one_that_fails_is_quoted():
-    assert stateless(system(Forgetful()).components) == [
+    assert stateless_reasons(system(Forgetful()).components) == [
         "Forgetful (counter) is a Python class without state() and restore()"
     ]
     with pytest.raises(InputRefused, match="is a Python class without state"):
@@ -140,7 +140,7 @@ def test_a_class_without_a_state_is_named_and_one_that_fails_is_quoted():
 
 def test_a_component_that_says_nothing_has_no_state():
     own = Component("own", (), (), True, 0, 0, np.zeros(0))
-    assert stateless([own]) == ["own does not say what its steps change"]
+    assert stateless_reasons([own]) == ["own does not say what its steps change"]
 
 
 def test_constants_are_no_state():
@@ -247,13 +247,13 @@ values = st.recursive(
 
 @given(values)
 def test_what_json_says_of_a_value_is_that_value(value: Any):
-    assert of_plain(json.loads(json.dumps(plain(value))), "here") == value
+    assert decode_json(json.loads(json.dumps(encode_json(value))), "here") == value
 
 
 @given(st.lists(st.floats(), max_size=5))
 def test_arrays_come_back_bit_for_bit(numbers: list[float]):
     array = np.array(numbers)
-    again = of_plain(json.loads(json.dumps(plain(array))), "here")
+    again = decode_json(json.loads(json.dumps(encode_json(array))), "here")
     assert again.tobytes() == array.tobytes() and again.dtype == array.dtype
 
 
@@ -262,7 +262,7 @@ def test_arrays_come_back_bit_for_bit(numbers: list[float]):
 )
 def test_what_is_no_array_is_refused(said: object):
     with pytest.raises(InputRefused, match="here: not a state that twin saved"):
-        of_plain(said, "here")
+        decode_json(said, "here")
 
 
 ODD: list[Any] = [

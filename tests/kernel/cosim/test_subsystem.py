@@ -6,7 +6,7 @@ import pytest
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.cosim.subsystem import INLET_NAME, Subsystem
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 
@@ -63,7 +63,7 @@ class Breaks(Lag):
 
 def nested(model: Lag, substeps: int) -> Subsystem:
     parts = [PythonComponent("twice", Twice(), period=2), PythonComponent("lag", model)]
-    wires = [(f"{INLET}.u", "twice.u"), ("twice.y", "lag.u")]
+    wires = [(f"{INLET_NAME}.u", "twice.u"), ("twice.y", "lag.u")]
     outputs = [(Port("x"), "lag.x"), (Port("doubled"), "twice.y")]
     return Subsystem("inner", (Port("u"),), outputs, parts, wires, TICK / substeps, substeps, label="a drive of parts")
 

@@ -46,7 +46,7 @@ def off_the_whole(parts: list[Component]) -> float:
     first = simulation.cycles.sum()
     seconds = time.perf_counter() - began
     began = time.perf_counter()
-    while not simulation.finished:
+    while not simulation.is_over:
         simulation.advance()
     rest = (time.perf_counter() - began) / seconds
     return abs((simulation.cycles.sum() - first) / first / rest - 1.0)

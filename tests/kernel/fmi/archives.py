@@ -4,7 +4,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from twin.studies.reference.outcome import HOME
+from twin.studies.reference.outcome import MANIFEST_FOLDER
 
 DESCRIPTION = "modelDescription.xml"
 
@@ -33,7 +33,7 @@ def redescribed(good: Path, bad: Path, old: str, new: str) -> Path:
 
 def carrying(good: Path, file: Path, entries: dict[str, str | bytes]) -> Path:
     """A copy of `good` with these `entries` in place of its reference files."""
-    altered(good, file, lambda name, content: None if name.startswith(HOME) else (name, content))
+    altered(good, file, lambda name, content: None if name.startswith(MANIFEST_FOLDER) else (name, content))
     with zipfile.ZipFile(file, "a") as target:
         for name, content in entries.items():
             target.writestr(name, content)

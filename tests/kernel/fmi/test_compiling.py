@@ -17,10 +17,10 @@ from tests.kernel.fmi.archives import DESCRIPTION, altered
 from twin.cli.app import twin_command
 from twin.kernel.cache_folder import cache_folder
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi import COMPILED
+from twin.kernel.fmi import COMPILED_FOLDER
 from twin.kernel.fmi import unpacked as compiling
-from twin.kernel.fmi.description import build, described
-from twin.kernel.fmi.unpacked import FACTS, compiled, supply, unpacked
+from twin.kernel.fmi.description import build_binary, described
+from twin.kernel.fmi.unpacked import COMPILER_FILE, compiled_library, install_compiled, unpacked
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
@@ -90,7 +90,7 @@ def test_sources_are_built_when_asked_and_step_as_the_binary_does(root: Path, tm
 def test_a_build_description_of_fmi_3_is_followed(root: Path, tmp_path: Path):
     macros = MACRO.format("UNUSED", "1") + MACRO.format("sum_of(a, b)", "((a) + (b))")
     fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=macros)
-    assert build(fmu) is not None
+    assert build_binary(fmu) is not None
     description = described(fmu)
     folder = unpacked(fmu, description.sha256)
     assert len(list(folder.glob("binaries/*/*"))) == 1
@@ -98,9 +98,9 @@ def test_a_build_description_of_fmi_3_is_followed(root: Path, tmp_path: Path):
 
 def test_a_library_is_built_once(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     fmu = sources_only(root, tmp_path, "velocity_servo")
-    first = build(fmu)
+    first = build_binary(fmu)
     monkeypatch.setenv("PATH", "")
-    assert build(fmu) == first
+    assert build_binary(fmu) == first
 
 
 @pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
@@ -108,32 +108,32 @@ def test_a_library_that_another_user_has_built_is_not_loaded(
     tmp_path: Path, give_away: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
 ):
     digest, binary = "0" * 64, "binaries/linux64/servo.so"
-    folder = cache_folder(COMPILED) / digest
+    folder = cache_folder(COMPILED_FOLDER) / digest
     (folder / binary).parent.mkdir(parents=True)
     (folder / binary).write_bytes(b"no good")
-    (folder / FACTS).write_text('{"compiler": "cc"}')
-    assert compiled(digest, binary)
+    (folder / COMPILER_FILE).write_text('{"compiler": "cc"}')
+    assert compiled_library(digest, binary)
     give_away(folder / binary)
-    supply(digest, tmp_path)
-    assert compiled(digest, binary) is None and list(tmp_path.glob("binaries/*/*")) == []
+    install_compiled(digest, tmp_path)
+    assert compiled_library(digest, binary) is None and list(tmp_path.glob("binaries/*/*")) == []
     assert "belongs to user 1234, not to you" in capsys.readouterr().err
 
 
 def test_an_fmu_with_a_binary_is_not_built(root: Path):
-    assert build(root / "fmus/velocity_servo/velocity_servo.fmu") is None
+    assert build_binary(root / "fmus/velocity_servo/velocity_servo.fmu") is None
 
 
 def test_sources_that_do_not_compile_are_refused_with_what_the_compiler_says(root: Path, tmp_path: Path):
     fmu = sources_only(root, tmp_path, "velocity_servo", extra="#error not today\n")
     with pytest.raises(InputRefused, match=r"^[^\n]*do not compile with \w+: [^\n]*not today[^\n]*$"):
-        build(fmu)
+        build_binary(fmu)
 
 
 def test_a_source_outside_its_folder_is_refused(root: Path, tmp_path: Path):
     good = sources_only(root, tmp_path, "velocity_servo")
     fmu = altered(good, tmp_path / "away.fmu", lambda n, c: (n, c.replace(b'"model.c"', b'"../../model.c"')))
     with pytest.raises(InputRefused, match=r"hold no '../../model.c'"):
-        build(fmu)
+        build_binary(fmu)
 
 
 def test_sources_that_are_named_and_not_there_are_not_said_to_be_brought(root: Path, tmp_path: Path):
@@ -143,7 +143,7 @@ def test_sources_that_are_named_and_not_there_are_not_said_to_be_brought(root: P
         with pytest.raises(InputRefused, match=r"it has none\. Export it for linux64$"):
             described(bare)
         with pytest.raises(InputRefused, match="which it says to compile"):
-            build(bare)
+            build_binary(bare)
 
 
 def test_an_fmu_without_binary_and_sources_says_where_to_get_one(root: Path, tmp_path: Path):
@@ -154,7 +154,7 @@ def test_an_fmu_without_binary_and_sources_says_where_to_get_one(root: Path, tmp
     with pytest.raises(InputRefused, match="Export it for linux64"):
         described(bare)
     with pytest.raises(InputRefused, match="holds no sources"):
-        build(bare)
+        build_binary(bare)
 
 
 def with_gcc() -> str:
@@ -175,14 +175,14 @@ def test_a_macro_is_called_by_an_identifier(root: Path, tmp_path: Path, monkeypa
     monkeypatch.chdir(folder)
     fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=MACRO.format(name.replace("\n", "&#10;"), ""))
     with pytest.raises(InputRefused, match=r"(?s)ask for the macro '.*'; expected an identifier"):
-        build(fmu)
+        build_binary(fmu)
     assert (folder / "victim").read_text() == "precious"
 
 
 def test_a_macro_is_one_line(root: Path, tmp_path: Path):
     fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=MACRO.format("A", "1&#10;#include x"))
     with pytest.raises(InputRefused, match="a value on one line"):
-        build(fmu)
+        build_binary(fmu)
 
 
 @pytest.mark.parametrize("name", ["other.h", "other.s", "other.o", "@options", "-fplugin=p.so"])
@@ -191,7 +191,7 @@ def test_a_source_is_c_or_is_not_compiled(root: Path, tmp_path: Path, name: str)
     with ZipFile(fmu, "a") as archive:
         archive.writestr(f"sources/{name}", "")
     with pytest.raises(InputRefused, match=re.escape(f"source '{name}' is neither C nor C++")):
-        build(fmu)
+        build_binary(fmu)
 
 
 def test_a_library_stays_where_libraries_are_kept(root: Path, tmp_path: Path):
@@ -202,7 +202,7 @@ def test_a_library_stays_where_libraries_are_kept(root: Path, tmp_path: Path):
         lambda n, c: (n, c.replace(b'modelIdentifier="velocity_servo"', b'modelIdentifier="../../../../../away"')),
     )
     with pytest.raises(InputRefused, match=r"modelIdentifier leads to '(\.\./){5}away"):
-        build(fmu)
+        build_binary(fmu)
     assert not list(tmp_path.rglob("away.*o"))
 
 
@@ -219,7 +219,7 @@ def test_a_header_compiled_by_others_is_not_loaded(root: Path, tmp_path: Path):
     with ZipFile(good, "a") as archive:
         archive.writestr("sources/early.h", "")
         archive.write(tmp_path / "early.h.gch", "sources/early.h.gch")
-    assert build(good) is not None
+    assert build_binary(good) is not None
 
 
 @pytest.mark.slow
@@ -227,21 +227,21 @@ def test_nothing_of_a_compiler_is_left_when_its_time_is_up(root: Path, tmp_path:
     with_gcc()
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    monkeypatch.setattr(compiling, "PATIENCE", 2.0)
+    monkeypatch.setattr(compiling, "COMPILE_TIMEOUT", 2.0)
     # cc1 waits for the other end of the pipe
     fmu = sources_only(root, tmp_path, "velocity_servo", extra=f'#include "{pipe}"\n')
     with pytest.raises(InputRefused, match="still compile after 2 s"):
-        build(fmu)
+        build_binary(fmu)
     with pytest.raises(OSError, match="No such device"):
         os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
 
 
 def test_a_compiler_takes_so_much_memory_and_no_more(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     with_gcc()
-    monkeypatch.setattr(compiling, "MOST_MEMORY", 256 << 20)
+    monkeypatch.setattr(compiling, "MAX_COMPILER_MEMORY", 256 << 20)
     fmu = sources_only(root, tmp_path, "velocity_servo", extra='#include "/dev/zero"\n')
     with pytest.raises(InputRefused, match="do not compile with"):
-        build(fmu)
+        build_binary(fmu)
 
 
 def test_a_compiler_reads_no_input_and_writes_beside_itself(
@@ -258,7 +258,7 @@ def test_a_compiler_reads_no_input_and_writes_beside_itself(
     os.write(writable, b"#error it was read\n")
     os.close(writable)
     try:
-        build(fmu)
+        build_binary(fmu)
     finally:
         os.dup2(kept, 0)
         os.close(kept)

@@ -14,13 +14,13 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.groups import DO_STEP
+from twin.kernel.fmi.groups import DO_STEP_FAILED
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
 from twin.kernel.fmi.stepping import Stepping
 from twin.kernel.fmi.unpacked import unpacked
 from twin.robot.assembly.assemble import assemble
-from twin.robot.assembly.drives import drive, planned
+from twin.robot.assembly.drives import drive, plan_drive
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.schema import Drive
 
@@ -47,7 +47,7 @@ def servo(root: Path) -> Path:
 
 
 def made(fmu: Path, name: str = "drive_1", theta_m: float = 0.0, **table: Any) -> Component:
-    return drive(name, planned(Drive.model_validate({"fmu": str(fmu), **table})), TICK, theta_m, 0.0)
+    return drive(name, plan_drive(Drive.model_validate({"fmu": str(fmu), **table})), TICK, theta_m, 0.0)
 
 
 def run(component: Component, omega_ref: float, tau_load: float, ticks: int = 1000) -> dict[str, np.ndarray]:
@@ -75,9 +75,9 @@ def test_the_shaft_is_coupled_at_the_angle_it_starts_with(root: Path):
 
 
 def test_a_drive_is_initialised_under_the_load_that_it_has_and_without_a_command(root: Path, servo: Path):
-    plain = drive("drive_1", planned(Drive.model_validate({"fmu": str(servo)})), TICK, 0.0, 0.25)
+    plain = drive("drive_1", plan_drive(Drive.model_validate({"fmu": str(servo)})), TICK, 0.0, 0.25)
     assert inside(plain, "tau_load") == 0.25 and inside(plain, "omega_ref") == 0.0
-    geared = planned(Drive.model_validate({"fmu": str(servo), "sign": -1, "gear_ratio": 10.0}))
+    geared = plan_drive(Drive.model_validate({"fmu": str(servo), "sign": -1, "gear_ratio": 10.0}))
     # a shaft that turns ten times as fast, the other way, carries a tenth; exact but for rounding
     assert inside(drive("drive_1", geared, TICK, 0.0, 0.25), "tau_load") == pytest.approx(-0.025, rel=1e-15)
 
@@ -94,7 +94,7 @@ def inside(component: Component, name: str) -> float:
     """The variable `name` of the FMU behind `component`, in its own unit."""
     assert isinstance(component, FmuComponent)
     instance = component.instance
-    return float(instance.read([instance.description.variables[name]])[0])
+    return float(instance.read_floats([instance.description.variables[name]])[0])
 
 
 def test_drives_of_one_file_do_not_share_their_state(servo: Path):
@@ -137,9 +137,9 @@ def test_two_fmus_wired_together_are_one_drive(root: Path):
         "outputs": {"theta_m": "shaft.theta_m", "omega_m": "shaft.omega_m"},
     }
     with pytest.raises(InputRefused, match="have different dimensions"):
-        planned(Drive.model_validate(table))
+        plan_drive(Drive.model_validate(table))
     del table["wires"]["source.tau_load"]
-    component = drive("drive_1", planned(Drive.model_validate(table)), TICK, 0.25, 0.0)
+    component = drive("drive_1", plan_drive(Drive.model_validate(table)), TICK, 0.25, 0.0)
     out = run(component, 2.0, 0.0, 100)
     assert out["omega_m"][-1] == 2.0
     assert out["theta_m"][-1] == pytest.approx(0.25 + 0.2, abs=1e-12)
@@ -172,20 +172,20 @@ def test_rates_that_do_not_fit_are_refused(root: Path):
 
 def test_a_pinned_hash_that_differs_is_refused_before_loading(servo: Path):
     with pytest.raises(InputRefused, match="the experiment pins 00"):
-        planned(Drive.model_validate({"fmu": str(servo), "sha256": "00"}))
+        plan_drive(Drive.model_validate({"fmu": str(servo), "sha256": "00"}))
 
 
 def test_direct_feed_through_of_the_load_is_explained(tmp_path: Path, servo: Path):
-    plain = planned(Drive.model_validate({"fmu": str(servo)}))
+    plain = plan_drive(Drive.model_validate({"fmu": str(servo)}))
     assert plain.warnings() == []
     fed = redescribed(servo, tmp_path / "fed.fmu", 'dependencies=""', 'dependencies="2"')
-    (warning, *_) = planned(Drive.model_validate({"fmu": str(fed)})).warnings()
+    (warning, *_) = plan_drive(Drive.model_validate({"fmu": str(fed)})).warnings()
     assert "depends directly on tau_load" in warning
     assert "algebraic loop" in warning
 
 
 def test_a_wrong_guid_is_refused_with_the_reason(servo: Path, tmp_path: Path):
-    guid = planned(Drive.model_validate({"fmu": str(servo)})).parts[""].model.guid
+    guid = plan_drive(Drive.model_validate({"fmu": str(servo)})).parts[""].model.guid
     bad = redescribed(servo, tmp_path / "bad.fmu", guid, "{00000000-0000-0000-0000-000000000000}")
     with pytest.raises(InputRefused, match="fmi2Instantiate refused") as refused:
         made(bad)
@@ -232,17 +232,17 @@ def test_what_one_drive_logs_is_not_said_by_another(root: Path, tmp_path: Path):
 def test_a_failure_is_explained_with_what_the_drive_said_last(servo: Path):
     component = made(servo)
     assert isinstance(component, FmuComponent)
-    assert component.explain(DO_STEP + 3) == "fmi2DoStep returned fmi2Error"
+    assert component.explain(DO_STEP_FAILED + 3) == "fmi2DoStep returned fmi2Error"
     for said in (b"warm", b"hot", b"on fire"):
-        component.instance.hear(1, said)
-        assert component.explain(DO_STEP + 3) == f"fmi2DoStep returned fmi2Error ('{said.decode()}')"
+        component.instance.on_message(1, said)
+        assert component.explain(DO_STEP_FAILED + 3) == f"fmi2DoStep returned fmi2Error ('{said.decode()}')"
     component.close()
 
 
 def test_what_a_drive_logs_as_ok_is_not_kept(servo: Path):
     component = made(servo)
     assert isinstance(component, FmuComponent)
-    component.instance.hear(0, b"all is well")
+    component.instance.on_message(0, b"all is well")
     assert component.take_messages() == [] and component.instance.messages == []
     component.close()
 
@@ -252,13 +252,13 @@ def test_a_switch_of_a_drive_is_on_or_off_as_it_was_set(root: Path):
     enable = fmu.variables["enable"]
     for on in (1.0, 0.0):
         instance = CosimInstance("drive_1", fmu, unpacked(fmu.path, fmu.sha256), settings=[(enable, on)])
-        assert instance.read([enable]).tolist() == [on]
+        assert instance.read_floats([enable]).tolist() == [on]
         instance.close()
 
 
 def test_what_an_fmu_says_again_and_again_is_quoted_once():
     instance = Instance.__new__(Instance)
-    instance.messages, instance._unheard, instance.clock = [], [], np.zeros(1, dtype=np.int64)
+    instance.messages, instance._pending_messages, instance.clock = [], [], np.zeros(1, dtype=np.int64)
     for text in (b"a", b"expired", b"expired", b"b", b"expired\n"):
-        instance.hear(3, text)
+        instance.on_message(3, text)
     assert instance.messages == ["a", "b", "expired"]

@@ -17,16 +17,16 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.fmi.cosim_step import MEMORY, step
+from twin.kernel.fmi.cosim_step import STEP_MEMORY, step
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.groups import DO_STEP, TERMINATE, _load, _store
+from twin.kernel.fmi.groups import DO_STEP_FAILED, TERMINATE_REQUEST, _load, _store
 from twin.kernel.fmi.stepping import FmuPort, Stepping
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import ITEM_SIZES, KINDS
+from twin.kernel.fmi.variable import ITEM_SIZES, NUMERIC_TYPES
 from twin.robot.assembly.assemble import assemble
-from twin.robot.assembly.drives import drive, planned
+from twin.robot.assembly.drives import drive, plan_drive
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.experiment.drive_files import load_drive
 
 STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
@@ -36,13 +36,13 @@ DO_STEP_3 = ctypes.CFUNCTYPE(
 )
 """fmi3DoStep (FMI 3.0, section 4.2.1.2)."""
 DTYPES = {"Float64": np.float64, "Float32": np.float32, "Boolean": np.uint8} | {
-    name: np.dtype(name.lower()).type for name in KINDS if name.startswith(("Int", "UInt"))
+    name: np.dtype(name.lower()).type for name in NUMERIC_TYPES if name.startswith(("Int", "UInt"))
 }
 
 
-@pytest.mark.parametrize("kind", range(len(KINDS)))
+@pytest.mark.parametrize("kind", range(len(NUMERIC_TYPES)))
 def test_every_type_keeps_its_values_in_its_own_layout(kind: int):
-    name = KINDS[kind]
+    name = NUMERIC_TYPES[kind]
     buffer = np.zeros(3, dtype=DTYPES[name])
     assert buffer.itemsize == ITEM_SIZES[kind]
     low, high = (0.0, 1.0) if name == "Boolean" or name.startswith("U") else (-7.0, 7.0)
@@ -55,13 +55,20 @@ def test_every_type_keeps_its_values_in_its_own_layout(kind: int):
 def test_whole_numbers_are_rounded_to_the_nearest():
     buffer = np.zeros(2, dtype=np.int32)
     for j, value in enumerate((2.6, -2.6)):
-        _store(KINDS.index("Int32"), buffer.ctypes.data, j, value)
+        _store(NUMERIC_TYPES.index("Int32"), buffer.ctypes.data, j, value)
     assert buffer.tolist() == [3, -3]
 
 
 @pytest.mark.parametrize(
     ("returned", "terminates", "status"),
-    [(0, 0, 0), (0, 1, TERMINATE), (1, 0, 0), (1, 1, TERMINATE), (2, 1, DO_STEP + 2), (3, 0, DO_STEP + 3)],
+    [
+        (0, 0, 0),
+        (0, 1, TERMINATE_REQUEST),
+        (1, 0, 0),
+        (1, 1, TERMINATE_REQUEST),
+        (2, 1, DO_STEP_FAILED + 2),
+        (3, 0, DO_STEP_FAILED + 3),
+    ],
 )
 def test_a_step_that_asks_for_termination_is_told_from_one_that_fails(returned: int, terminates: int, status: int):
     @DO_STEP_3
@@ -69,7 +76,7 @@ def test_a_step_that_asks_for_termination_is_told_from_one_that_fails(returned: 
         ctypes.cast(terminate, ctypes.POINTER(ctypes.c_uint8))[0] = terminates
         return returned
 
-    flags, memory = np.zeros(16, dtype=np.uint8), np.zeros(1, dtype=MEMORY)
+    flags, memory = np.zeros(16, dtype=np.uint8), np.zeros(1, dtype=STEP_MEMORY)
     memory["version"], memory["returned"] = 3, flags.ctypes.data
     memory["do_step"] = ctypes.cast(do_step, ctypes.c_void_p).value
     u = np.zeros(1)
@@ -218,8 +225,8 @@ SIGNATURE = ctypes.CFUNCTYPE(
 
 def fmu(root: Path, path: str) -> FmuComponent:
     """The FMU of a drive alone, without a velocity loop of ours around it."""
-    table = lone_drive(str(root / path), root).model_copy(update={"velocity_loop": None, "substeps": 1})
-    made = drive("drive_1", planned(table), TICK, 0.0, 0.0)
+    table = load_drive(str(root / path), root).model_copy(update={"velocity_loop": None, "substeps": 1})
+    made = drive("drive_1", plan_drive(table), TICK, 0.0, 0.0)
     assert isinstance(made, FmuComponent)
     return made
 
@@ -281,14 +288,14 @@ def test_a_step_that_is_repeated_with_the_same_inputs_changes_no_bit_of_a_run(ro
 def test_a_state_is_freed_once_and_before_its_instance(root: Path, monkeypatch: pytest.MonkeyPatch):
     component = fmu(root, "fmus/velocity_servo")
     freed: list[int] = []
-    free = component.instance.forget
+    free = component.instance.free_state
 
     def forget(state: int) -> None:
         assert component.instance.handle
         freed.append(state)
         free(state)
 
-    monkeypatch.setattr(component.instance, "forget", forget)
+    monkeypatch.setattr(component.instance, "free_state", forget)
     rewind = component.rewind()
     assert rewind is not None
     for _ in range(3):

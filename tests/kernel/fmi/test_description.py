@@ -16,7 +16,7 @@ from tests.kernel.fmi.test_component import made, run
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi import description
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.variable import KINDS
+from twin.kernel.fmi.variable import NUMERIC_TYPES
 
 DRIVES = ("ideal_velocity", "velocity_servo", "pmsm_foc")
 
@@ -36,8 +36,8 @@ def refusal(path: Path) -> str:
 @pytest.mark.parametrize("name", DRIVES)
 def test_every_shipped_drive_fits_the_contract(root: Path, name: str):
     drive = described(root / "fmus" / name / f"{name}.fmu")
-    assert [v.name for v in drive.offered("input")] == ["omega_ref", "tau_load"]
-    assert [v.name for v in drive.offered("output")][:2] == ["theta_m", "omega_m"]
+    assert [v.name for v in drive.variables_of("input")] == ["omega_ref", "tau_load"]
+    assert [v.name for v in drive.variables_of("output")][:2] == ["theta_m", "omega_m"]
     assert drive.warnings() == []
     assert {"linux64", "win64", "darwin64"} <= set(drive.platforms)
 
@@ -139,7 +139,7 @@ def test_a_file_is_read_again_when_it_has_changed_and_only_then(
     tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
 ):
     # else all that a test writes is too young to be remembered
-    monkeypatch.setattr(description, "SETTLED", -1)
+    monkeypatch.setattr(description, "MIN_FILE_AGE", -1)
     copy = tmp_path / "copy.fmu"
     copy.write_bytes(servo.read_bytes())
     first = described(copy)
@@ -172,9 +172,9 @@ def test_a_description_of_64_MiB_is_read_and_one_of_a_byte_more_is_not(
 def test_every_variable_that_is_a_number_is_offered_and_no_other(root: Path):
     drive = described(root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu")
     speed = drive.variables["omega_m"]
-    kinds = {"real": 0, "whole": KINDS.index("Int32"), "flag": KINDS.index("Boolean"), "text": -1}
+    kinds = {"real": 0, "whole": NUMERIC_TYPES.index("Int32"), "flag": NUMERIC_TYPES.index("Boolean"), "text": -1}
     variables = {name: dataclasses.replace(speed, name=name, kind=kind) for name, kind in kinds.items()}
-    offered = dataclasses.replace(drive, variables=variables).offered("output")
+    offered = dataclasses.replace(drive, variables=variables).variables_of("output")
     assert [v.name for v in offered] == ["real", "whole", "flag"]
 
 
@@ -249,7 +249,7 @@ def test_an_initialisation_that_fails_is_refused_with_what_the_fmu_said(root: Pa
 def test_a_description_that_is_too_large_is_refused_unread(
     tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(description, "MOST_DESCRIPTION", 1000)
+    monkeypatch.setattr(description, "MAX_DESCRIPTION_SIZE", 1000)
     # the servo itself may have been read before
     large = altered(servo, tmp_path / "large.fmu", lambda n, c: (n, c))
     with pytest.raises(InputRefused, match=r"modelDescription\.xml has"):

@@ -13,12 +13,12 @@ from tests.kernel.fmi.eventful import KINDS, Maker
 from tests.kernel.fmi.test_component import TICK, made, run
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.fmi.cosim_step import CHANGING, COUNTDOWN, PERIODIC, settle
+from twin.kernel.fmi.cosim_step import CHANGING_CLOCK, COUNTDOWN_CLOCK, PERIODIC_CLOCK, update_discrete_states
 from twin.kernel.hooks import HOOKS
-from twin.robot.assembly.drives import drive, planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import drive, plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.experiment.schema import Drive
-from twin.studies.qualify import shelf as drive_info
+from twin.studies.qualify import drive_list as drive_info
 from twin.studies.qualify.qualification import lifecycle_findings
 
 EVENTS = 'hasEventMode="true"'
@@ -76,7 +76,7 @@ def test_an_input_clock_ticks_where_it_has_to(shaft: Maker, rhythm: str, first: 
     """The command rises by 1 rad/s in each tick, and the shaft turns as it was when the clock ticked last."""
     fmu = shaft(ALL, clocks=IN_CLOCK.format(rhythm), omega_ref=CLOCKED, more=COUNT.format(20))
     table = {"fmu": str(fmu), "parameters": {"kind": KINDS["samples"], "period": 7e-3}}
-    component = drive("drive_1", planned(Drive.model_validate(table)), TICK, 0.0, 0.0)
+    component = drive("drive_1", plan_drive(Drive.model_validate(table)), TICK, 0.0, 0.0)
     out = stepped(component, lambda t: round(t / TICK), 50)
     k = np.arange(50)
     held = np.where(k >= first, first + (k - first) // every * every, 0)
@@ -94,7 +94,7 @@ def test_an_input_clock_may_tick_in_every_step(shaft: Maker, rhythm: str):
 
 
 @pytest.mark.parametrize(
-    ("rhythm", "kind"), [("changing", CHANGING), ("countdown", COUNTDOWN), ("triggered", PERIODIC)]
+    ("rhythm", "kind"), [("changing", CHANGING_CLOCK), ("countdown", COUNTDOWN_CLOCK), ("triggered", PERIODIC_CLOCK)]
 )
 def test_a_clock_is_asked_for_its_next_tick_as_its_kind_wants_it(shaft: Maker, rhythm: str, kind: int):
     """One that counts down after every event, one that changes after its ticks, others never."""
@@ -117,7 +117,7 @@ def test_a_discrete_input_is_set_in_an_event_and_only_when_it_changes(shaft: Mak
     """The FMU refuses to have it set anywhere else."""
     fmu = shaft(ALL, omega_ref='variability="discrete"')
     table = {"fmu": str(fmu), "parameters": {"kind": KINDS["switches"]}}
-    component = drive("drive_1", planned(Drive.model_validate(table)), TICK, 0.0, 0.0)
+    component = drive("drive_1", plan_drive(Drive.model_validate(table)), TICK, 0.0, 0.0)
     omega_m = stepped(component, lambda t: float(t > 0.0095), 30)["omega_m"]
     assert omega_m[1:].tolist() == [float(k >= 10) for k in range(30)]
 
@@ -133,7 +133,7 @@ def test_an_input_that_rises_is_taken_as_a_line_within_the_step(shaft: Maker, sm
     """Without, it is taken at the middle of the step, and the speed at its end comes out half a step late."""
     ability = f'{VARIES} {EARLY} providesIntermediateUpdate="true"'
     fmu = shaft(ability, omega_ref='intermediateUpdate="true"' if smooth else "")
-    plan = replace(planned(Drive.model_validate({"fmu": str(fmu)})), ramped=True)
+    plan = replace(plan_drive(Drive.model_validate({"fmu": str(fmu)})), ramped=True)
     component = drive("drive_1", plan, TICK, 0.0, 0.0)
     out = stepped(component, lambda t: 2.0 * t, 100, inputs="linear")
     t = TICK * np.arange(101)
@@ -256,7 +256,7 @@ def test_repeated_steps_bring_events_and_clocks_back_too(shaft: Maker):
 @pytest.mark.parametrize(("kind", "more"), [("flips", {"period": 3.3e-3}), ("bounces", {"stop": 3.3e-3})])
 def test_its_reset_and_its_state_are_examined_with_its_events(shaft: Maker, kind: str, more: dict[str, float]):
     """Going back in time brings back what is planned, too."""
-    plan = planned(Drive.model_validate({"fmu": str(shaft(ALL)), "parameters": {"kind": KINDS[kind], **more}}))
+    plan = plan_drive(Drive.model_validate({"fmu": str(shaft(ALL)), "parameters": {"kind": KINDS[kind], **more}}))
     # they write no state down
     expected = [("reset", "ok"), ("state", "ok"), ("written", "note")]
     assert [(f.name, f.verdict) for f in lifecycle_findings(plan, apart=False)] == expected  # type: ignore[union-attr]
@@ -265,14 +265,14 @@ def test_its_reset_and_its_state_are_examined_with_its_events(shaft: Maker, kind
 def test_a_clocked_drive_qualifies_on_the_bench(shaft: Maker):
     rhythm = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.002"')
     table = {"fmu": str(shaft(ALL, clocks=rhythm, omega_ref=CLOCKED)), "parameters": {"kind": KINDS["samples"]}}
-    found = lifecycle_findings(planned(Drive.model_validate(table)), apart=False)
+    found = lifecycle_findings(plan_drive(Drive.model_validate(table)), apart=False)
     assert {f.name: f.verdict for f in found} == {"reset": "ok", "state": "ok", "written": "note"}  # type: ignore[union-attr]
 
 
 def test_info_says_how_it_is_stepped(shaft: Maker):
     clocks = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.005" shiftDecimal="0.003"') + OUT_CLOCK
     fmu = shaft(f'{EVENTS} {EARLY} fixedInternalStepSize="0.002"', clocks=clocks, omega_ref=CLOCKED)
-    told = drive_info.drive_text(planned(Drive.model_validate({"fmu": str(fmu)})))
+    told = drive_info.drive_text(plan_drive(Drive.model_validate({"fmu": str(fmu)})))
     assert "  steps      steps of one size only; it prefers 2 ms\n" in told
     assert "  events     event mode, may return early\n" in told
     assert "  clock      beat, every 5 ms from 3 ms on\n" in told
@@ -309,7 +309,7 @@ def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, mo
     said = f'fmu = "{fmu}"\n[parameters]\nblob = "file:curves/curve.bin"\n'
     (tmp_path / "mapping.toml").write_text(said)
     monkeypatch.chdir("/")
-    found = planned(lone_drive(str(tmp_path / "mapping.toml"), Path("/")))
+    found = plan_drive(load_drive(str(tmp_path / "mapping.toml"), Path("/")))
     assert [value for _, value in found.settings[""]] == [[b"\x07"]]
     digest = hashlib.sha256(b"\x07").hexdigest()
     assert f"blob = 1 bytes, sha256 {digest}" in drive_info.drive_text(found)
@@ -319,16 +319,16 @@ def test_nothing_is_compiled_while_a_call_is_announced(shaft: Maker, monkeypatch
     """A supervisor would charge the FMU with it."""
     announced: list[str] = [""]
     monkeypatch.setattr(HOOKS, "fmi_call", [lambda file, instance, function: announced.append(function)])
-    compiled, during = settle.native, []
+    compiled, during = update_discrete_states.native, []
 
     class Later:
-        """`settle`, not compiled yet."""
+        """`update_discrete_states`, not compiled yet."""
 
         @property
         def called(self) -> Any:
             during.append(announced[-1])
             return compiled.called
 
-    monkeypatch.setattr(settle, "native", Later())
+    monkeypatch.setattr(update_discrete_states, "native", Later())
     turned(shaft(ALL), "flips")
     assert during == [""] and "fmi3UpdateDiscreteStates" in announced

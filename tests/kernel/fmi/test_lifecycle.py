@@ -24,11 +24,11 @@ from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.drives import drive, planned
+from twin.robot.assembly.drives import drive, plan_drive
 from twin.robot.experiment.schema import Drive
-from twin.studies.qualify import shelf as drive_info
+from twin.studies.qualify import drive_list as drive_info
 from twin.studies.qualify.proposal import proposal
-from twin.studies.qualify.qualification import examined
+from twin.studies.qualify.qualification import check_fields
 
 IGNORED = "(void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;"
 SHORT = ("--set", "duration_s=0.7", "--set", "reference.t_s=[0, 0.7]", "--set", "reference.p_mm=[[0,0,-95],[0,0,-95]]")
@@ -110,9 +110,9 @@ def test_the_tolerance_of_the_experiment_reaches_the_solver_and_the_recording(ex
 
 def test_without_one_the_tolerance_is_what_the_fmu_states(exact_drive: Path, tmp_path: Path):
     with pytest.raises(InputRefused, match="cannot be initialised"):
-        drive("drive_1", planned(Drive.model_validate({"fmu": str(exact_drive)})), 1e-3, 0.0, 0.0)
+        drive("drive_1", plan_drive(Drive.model_validate({"fmu": str(exact_drive)})), 1e-3, 0.0, 0.0)
     stated = redescribed(exact_drive, tmp_path / "stated.fmu", *stating("1e-9"))
-    plan = planned(Drive.model_validate({"fmu": str(stated)}))
+    plan = plan_drive(Drive.model_validate({"fmu": str(stated)}))
     assert plan.tolerance("") == 1e-9
     drive("drive_1", plan, 1e-3, 0.0, 0.0).close()
 
@@ -121,7 +121,7 @@ def test_without_one_the_tolerance_is_what_the_fmu_states(exact_drive: Path, tmp
 def test_a_stated_tolerance_that_is_none_is_left_alone(root: Path, tmp_path: Path, text: str):
     good = root / "fmus/velocity_servo/velocity_servo.fmu"
     odd = redescribed(good, tmp_path / "odd.fmu", *stating(text))
-    assert planned(Drive.model_validate({"fmu": str(odd)})).tolerance("") is None
+    assert plan_drive(Drive.model_validate({"fmu": str(odd)})).tolerance("") is None
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def first(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Maker:
 
 
 def plan(fmu: Path, **table: Any) -> Any:
-    return replace(planned(Drive.model_validate({"fmu": str(fmu), **table})), ticks=100)
+    return replace(plan_drive(Drive.model_validate({"fmu": str(fmu), **table})), ticks=100)
 
 
 def test_it_turns_as_it_is_told(first: Maker):
@@ -198,14 +198,14 @@ def test_its_booleans_are_one_byte_wide(first: Maker):
     )
     instance.write([(fmu.variables["omega_ref"], 1.0)])
     instance.advance(0.0, TICK)
-    assert instance.read([fmu.variables[name] for name in ("enable", "omega_m")]).tolist() == [0.0, 0.0]
+    assert instance.read_floats([fmu.variables[name] for name in ("enable", "omega_m")]).tolist() == [0.0, 0.0]
     instance.close()
     instance.close()
 
 
 def test_a_run_after_a_reset_is_that_of_a_new_instance(first: Maker):
     drive = Drive.model_validate({"fmu": str(first())})
-    assert examined(DirectReporter(lambda note: None), drive, "reset")["verdict"] == "ok"
+    assert check_fields(DirectReporter(lambda note: None), drive, "reset")["verdict"] == "ok"
 
 
 def test_its_status_is_a_number_and_what_it_logged_is_told(first: Maker):

@@ -16,7 +16,7 @@ from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi import floating_point
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 from twin.kernel.systems.reading import read_system
 from twin.kernel.systems.session import Cosimulation
 
@@ -46,7 +46,7 @@ def run(fmu: Path, kind: str, states: bool) -> None:
     """A run with an input that moves, by equations with Runge-Kutta, in whose middle it goes back to its start."""
     choice = MasterChoice(kinds={"": "model_exchange"}, solver="rk4") if kind == "ModelExchange" else MasterChoice()
     name = "in_Real" if fmu.stem == "two" else "in_Float64"
-    with opened(read_system(fmu), choice, additions=Additions(inputs=[f"{name}=t"])) as (plan, made):
+    with open_system(read_system(fmu), choice, additions=Additions(inputs=[f"{name}=t"])) as (plan, made):
         simulation = Simulation(made.system, plan.timing.ticks)
         if states:
             simulation.advance(1)
@@ -89,14 +89,14 @@ def test_a_getter_that_fails_names_its_variable_and_what_was_logged(tmp_path: Pa
     said = (
         "x.fmu (x) fmi2GetInteger returned fmi2Error for out_Integer at the start (it said: GetInteger of in_Real and"
     )
-    with pytest.raises(ComponentFailed) as failure, opened(read_system(fmu)):
+    with pytest.raises(ComponentFailed) as failure, open_system(read_system(fmu)):
         pass
     assert str(failure.value).startswith(said)
 
 
 def test_references_in_log_messages_become_names(tmp_path: Path):
     fmu = odd_fmu(tmp_path / "x.fmu", "DoStep 1 1", ("Real", "Integer"))
-    with opened(read_system(fmu)) as (plan, made):
+    with open_system(read_system(fmu)) as (plan, made):
         Simulation(made.system, plan.timing.ticks).run()
         ((_, text),) = {text: (tick, text) for tick, text in made.system.components[0].take_messages()}.values()
     assert text == "DoStep of in_Real and in_Integer, #1"
@@ -108,7 +108,7 @@ def test_references_in_log_messages_become_names(tmp_path: Path):
 def test_an_fmu_that_changes_the_working_directory_leaves_it_as_it_was_and_that_is_told(function: str, tmp_path: Path):
     fmu = odd_fmu(tmp_path / "x.fmu", f"{function} 0 0 /")
     here = os.getcwd()
-    with opened(read_system(fmu), additions=Additions(inputs=["in_Real=t"])) as (plan, made):
+    with open_system(read_system(fmu), additions=Additions(inputs=["in_Real=t"])) as (plan, made):
         simulation = Simulation(made.system, plan.timing.ticks)
         simulation.run()
         told = [text for _, text in made.system.components[-1].take_messages()]
@@ -159,7 +159,7 @@ def _loading_flushes(fmu: Path) -> None:
 def test_a_local_that_cannot_be_read_is_left_out_and_listed(tmp_path: Path):
     more = '<ScalarVariable name="l" valueReference="9" causality="local"><Integer/></ScalarVariable>'
     fmu = odd_fmu(tmp_path / "x.fmu", "GetInteger 3 0", more=more)
-    with opened(read_system(fmu), additions=Additions(recorded=["*"])) as (plan, made):
+    with open_system(read_system(fmu), additions=Additions(recorded=["*"])) as (plan, made):
         assert plan.unreadable == ("x.l",)
         assert [port.variable.name for port in plan.parts[0].outputs] == ["in_Real", "out_Real"]
         assert Simulation(made.system, plan.timing.ticks).run().shape[1] == 2
@@ -167,7 +167,7 @@ def test_a_local_that_cannot_be_read_is_left_out_and_listed(tmp_path: Path):
 
 def test_a_state_that_an_fmu_does_not_free_is_a_message_and_ends_nothing(tmp_path: Path):
     fmu = odd_fmu(tmp_path / "x.fmu", "FreeFMUstate 3 0")
-    with opened(read_system(fmu)) as (plan, made):
+    with open_system(read_system(fmu)) as (plan, made):
         simulation = Simulation(made.system, plan.timing.ticks)
         simulation.advance(1)
         state = simulation.state()
@@ -187,7 +187,7 @@ def test_an_output_that_is_not_finite_is_recorded_with_one_note_where_nothing_re
     odd: str, value: float, word: str, tmp_path: Path
 ):
     fmu = odd_fmu(tmp_path / "x.fmu", f"{odd} 2")
-    with opened(read_system(fmu)) as (plan, made):
+    with open_system(read_system(fmu)) as (plan, made):
         rows = Simulation(made.system, plan.timing.ticks).run()
         (part,) = made.system.components
         assert part.take_messages() == [(1, "returns NaN or infinity for out_Real, which nothing reads")]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.robot.assembly.test_roles import planned
-from twin.kernel.fmi.stepping import FmuPort, Stepping, placed
+from twin.kernel.fmi.stepping import FmuPort, Stepping, port_slots
 
 
 @pytest.mark.parametrize(("side", "access"), [("input", "Set"), ("output", "Get")])
@@ -15,7 +15,7 @@ def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: 
     component = plan.component("controller", 1e-3, 2, 10)
     try:
         stepping = Stepping(component.instance)
-        table = stepping._grouped(placed(ports), access)
+        table = stepping._group_table(port_slots(ports), access)
     finally:
         component.close()
     sizes = [int(row["bytes"]) for row in table for _ in ("buffer", "last")]
@@ -26,5 +26,5 @@ def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: 
 def test_a_value_of_a_port_goes_to_the_fmu_and_back(root: Path):
     (binding, *_) = planned(root / "fmus" / "parts" / "paper_law" / "paper_law.fmu").bindings
     celsius = FmuPort(binding.port, binding.variable, gain=1.0, offset=273.15)
-    assert celsius.in_fmu(298.15) == pytest.approx(25.0, rel=1e-12)
-    assert FmuPort(binding.port, binding.variable, gain=2.0, offset=-1.0).in_fmu(5.0) == 3.0
+    assert celsius.to_fmu(298.15) == pytest.approx(25.0, rel=1e-12)
+    assert FmuPort(binding.port, binding.variable, gain=2.0, offset=-1.0).to_fmu(5.0) == 3.0

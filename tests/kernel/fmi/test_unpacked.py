@@ -19,7 +19,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import unpacked as module
 from twin.kernel.fmi.description import described
 from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.unpacked import MOST_UNPACKED, SEAL, shelf, unpacked
+from twin.kernel.fmi.unpacked import MAX_UNPACKED_FMUS, SEAL_FILE, cache_info, unpacked
 
 CONTENTS = {
     "modelDescription.xml": b"<fmiModelDescription/>" * 20,
@@ -109,7 +109,7 @@ def attacked(fmu: Path, draw: random.Random, say: Callable[[], str]) -> None:
         if (content / name).is_file() and os.path.getsize(content / name):
             damage(content / name, draw.choice(KINDS), draw)
     if draw.random() < 0.2 and content.parent.is_dir():
-        damage(content.parent / SEAL, draw.choice(KINDS), draw)
+        damage(content.parent / SEAL_FILE, draw.choice(KINDS), draw)
     assert held_by(unpacked(fmu, digest)) == CONTENTS
     said = say()
     assert said.count("\n") <= 1 and "Traceback" not in said
@@ -130,24 +130,24 @@ def test_every_kind_of_damage_is_seen_and_said_once(tmp_path: Path, capsys: pyte
     fmu = archived(tmp_path / "servo.fmu")
     content = unpacked(fmu, sha256(fmu))
     damage(content / "binaries/linux64/servo.so", kind, random.Random(1))
-    assert [path.name for path in shelf().changed] == ["servo.so"]
+    assert [path.name for path in cache_info().changed] == ["servo.so"]
     for said in (
         "twin: servo.fmu: unpacked files had been changed (binaries/linux64/servo.so): taken from the FMU again\n",
         "",
     ):
         assert held_by(unpacked(fmu, sha256(fmu))) == CONTENTS
         assert capsys.readouterr().err == said
-    assert shelf().changed == ()
+    assert cache_info().changed == ()
 
 
 def test_what_is_kept_is_counted_in_drives_and_in_bytes(tmp_path: Path):
     fmu = archived(tmp_path / "servo.fmu")
     content = unpacked(fmu, sha256(fmu))
-    assert shelf()[1:] == (1, sum(map(len, CONTENTS.values())), ())
+    assert cache_info()[1:] == (1, sum(map(len, CONTENTS.values())), ())
     # what is gone takes no place
     lost = content / "binaries/linux64/servo.so"
     lost.unlink()
-    assert shelf()[2:] == (sum(map(len, CONTENTS.values())) - len(CONTENTS["binaries/linux64/servo.so"]), (lost,))
+    assert cache_info()[2:] == (sum(map(len, CONTENTS.values())) - len(CONTENTS["binaries/linux64/servo.so"]), (lost,))
 
 
 def test_what_was_only_touched_is_no_damage_and_read_once(
@@ -172,10 +172,10 @@ def test_what_was_only_touched_is_no_damage_and_read_once(
 def test_a_seal_that_was_damaged_costs_one_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     fmu = archived(tmp_path / "servo.fmu")
     folder = unpacked(fmu, sha256(fmu)).parent
-    good = json.loads((folder / SEAL).read_text())
+    good = json.loads((folder / SEAL_FILE).read_text())
     for bad in (b"", b"[1]", b"{}", b"[" * 5000, b"\xff", json.dumps({**good, "\0": 1}).encode()):
-        (folder / SEAL).write_bytes(bad)
-        shelf()
+        (folder / SEAL_FILE).write_bytes(bad)
+        cache_info()
         unpacked(fmu, sha256(fmu))
     assert capsys.readouterr().err == ""
 
@@ -212,7 +212,7 @@ def test_what_another_user_has_unpacked_is_not_loaded(
     library = folder / "fmu/binaries/linux64/servo.so"
     library.write_bytes(b"no good")
     (library.parent / "libm.so.6").write_bytes(b"no good")
-    (folder / SEAL).write_text(json.dumps({name: module.stamp_of(f"{folder}/fmu/{name}") for name in CONTENTS}))
+    (folder / SEAL_FILE).write_text(json.dumps({name: module.stamp_of(f"{folder}/fmu/{name}") for name in CONTENTS}))
     give_away(folder / inner)
     assert held_by(unpacked(fmu, sha256(fmu))) == CONTENTS
     assert capsys.readouterr().err.startswith(f"twin: {folder / inner}: belongs to user 1234, not to you")
@@ -228,8 +228,8 @@ def test_a_truncated_library_is_not_blamed_on_its_maker(servo: Path, capsys: pyt
 
 
 def test_old_folders_are_evicted_and_those_in_use_never(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "MOST_UNPACKED", 3)
-    assert MOST_UNPACKED >= 20
+    monkeypatch.setattr(module, "MAX_UNPACKED_FMUS", 3)
+    assert MAX_UNPACKED_FMUS >= 20
     first = archived(tmp_path / "first.fmu")
     content = unpacked(first, sha256(first))
     home = content.parents[1]

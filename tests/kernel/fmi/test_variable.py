@@ -10,10 +10,10 @@ import pytest
 from tests.kernel.fmi.archives import redescribed
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.variable import KNOWN, SPEED, TURN, conversion
+from twin.kernel.fmi.variable import KNOWN_UNITS, RAD_PER_TURN, SPEED_DIMENSION, conversion
 from twin.kernel.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
-from twin.robot.assembly.drives import planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.experiment.drive_files import load_drive
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -33,12 +33,12 @@ BY_DEFINITION = {
     # a turn is 2 pi rad, 360 degrees
     **dict.fromkeys(("rev", "r", "turn"), (NUMBER, times_pi(2))),
     **dict.fromkeys(("deg", "degree", "\N{DEGREE SIGN}"), (NUMBER, times_pi(1, 180))),
-    "rad/s": (SPEED, 1.0),
-    "deg/s": (SPEED, times_pi(1, 180)),
+    "rad/s": (SPEED_DIMENSION, 1.0),
+    "deg/s": (SPEED_DIMENSION, times_pi(1, 180)),
     # turns per second, and per 60 seconds
-    **dict.fromkeys(("rev/s", "r/s", "rps", "Hz"), (SPEED, times_pi(2))),
-    "kHz": (SPEED, times_pi(2000)),
-    **dict.fromkeys(("rpm", "1/min", "rev/min", "r/min", "U/min"), (SPEED, times_pi(1, 30))),
+    **dict.fromkeys(("rev/s", "r/s", "rps", "Hz"), (SPEED_DIMENSION, times_pi(2))),
+    "kHz": (SPEED_DIMENSION, times_pi(2000)),
+    **dict.fromkeys(("rpm", "1/min", "rev/min", "r/min", "U/min"), (SPEED_DIMENSION, times_pi(1, 30))),
     # a centimetre is a hundredth, milli a thousandth
     **dict.fromkeys(("N.m", "N m", "Nm", "N*m"), (TORQUE, 1.0)),
     **dict.fromkeys(("N.cm", "Ncm"), (TORQUE, 1 / 100)),
@@ -52,7 +52,7 @@ BY_DEFINITION = {
 """Dimension, and the SI value of one of each: SI Brochure, 9th edition."""
 
 
-@pytest.mark.parametrize("unit", sorted({*KNOWN, *BY_DEFINITION}))
+@pytest.mark.parametrize("unit", sorted({*KNOWN_UNITS, *BY_DEFINITION}))
 def test_a_well_known_name_means_what_the_si_says(unit: str):
     dimension, one = BY_DEFINITION[unit]
     found = conversion(unit, [])
@@ -73,7 +73,7 @@ def test_an_energy_is_no_torque_though_it_has_the_same_base_units():
 
 def test_the_models_own_definition_decides():
     definition = defined("tick", factor=0.5, rad=1, s=-1)
-    assert conversion("tick", [definition]) == (SPEED, 0.5, 0.0)
+    assert conversion("tick", [definition]) == (SPEED_DIMENSION, 0.5, 0.0)
 
 
 def test_a_temperature_in_celsius_has_an_offset():
@@ -84,7 +84,7 @@ def test_a_temperature_in_celsius_has_an_offset():
 
 def test_rpm_defined_as_a_frequency_still_counts_turns():
     found = conversion("rpm", [defined("rpm", factor=1 / 60, s=-1)])
-    assert found is not None and math.isclose(found.factor, TURN / 60)
+    assert found is not None and math.isclose(found.factor, RAD_PER_TURN / 60)
 
 
 def test_a_unit_nobody_knows_is_none():
@@ -158,7 +158,7 @@ def test_a_name_may_stand_in_a_mapping(moded: Path):
     torque = "tau_cmd" in described(moded).variables
     command = 'command = "torque"\n' if torque else ""
     mapping.write_text(f'fmu = "moded.fmu"\n{command}[parameters]\nmode = "torque"\n{loop if torque else ""}')
-    plan = planned(lone_drive(str(mapping), mapping.parent))
+    plan = plan_drive(load_drive(str(mapping), mapping.parent))
     ((variable, value),) = plan.settings[""]
     assert isinstance(value, float)
     assert (variable.name, variable.format_value(value)) == ("mode", "torque")

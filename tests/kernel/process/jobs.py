@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.compiled.native import compiling
-from twin.kernel.fmi.groups import announced
+from twin.kernel.fmi.groups import announce_call
 from twin.kernel.process.reporter import Reporter
 from twin.studies.identify.identification import NotIdentifiable
 
@@ -75,7 +75,7 @@ def surroundings(reporter: Reporter) -> dict[str, Any]:
 
 def compile_within_a_call(reporter: Reporter, seconds: float) -> str:
     """Compiles for so long while a call into a component is announced."""
-    with announced("a.fmu", "it", "fmi3UpdateDiscreteStates"), compiling():
+    with announce_call("a.fmu", "it", "fmi3UpdateDiscreteStates"), compiling():
         time.sleep(seconds)
     return "done"
 
@@ -94,7 +94,7 @@ def spin(reporter: Reporter) -> None:
 
 def sleep_within_a_call(reporter: Reporter) -> None:
     """A call that waits for ever."""
-    with announced("a.fmu", "it", "fmi2DoStep"):
+    with announce_call("a.fmu", "it", "fmi2DoStep"):
         time.sleep(1000)
 
 

@@ -12,7 +12,7 @@ from twin.kernel.cosim.delay import delay
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import NO_COMPONENT, Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.process.black_box import INPUTS_AT, Account, Announcer, BlackBox, Call, failure_sentence, manner
+from twin.kernel.process.black_box import INPUTS_AT, Announcer, BlackBox, Call, JobAccount, exit_phrase, failure_message
 from twin.kernel.process.reporter import PipeReporter
 
 
@@ -27,16 +27,16 @@ from twin.kernel.process.reporter import PipeReporter
     ],
 )
 def test_the_manner_of_an_end_names_signal_or_status(status: int, said: str):
-    assert manner(status) == said
+    assert exit_phrase(status) == said
 
 
 def test_a_call_that_has_returned_is_not_blamed():
-    box, account = BlackBox(), Account()
+    box, account = BlackBox(), JobAccount()
     announcer = Announcer(box.fd)
-    announcer.tell("acme.fmu", "drive_1", "fmi2Instantiate")
-    blamed = failure_sentence(account, box, "crashed", None, "")
-    announcer.tell("acme.fmu", "drive_1", "")
-    cleared = failure_sentence(account, box, "crashed", None, "")
+    announcer.announce_call("acme.fmu", "drive_1", "fmi2Instantiate")
+    blamed = failure_message(account, box, "crashed", None, "")
+    announcer.announce_call("acme.fmu", "drive_1", "")
+    cleared = failure_message(account, box, "crashed", None, "")
     box.close()
     assert blamed.startswith(
         "acme.fmu (drive_1) crashed in fmi2Instantiate, before the first step. acme.fmu is not fit"
@@ -46,7 +46,7 @@ def test_a_call_that_has_returned_is_not_blamed():
 
 def test_only_the_end_of_what_was_printed_is_quoted():
     box = BlackBox()
-    text = failure_sentence(Account(), box, "crashed", None, "first line\n" + 1000 * "x" + "end\n\n")
+    text = failure_message(JobAccount(), box, "crashed", None, "first line\n" + 1000 * "x" + "end\n\n")
     box.close()
     assert text.endswith(f"It printed last: '{197 * 'x'}end'.")
 
@@ -80,11 +80,11 @@ def test_memory_of_a_simulation_is_there_after_a_smaller_one_has_begun():
 
 
 def test_an_account_knows_the_component_that_the_mark_points_to():
-    box, pipe, account = BlackBox(), io.StringIO(), Account()
+    box, pipe, account = BlackBox(), io.StringIO(), JobAccount()
     system = System([delay("only", (Port("x", 1, "N"),), 1, np.zeros(1))], [("only.x", "only.x")], 1e-3)
     memory = PipeReporter(pipe, box.fd).stepping(system, 10)
-    account.take(json.loads(pipe.getvalue()))
-    assert not account.busy(box)
+    account.update(json.loads(pipe.getvalue()))
+    assert not account.is_busy(box)
     memory.mark[:] = 3, 0
     stepping = account.stepping(box)
     assert stepping is not None and (stepping.name, stepping.inputs) == ("only", (("x", 1, "N"),))
@@ -94,20 +94,20 @@ def test_an_account_knows_the_component_that_the_mark_points_to():
 def test_a_call_is_known_from_before_it_is_made_until_it_has_returned():
     box = BlackBox()
     announcer = Announcer(box.fd)
-    assert box.call() is None and not Account().busy(box)
-    announcer.tell("acme.fmu", "drive_1", "fmi2DoStep")
-    assert box.call() == Call(1, "acme.fmu", "drive_1", "fmi2DoStep") and Account().busy(box)
-    announcer.tell("acme.fmu", "drive_1", "")
+    assert box.call() is None and not JobAccount().is_busy(box)
+    announcer.announce_call("acme.fmu", "drive_1", "fmi2DoStep")
+    assert box.call() == Call(1, "acme.fmu", "drive_1", "fmi2DoStep") and JobAccount().is_busy(box)
+    announcer.announce_call("acme.fmu", "drive_1", "")
     assert box.call() is None
     # the same call once more is another one: it is not the first that takes so long
-    announcer.tell("acme.fmu", "drive_1", "fmi2DoStep")
+    announcer.announce_call("acme.fmu", "drive_1", "fmi2DoStep")
     assert box.call() == Call(2, "acme.fmu", "drive_1", "fmi2DoStep")
     box.close()
 
 
 def test_a_call_with_endless_names_leaves_the_inputs_alone():
     box = BlackBox()
-    Announcer(box.fd).tell(300 * "\u00fc", 300 * "\u00fc", 300 * "\u00fc")
+    Announcer(box.fd).announce_call(300 * "\u00fc", 300 * "\u00fc", 300 * "\u00fc")
     call = box.call()
     assert call is not None and call.function.startswith(100 * "\u00fc")
     assert len(os.pread(box.fd, 2 * INPUTS_AT, 0)) == INPUTS_AT

@@ -14,8 +14,8 @@ import pytest
 
 from twin.kernel.process import guard
 from twin.kernel.process.black_box import Announcer, BlackBox, Call
-from twin.kernel.process.guard import JobEndedLoading, Watchdog
-from twin.kernel.process.job import WAITING, JobLimits, left_behind
+from twin.kernel.process.guard import JobLoadFailure, Watchdog
+from twin.kernel.process.job import MAX_WAIT_RATIO, JobLimits, interrupt_message
 from twin.kernel.process.process import GuardedProcess, processor_time
 
 STEP = 10.0
@@ -75,7 +75,7 @@ class Bench:
 def test_a_call_that_computes_is_ended_at_the_limit(monkeypatch: pytest.MonkeyPatch):
     bench = Bench(monkeypatch, JobLimits(step=STEP))
     bench.pass_time(STEP, STEP)
-    with pytest.raises(JobEndedLoading, match="did not return within 10 s in fmi2DoStep"):
+    with pytest.raises(JobLoadFailure, match="did not return within 10 s in fmi2DoStep"):
         bench.pass_time(2.0, 2.0)
 
 
@@ -90,15 +90,15 @@ def test_many_threads_at_once_are_not_slower_than_one(monkeypatch: pytest.Monkey
 def test_a_call_that_waits_is_ended_too(monkeypatch: pytest.MonkeyPatch):
     bench = Bench(monkeypatch, JobLimits(step=STEP))
     bench.process.waits = True
-    bench.pass_time(WAITING * STEP, 0.0)
-    with pytest.raises(JobEndedLoading, match="did not return within 10 s in fmi2DoStep"):
+    bench.pass_time(MAX_WAIT_RATIO * STEP, 0.0)
+    with pytest.raises(JobLoadFailure, match="did not return within 10 s in fmi2DoStep"):
         bench.pass_time(2.0, 0.0)
 
 
 def test_where_nobody_tells_of_the_processor_the_clock_decides(monkeypatch: pytest.MonkeyPatch):
     bench = Bench(monkeypatch, JobLimits(step=STEP))
     bench.process.processor_time = math.inf
-    with pytest.raises(JobEndedLoading, match="did not return within 10 s"):
+    with pytest.raises(JobLoadFailure, match="did not return within 10 s"):
         bench.pass_time(STEP + 2.0, 0.0)
 
 
@@ -112,20 +112,20 @@ def test_compiling_is_outside_all_limits(monkeypatch: pytest.MonkeyPatch):
 def test_a_job_is_ended_when_its_time_without_compiling_is_over(monkeypatch: pytest.MonkeyPatch):
     bench = Bench(monkeypatch, JobLimits(wall=60.0))
     bench.pass_time(300.0, 300.0, compiling=270.0)
-    with pytest.raises(JobEndedLoading, match="time limit of 60 s was over"):
+    with pytest.raises(JobLoadFailure, match="time limit of 60 s was over"):
         bench.pass_time(100.0, 100.0, compiling=50.0)
 
 
 def test_the_writer_of_the_box_tells_how_long_it_compiles():
     box = BlackBox()
     teller = Announcer(box.fd)
-    assert box.compiled() == 0.0
+    assert box.compile_time() == 0.0
     teller.compiling(True)
-    while box.compiled() == 0.0:
+    while box.compile_time() == 0.0:
         pass
     teller.compiling(False)
-    done = box.compiled()
-    assert box.compiled() == done > 0.0
+    done = box.compile_time()
+    assert box.compile_time() == done > 0.0
     box.close()
 
 
@@ -138,10 +138,10 @@ def test_a_process_that_computes_gets_older_on_its_processor():
         while process.processor_time < began + 0.05:
             pass
         # it is ready for a processor, whether it has one or not
-        assert not process.waits
+        assert not process.is_waiting
     with GuardedProcess("tests.kernel.process.jobs:sleep_within_a_call") as process:
         process.start({})
-        while process.box.call() is None or not process.waits:
+        while process.box.call() is None or not process.is_waiting:
             pass
     assert processor_time(process.pid) == math.inf
 
@@ -214,13 +214,13 @@ def test_what_was_recorded_is_named_and_an_empty_folder_goes(tmp_path: Path):
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "run.mcap").touch()
-    assert left_behind(folder) == f"interrupted; the recording is complete: {folder}/run.mcap"
+    assert interrupt_message(folder) == f"interrupted; the recording is complete: {folder}/run.mcap"
     (folder / "run.mcap").rename(folder / "run.mcap.partial")
     until_then = f"interrupted; recorded until then: {folder}/run.mcap.partial"
-    assert left_behind(folder) == f"{until_then}; twin run --from {folder} goes on"
+    assert interrupt_message(folder) == f"{until_then}; twin run --from {folder} goes on"
     (folder / "run.mcap.partial").unlink()
     (folder / "notes").touch()
-    assert left_behind(folder) == "interrupted before the first step; nothing is recorded" and folder.exists()
+    assert interrupt_message(folder) == "interrupted before the first step; nothing is recorded" and folder.exists()
     (folder / "notes").unlink()
-    left_behind(folder)
+    interrupt_message(folder)
     assert not folder.exists()

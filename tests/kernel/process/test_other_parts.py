@@ -6,7 +6,7 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS, FORCE
 from twin.kernel.errors import TwinError
-from twin.kernel.process.guard import guarded
+from twin.kernel.process.guard import run_guarded
 from twin.kernel.process.job import JobLimits
 
 JOB = "twin.robot.live.runs:recorded_runs"
@@ -37,5 +37,5 @@ def test_a_class_that_does_not_return_is_named(tmp_path: Path, text: str, said: 
         "settings": ["duration_s=0.1", f"controller.python={tmp_path}/mine.py:Controller"], "out": str(tmp_path / "x"),
     }  # fmt: skip
     with pytest.raises(TwinError, match=said) as ended:
-        guarded(JOB, asked, JobLimits(step=1.0))
+        run_guarded(JOB, asked, JobLimits(step=1.0))
     assert ended.value.exit_code == exit_code

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli.ahead import JOB, job_expected
+from twin.cli.ahead import RUN_JOB, start_expected_job
 from twin.kernel.process import process as ahead
 from twin.kernel.process import process as interpreter
 from twin.kernel.process.process import (
@@ -48,17 +48,17 @@ def nobody_waits():
 
 
 def test_who_asks_for_the_job_gets_the_process_that_waits():
-    start_ahead(JOB)
-    waiting = ahead._waiting[JOB]
-    with process_for(JOB) as process:
-        assert process is waiting and not process.ended
+    start_ahead(RUN_JOB)
+    waiting = ahead._waiting[RUN_JOB]
+    with process_for(RUN_JOB) as process:
+        assert process is waiting and not process.has_exit_status
 
 
 def test_who_asks_for_another_job_gets_a_new_one_and_none_waits_any_more():
-    start_ahead(JOB)
-    waiting = ahead._waiting[JOB]
+    start_ahead(RUN_JOB)
+    waiting = ahead._waiting[RUN_JOB]
     with process_for("json:dumps") as process:
-        assert process is not waiting and waiting.ended
+        assert process is not waiting and waiting.has_exit_status
 
 
 @pytest.mark.parametrize(
@@ -89,23 +89,23 @@ def test_what_looks_like_a_run_a_picture_or_a_sweep_begins_one(
 ):
     monkeypatch.setattr("sys.argv", ["twin", *words])
     monkeypatch.setattr("twin.cli.ahead.cores", lambda: 2)
-    with job_expected():
+    with start_expected_job():
         waiting = list(ahead._waiting.values())
         assert bool(waiting) == begins
-    assert all(process.ended for process in waiting)
+    assert all(process.has_exit_status for process in waiting)
 
 
 def test_on_one_core_nothing_begins_that_can_be_done_as_well_later(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "report", "fig4"])
     monkeypatch.setattr("twin.cli.ahead.cores", lambda: 1)
-    with job_expected():
+    with start_expected_job():
         assert not ahead._waiting
 
 
 def test_where_a_stream_is_closed_nothing_begins(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "run", "fig4"])
     monkeypatch.setattr("sys.stdin", None)
-    with job_expected():
+    with start_expected_job():
         assert not ahead._waiting
 
 
@@ -114,5 +114,5 @@ def test_what_hinders_it_is_told_when_it_is_needed(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(
         "twin.kernel.process.process.start_ahead", lambda job: (_ for _ in ()).throw(OSError("too many processes"))
     )
-    with job_expected():
+    with start_expected_job():
         pass

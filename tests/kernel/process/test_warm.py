@@ -9,7 +9,7 @@ from queue import SimpleQueue
 import pytest
 
 from twin.kernel.errors import TwinError
-from twin.kernel.process.guard import JobEndedLoading
+from twin.kernel.process.guard import JobLoadFailure
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.warm import Pool, WarmProcess, _batch
 
@@ -42,7 +42,7 @@ def test_a_process_answers_again_and_again_and_ends_with_its_block():
 def test_a_process_that_dies_costs_one_answer_and_the_next_one_is_fresh():
     with WarmProcess(WARM, LIMITS) as process:
         before = process.answer({})
-        with pytest.raises(JobEndedLoading, match=r"ended the process with exit\(3\)"):
+        with pytest.raises(JobLoadFailure, match=r"ended the process with exit\(3\)"):
             process.answer({"leave": 3})
         assert process.fresh
         after = process.answer({})

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from twin.kernel.recording.summary import encoded
+from twin.kernel.recording.summary import encode_record
 
 FRONT = struct.Struct("<BQ")
 Record = tuple[int, bytes]
@@ -85,7 +85,7 @@ def with_content(chunk: bytes, content: bytes) -> bytes:
     old = _chunk(chunk)
     data = zstandard.ZstdCompressor(level=1).compress(content)
     new = replace(old, data=data, uncompressed_size=len(content), uncompressed_crc=zlib.crc32(content))
-    return encoded(new)[FRONT.size :]
+    return encode_record(new)[FRONT.size :]
 
 
 def without_last(data: list[Record], topic: str) -> list[Record]:
@@ -116,7 +116,7 @@ def with_metadata(data: list[Record], change: Callable[[str, dict[str, str]], di
         record = Metadata.read(_stream(body))
         entries = change(record.name, dict(record.metadata))
         if entries is not None:
-            changed.append((kind, encoded(Metadata(record.name, entries))[FRONT.size :]))
+            changed.append((kind, encode_record(Metadata(record.name, entries))[FRONT.size :]))
     return changed
 
 

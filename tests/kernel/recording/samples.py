@@ -7,7 +7,7 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from hypothesis import strategies as st
 
-from twin.kernel.recording.messages import BLANK_TIME, Field, MessageForm, Topic, blank
+from twin.kernel.recording.messages import BLANK_TIME, Field, MessageForm, Topic, blank_value
 from twin.kernel.recording.reader import Recording
 from twin.kernel.recording.writer import Writer
 
@@ -39,7 +39,9 @@ TOPICS = (PLANT, *(Topic(f"drive/{leg}", DRIVE, 1) for leg in (1, 2, 3)), ENCODE
 TF = MessageForm(
     "tf",
     FrameTransform(
-        timestamp=BLANK_TIME, child_frame_id="platform", translation=Vector3(x=blank(1), y=blank(0), z=blank(1))
+        timestamp=BLANK_TIME,
+        child_frame_id="platform",
+        translation=Vector3(x=blank_value(1), y=blank_value(0), z=blank_value(1)),
     ),
     2,
     20,

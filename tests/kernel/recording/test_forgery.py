@@ -24,10 +24,10 @@ from tests.kernel.recording.forgery import (
     with_metadata,
 )
 from tests.memory import growth
-from twin.kernel.errors import RecordingDamaged, RecordingRefused
-from twin.kernel.files import LIMIT
+from twin.kernel.errors import RecordingDamageError, RecordingError
+from twin.kernel.files import MAX_TEXT_BYTES
 from twin.kernel.recording.reader import read
-from twin.kernel.recording.summary import FEW_BYTES, allowance, encoded, unpacked
+from twin.kernel.recording.summary import MIN_UNPACK_ALLOWANCE, decompress_chunk, encode_record, unpack_allowance
 from twin.kernel.recording.writer import Writer
 
 CHUNK = Opcode.CHUNK
@@ -61,7 +61,7 @@ def test_a_last_chunk_that_was_taken_out_is_missed_by_the_count(data: list[Recor
     path = sealed(shorter, tmp_path / "x.mcap", counts)
     there = sum(message_counts(shorter).values())
     with pytest.raises(
-        RecordingDamaged, match=f"{there} messages are there where its index counts {sum(counts.values())}"
+        RecordingDamageError, match=f"{there} messages are there where its index counts {sum(counts.values())}"
     ):
         read(path)
     recording = read(path, salvage=True)
@@ -70,7 +70,7 @@ def test_a_last_chunk_that_was_taken_out_is_missed_by_the_count(data: list[Recor
     # messages of one topic may not stand for those of another
     one, other, *_ = counts
     moved = counts | {one: counts[one] + 1, other: counts[other] - 1}
-    with pytest.raises(RecordingDamaged, match="messages are there where its index counts"):
+    with pytest.raises(RecordingDamageError, match="messages are there where its index counts"):
         read(sealed(data, path, moved))
 
 
@@ -79,7 +79,7 @@ def test_a_chunk_that_was_taken_out_before_others_is_missed_by_them(
     data: list[Record], tmp_path: Path, number: int
 ) -> None:
     with pytest.raises(
-        RecordingDamaged, match=r"declaration of its topics is missing|before which messages are missing"
+        RecordingDamageError, match=r"declaration of its topics is missing|before which messages are missing"
     ):
         read(sealed(without_chunk(data, number), tmp_path / "x.mcap"))
 
@@ -90,7 +90,7 @@ def test_messages_before_the_declaration_of_their_topic_are_not_believed(data: l
     moved = [record for record in inside if record[0] == Opcode.MESSAGE]
     moved += [record for record in inside if record[0] != Opcode.MESSAGE]
     changed = with_content(data[first][1], joined(moved))
-    with pytest.raises(RecordingDamaged, match="a chunk before which the declaration of its topics is missing"):
+    with pytest.raises(RecordingDamageError, match="a chunk before which the declaration of its topics is missing"):
         read(sealed([*data[:first], (CHUNK, changed), *data[first + 1 :]], tmp_path / "x.mcap"))
 
 
@@ -137,8 +137,8 @@ def test_a_duration_that_is_none_is_not_asked(tmp_path: Path, values: str) -> No
 def bomb(size: int, declared: int | None = None) -> bytes:
     """A chunk's record of `size` zeros."""
     data = zstandard.ZstdCompressor(level=1).compress(bytes(size))
-    crc = zlib.crc32(bytes(size)) if size <= FEW_BYTES else 0
-    return encoded(Chunk("zstd", data, 0, 0, crc, declared if declared is not None else size))[FRONT.size :]
+    crc = zlib.crc32(bytes(size)) if size <= MIN_UNPACK_ALLOWANCE else 0
+    return encode_record(Chunk("zstd", data, 0, 0, crc, declared if declared is not None else size))[FRONT.size :]
 
 
 def test_a_bomb_is_refused_before_it_is_unpacked(data: list[Record], tmp_path: Path) -> None:
@@ -148,26 +148,26 @@ def test_a_bomb_is_refused_before_it_is_unpacked(data: list[Record], tmp_path: P
         for declared in (size, 4 * 2**30, 2**63):
             changed = record[:16] + struct.pack("<Q", declared) + record[24:]
             with pytest.raises(
-                RecordingDamaged, match=r"a chunk that would unpack to .* MB, more than 100 times the file"
+                RecordingDamageError, match=r"a chunk that would unpack to .* MB, more than 100 times the file"
             ):
                 read(sealed([*data, (CHUNK, changed)], tmp_path / "x.mcap", {}))
         # one that says it is small
-        with pytest.raises(RecordingDamaged, match="a chunk whose sizes disagree"):
+        with pytest.raises(RecordingDamageError, match="a chunk whose sizes disagree"):
             read(sealed([*data, (CHUNK, record[:16] + struct.pack("<Q", 1000) + record[24:])], tmp_path / "x.mcap", {}))
         assert grown() < size / 4
 
 
 def test_many_chunks_together_may_not_unpack_to_more_either(data: list[Record], tmp_path: Path) -> None:
-    long = encoded(Schema(99, bytes(FEW_BYTES // 4), "protobuf", "twin.Long"))
+    long = encode_record(Schema(99, bytes(MIN_UNPACK_ALLOWANCE // 4), "protobuf", "twin.Long"))
     part = with_content(data[chunks(data)[0]][1], long)
     assert read(sealed([*data, (CHUNK, part)], tmp_path / "x.mcap")).complete
-    with pytest.raises(RecordingDamaged, match="more than 100 times the file"):
+    with pytest.raises(RecordingDamageError, match="more than 100 times the file"):
         read(sealed([*data, *[(CHUNK, part)] * 5], tmp_path / "x.mcap"))
 
 
 def test_what_a_file_may_unpack_to_grows_with_it() -> None:
-    assert allowance(1000) == FEW_BYTES
-    assert allowance(10**8) == 10**10
+    assert unpack_allowance(1000) == MIN_UNPACK_ALLOWANCE
+    assert unpack_allowance(10**8) == 10**10
 
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
@@ -180,27 +180,27 @@ def test_chunks_of_any_compression_unpack_and_never_to_more_than_they_declare(co
     def chunk(size: int) -> Chunk:
         return Chunk(compression, pack(content), 0, 0, 0, size)
 
-    assert unpacked(chunk(len(content)), len(content)) == content
+    assert decompress_chunk(chunk(len(content)), len(content)) == content
     with pytest.raises(ValueError, match="would unpack to"):
-        unpacked(chunk(len(content)), len(content) - 1)
+        decompress_chunk(chunk(len(content)), len(content) - 1)
     for size in (0, 1, len(content) - 1, len(content) + 1):
         with pytest.raises(ValueError, match="sizes disagree"):
-            unpacked(chunk(size), 2 * len(content))
+            decompress_chunk(chunk(size), 2 * len(content))
 
 
 def test_a_chunk_that_is_none_does_not_unpack() -> None:
     for compression in ("zstd", "lz4"):
         with pytest.raises(ValueError, match="does not decompress"):
-            unpacked(Chunk(compression, b"\x00\x01 nothing of the kind", 0, 0, 0, 10), 100)
+            decompress_chunk(Chunk(compression, b"\x00\x01 nothing of the kind", 0, 0, 0, 10), 100)
     with pytest.raises(ValueError, match="compressed by bz2"):
-        unpacked(Chunk("bz2", b"", 0, 0, 0, 10), 100)
+        decompress_chunk(Chunk("bz2", b"", 0, 0, 0, 10), 100)
 
 
 def test_metadata_is_bounded_in_all(data: list[Record], tmp_path: Path) -> None:
-    record = encoded(Metadata("notes", {"x": "y" * (LIMIT // 3)}))[FRONT.size :]
+    record = encode_record(Metadata("notes", {"x": "y" * (MAX_TEXT_BYTES // 3)}))[FRONT.size :]
     path = tmp_path / "x.mcap"
     assert read(sealed([*data, *[(Opcode.METADATA, record)] * 2], path)).complete
-    with pytest.raises(RecordingDamaged, match="more than 10 MB of metadata"):
+    with pytest.raises(RecordingDamageError, match="more than 10 MB of metadata"):
         read(sealed([*data, *[(Opcode.METADATA, record)] * 4], path))
 
 
@@ -245,7 +245,7 @@ class Change:
 def test_declarations_that_no_writer_of_ours_makes_are_refused(
     data: list[Record], tmp_path: Path, change: Change
 ) -> None:
-    with pytest.raises(RecordingRefused, match="not a recording that twin wrote: ") as refused:
+    with pytest.raises(RecordingError, match="not a recording that twin wrote: ") as refused:
         read(sealed(first_chunk(data, change), tmp_path / "x.mcap"))
     assert len(str(refused.value).splitlines()) == 1
 
@@ -261,7 +261,7 @@ def test_a_topic_that_is_declared_again_keeps_what_it_had(data: list[Record], tm
     other = Change(Opcode.CHANNEL, b"/drive/1", b"/drive/9")
     other(declared)
     again[others[0]] = (CHUNK, with_content(data[others[0]][1], joined(declared) + content_of(data[others[0]][1])))
-    with pytest.raises(RecordingRefused, match="two topics share the channel"):
+    with pytest.raises(RecordingError, match="two topics share the channel"):
         read(sealed(again, tmp_path / "x.mcap"))
 
 

@@ -22,16 +22,16 @@ from mcap.records import Message
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
-from twin.kernel.errors import RecordingDamaged
+from twin.kernel.errors import RecordingDamageError
 from twin.kernel.recording.messages import (
     BLANK_TIME,
     HEAD_SIZE,
-    LARGEST_FIELD,
+    MAX_FIELD_SIZE,
     Field,
     MessageForm,
     Topic,
-    blank,
-    described_fields,
+    blank_value,
+    descriptor_fields,
     descriptor_set,
     descriptors_of,
     form_filling,
@@ -87,7 +87,7 @@ TEMPERATURE = Field("T", 1, "double", "K", "deflection temperature")
 
 @given(field_lists)
 def test_the_schema_alone_tells_name_size_kind_unit_and_meaning(fields: tuple[Field, ...]) -> None:
-    assert described_fields("twin.Plant", descriptor_set("twin.Plant", fields)) == fields
+    assert descriptor_fields("twin.Plant", descriptor_set("twin.Plant", fields)) == fields
 
 
 def test_unit_and_meaning_are_the_comment_of_each_protobuf_field() -> None:
@@ -119,18 +119,18 @@ def test_a_schema_without_the_message_or_its_comments_is_refused(name: str) -> N
     descriptors = FileDescriptorSet.FromString(descriptor_set("twin.Drive", DRIVE))
     descriptors.file[0].ClearField("source_code_info")
     with pytest.raises(ValueError, match=r"twin\.(Drive|Plant)"):
-        described_fields(name, descriptors.SerializeToString())
+        descriptor_fields(name, descriptors.SerializeToString())
 
 
 def test_a_field_of_absurd_size_is_refused_before_memory_is_asked_for() -> None:
-    for size, fits in ((LARGEST_FIELD, True), (LARGEST_FIELD + 1, False)):
+    for size, fits in ((MAX_FIELD_SIZE, True), (MAX_FIELD_SIZE + 1, False)):
         field = Field("x", size, "double", "1", "x")
         descriptors = descriptor_set("twin.X", [field])
         if fits:
-            assert described_fields("twin.X", descriptors) == (field,)
+            assert descriptor_fields("twin.X", descriptors) == (field,)
             continue
         with pytest.raises(ValueError, match=r"field x of twin\.X is not one that twin writes"):
-            described_fields("twin.X", descriptors)
+            descriptor_fields("twin.X", descriptors)
 
 
 # up to the time at which a timestamp in nanoseconds ends, in the year 2262
@@ -168,7 +168,7 @@ def test_another_reader_finds_every_message_at_its_time(finished: Path):
 
 
 def test_a_column_without_a_blank_is_refused():
-    example = FrameTransform(timestamp=BLANK_TIME, translation=Vector3(x=blank(0)))
+    example = FrameTransform(timestamp=BLANK_TIME, translation=Vector3(x=blank_value(0)))
     with pytest.raises(ValueError, match=r"form tf: columns \[1\] have no blank in the example"):
         form_filling(1, MessageForm("tf", example, 2, 1))
 
@@ -200,7 +200,7 @@ def test_pictures_that_went_missing_are_missed(tmp_path: Path):
         for number in (0, 2):
             writer.add_message(channel, number, b"", number, number)
         writer.finish()
-    with pytest.raises(RecordingDamaged, match="a chunk before which messages are missing"):
+    with pytest.raises(RecordingDamageError, match="a chunk before which messages are missing"):
         read(path)
 
 

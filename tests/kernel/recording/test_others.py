@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from twin.kernel.errors import UnknownSeries
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import read
-from twin.kernel.recording.writer import OthersTopic, Writer
+from twin.kernel.recording.writer import ForeignTopic, Writer
 
 PLANT = Topic("plant", (Field("p_B", 3, "double", "m", "position"),), 1)
 
@@ -17,7 +17,7 @@ MESSAGES = [bytes([k]) * (4 + k % 3) for k in range(50)] + [b""]
 
 
 def written(path: Path, name: str = "/joint_states") -> Path:
-    other = OthersTopic(name, "cdr", "sensor_msgs/msg/JointState", "ros2msg", b"string[] name")
+    other = ForeignTopic(name, "cdr", "sensor_msgs/msg/JointState", "ros2msg", b"string[] name")
     with Writer(path, [PLANT], 1e-9, {}, others=[other]) as writer:
         ticks = np.array([0, 10, 11, 500], dtype=np.int64)
         writer.write_messages(name, list(range(0, 510, 10)), MESSAGES)

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from mcap.writer import Writer as McapWriter
 
 from tests.conftest import examples
-from twin.kernel.errors import InputRefused, RecordingRefused, UnknownSeries
+from twin.kernel.errors import InputRefused, RecordingError, UnknownSeries
 from twin.kernel.recording.messages import Field, Topic, descriptor_set
 from twin.kernel.recording.reader import Recording, last_time, read
 from twin.kernel.recording.scan import Event
@@ -90,7 +90,7 @@ def test_a_folder_stands_for_the_latest_run_in_it(finished: Path, tmp_path: Path
         (tmp_path / run).mkdir()
     shutil.copy(finished, tmp_path / run / "run.mcap")
     assert read(tmp_path / run).path == read(str(tmp_path)).path == tmp_path / run / "run.mcap"
-    with pytest.raises(RecordingRefused, match=r"no recording; expected an \.mcap file, a run's folder"):
+    with pytest.raises(RecordingError, match=r"no recording; expected an \.mcap file, a run's folder"):
         read(tmp_path / "2026-01-01_120000")
 
 
@@ -105,17 +105,17 @@ def test_a_misspelt_series_is_refused_with_the_nearest_name(finished: Path) -> N
 
 
 def test_a_missing_recording_is_named_together_with_what_is_left_of_it(tmp_path: Path) -> None:
-    with pytest.raises(RecordingRefused, match=r"run\.mcap: cannot be read: No such file or directory$"):
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be read: No such file or directory$"):
         read(tmp_path / "run.mcap")
     (tmp_path / "run.mcap.partial").touch()
-    with pytest.raises(RecordingRefused, match=r"unfinished recording is beside it: run\.mcap\.partial$"):
+    with pytest.raises(RecordingError, match=r"unfinished recording is beside it: run\.mcap\.partial$"):
         read(tmp_path / "run.mcap")
 
 
 @pytest.mark.parametrize(("content", "what"), [(b"", "an empty file"), (b"time,F_z\n0,5\n", "not an MCAP file")])
 def test_a_file_that_is_no_recording_is_told_apart(content: bytes, what: str, tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(content)
-    with pytest.raises(RecordingRefused, match=rf"run\.mcap: {what}, expected a recording"):
+    with pytest.raises(RecordingError, match=rf"run\.mcap: {what}, expected a recording"):
         read(tmp_path / "run.mcap")
 
 
@@ -132,7 +132,7 @@ def test_messages_that_do_not_fill_the_layout_of_their_schema_are_refused_rather
         channel = writer.register_channel("/drive/1", "protobuf", schema)
         writer.add_message(channel, 0, value, 0)
         writer.finish()
-    with pytest.raises(RecordingRefused, match=r"foreign\.mcap: not a recording that twin wrote: messages"):
+    with pytest.raises(RecordingError, match=r"foreign\.mcap: not a recording that twin wrote: messages"):
         read(path)
 
 
@@ -156,7 +156,7 @@ def test_a_file_that_mcap_and_protobuf_wrote_in_this_layout_is_read_with_all_its
 def test_a_recording_of_pictures_alone_is_refused(tmp_path: Path) -> None:
     with Writer(tmp_path / "pictures.mcap", [], TICK, {}, [samples.TF]) as writer:
         writer.write("tf", 0, samples.TF_ROWS)
-    with pytest.raises(RecordingRefused, match=r"pictures\.mcap: not a recording that twin wrote: none of its topics"):
+    with pytest.raises(RecordingError, match=r"pictures\.mcap: not a recording that twin wrote: none of its topics"):
         read(tmp_path / "pictures.mcap")
 
 
@@ -168,7 +168,7 @@ def test_a_recording_of_another_tool_is_refused(tmp_path: Path) -> None:
         schema = writer.register_schema("Pose", "jsonschema", b"{}")
         writer.add_message(writer.register_channel("/pose", "json", schema), 0, b"{}", 0)
         writer.finish()
-    with pytest.raises(RecordingRefused, match=r"foreign\.mcap: not a recording that twin wrote"):
+    with pytest.raises(RecordingError, match=r"foreign\.mcap: not a recording that twin wrote"):
         read(path)
 
 

@@ -13,9 +13,16 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from tests.kernel.recording.forgery import FRONT, joined
-from twin.kernel.errors import RecordingDamaged, RecordingRefused
+from twin.kernel.errors import RecordingDamageError, RecordingError
 from twin.kernel.recording.reader import Recording, read
-from twin.kernel.recording.scan import CHANNEL, LENGTH, OPCODE, PLACE, SEQUENCE, Records
+from twin.kernel.recording.scan import (
+    CHANNEL_COLUMN,
+    LENGTH_COLUMN,
+    OPCODE_COLUMN,
+    PLACE_COLUMN,
+    SEQUENCE_COLUMN,
+    Records,
+)
 
 from .samples import METADATA, assert_beginning
 
@@ -32,10 +39,10 @@ def test_every_record_is_found_where_it_is(written):
     table = Records(content).table
     assert len(table) == len(written)
     for row, (opcode, body) in zip(table, written, strict=True):
-        assert (row[OPCODE], row[LENGTH]) == (opcode, len(body))
-        assert content[row[PLACE] + FRONT.size : row[PLACE] + FRONT.size + row[LENGTH]] == body
+        assert (row[OPCODE_COLUMN], row[LENGTH_COLUMN]) == (opcode, len(body))
+        assert content[row[PLACE_COLUMN] + FRONT.size : row[PLACE_COLUMN] + FRONT.size + row[LENGTH_COLUMN]] == body
         expected = struct.unpack_from("<HI", body) if opcode == Opcode.MESSAGE else (-1, -1)
-        assert (row[CHANNEL], row[SEQUENCE]) == expected
+        assert (row[CHANNEL_COLUMN], row[SEQUENCE_COLUMN]) == expected
 
 
 @given(record_lists, st.integers(1, 60))
@@ -59,12 +66,12 @@ def test_the_messages_of_a_channel_are_gathered_if_they_count_on_and_have_one_le
 
     written = [message(1, 7), message(2, 0), message(1, 8)]
     stride = FRONT.size + len(written[0][1])
-    found = Records(joined(written)).of(1, 2, 7, stride)
+    found = Records(joined(written)).channel_records(1, 2, 7, stride)
     assert found is not None and found.tobytes() == joined([written[0], written[2]])
-    assert Records(joined(written)).of(1, 2, 6, stride) is None
-    assert Records(joined([message(1, 7), message(1, 9)])).of(1, 2, 7, stride) is None
+    assert Records(joined(written)).channel_records(1, 2, 6, stride) is None
+    assert Records(joined([message(1, 7), message(1, 9)])).channel_records(1, 2, 7, stride) is None
     with pytest.raises(ValueError, match="length"):
-        Records(joined([message(1, 7), message(1, 8, b"1")])).of(1, 2, 7, stride)
+        Records(joined([message(1, 7), message(1, 8, b"1")])).channel_records(1, 2, 7, stride)
 
 
 Truth = dict[str, np.ndarray]
@@ -118,7 +125,7 @@ def test_a_file_cut_anywhere_reads_to_its_last_complete_chunk(
     cut = int(share * len(content))
     path = altered(content[:cut])
     if cut < 8:
-        with pytest.raises(RecordingRefused, match=r"not an MCAP file|an empty file"):
+        with pytest.raises(RecordingError, match=r"not an MCAP file|an empty file"):
             read(path)
         return
     recording = read(path)
@@ -160,10 +167,10 @@ def test_a_changed_byte_of_a_finished_file_is_always_noticed(
         # without its closing magic it is like a file that was cut there
         assert not read(path).complete
         return
-    with pytest.raises(RecordingRefused) as caught:
+    with pytest.raises(RecordingError) as caught:
         read(path)
     if position >= 8:
-        assert isinstance(caught.value, RecordingDamaged)
+        assert isinstance(caught.value, RecordingDamageError)
         recording = read(path, salvage=True)
         assert_beginning(recording, truth)
         assert (recording.complete, recording.note[:16]) == (False, "damaged at byte ")
@@ -179,9 +186,9 @@ def test_changed_bytes_of_an_unfinished_file_never_change_what_is_read_from_its_
     path = altered(content)
     try:
         recording: Recording = read(path)
-    except RecordingDamaged:
+    except RecordingDamageError:
         recording = read(path, salvage=True)
-    except RecordingRefused:
+    except RecordingError:
         assert content[:8] != unfinished.read_bytes()[:8]
         return
     assert_beginning(recording, truth)
@@ -200,7 +207,7 @@ def test_a_changed_byte_in_the_front_of_any_record_never_changes_what_is_read(
     path = altered(flipped(content, min(position, len(content) - 1), data.draw(st.integers(1, 255))))
     try:
         recording = read(path)
-    except RecordingDamaged:
+    except RecordingDamageError:
         recording = read(path, salvage=True)
     assert_beginning(recording, truth)
 
@@ -213,7 +220,7 @@ def test_a_damaged_chunk_is_located_and_what_precedes_it_survives(
     with finished.open("rb") as file:
         chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
     reached = chunks[1].message_end_time / 1e9
-    with pytest.raises(RecordingDamaged) as caught:
+    with pytest.raises(RecordingDamageError) as caught:
         read(path)
     assert f"{path}: damaged at byte {start}: a chunk that " in str(caught.value)
     assert str(caught.value).endswith(f"; with salvage it can be read up to {reached:.3f} s, its last complete chunk")
@@ -228,7 +235,7 @@ def test_a_chunk_lost_from_an_unfinished_file_is_missed(
     start, _ = chunk_spans[1]
     # as an index, which is skipped, the chunk would vanish without a trace
     changed = flipped(unfinished.read_bytes(), start, Opcode.CHUNK ^ Opcode.MESSAGE_INDEX)
-    with pytest.raises(RecordingDamaged, match="a chunk before which messages are missing"):
+    with pytest.raises(RecordingDamageError, match="a chunk before which messages are missing"):
         read(altered(changed))
 
 
@@ -237,7 +244,7 @@ def test_damage_to_metadata_of_a_finished_file_is_noticed_and_the_series_survive
 ) -> None:
     content = finished.read_bytes()
     path = altered(flipped(content, content.index(METADATA["twin"]["seed"].encode(), 8), 1))
-    with pytest.raises(RecordingDamaged, match="so metadata may be wrong"):
+    with pytest.raises(RecordingDamageError, match="so metadata may be wrong"):
         read(path)
     recording = read(path, salvage=True)
     assert_beginning(recording, truth)
@@ -253,5 +260,7 @@ def test_a_chunk_of_absurd_size_is_refused(
     content = bytearray(unfinished.read_bytes())
     position = chunk_spans[0][0] + offset
     content[position : position + 8] = size.to_bytes(8, "little")
-    with pytest.raises(RecordingDamaged, match=r"would unpack to|whose sizes disagree|a record that does not parse"):
+    with pytest.raises(
+        RecordingDamageError, match=r"would unpack to|whose sizes disagree|a record that does not parse"
+    ):
         read(altered(bytes(content)))

@@ -22,12 +22,20 @@ from mcap.records import Chunk, ChunkIndex, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
-from twin.kernel.errors import RecordingDamaged, RecordingFailed
+from twin.kernel.errors import RecordingDamageError, RecordingWriteError
 from twin.kernel.recording.folder import Output
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import attachments, read
-from twin.kernel.recording.summary import Summary, chunk
-from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, BlockShape, Pending, Woven, Writer, woven
+from twin.kernel.recording.summary import Summary, make_chunk
+from twin.kernel.recording.writer import (
+    INITIAL_BYTES,
+    MAX_CHUNK_BYTES,
+    BlockShape,
+    MergedRecords,
+    PendingMessages,
+    Writer,
+    merge_by_time,
+)
 
 from . import samples
 from .samples import DRIVE, METADATA, TF, TF_ROWS, TICK, TICKS, TOPICS
@@ -51,7 +59,7 @@ def test_a_recording_that_may_not_grow_says_so_and_keeps_its_complete_chunks(
     limit = int(share * unfinished.stat().st_size)
     with (
         largest_file(limit),
-        pytest.raises(RecordingFailed, match=r"run\.mcap\.partial: recording stopped: File too large; the "),
+        pytest.raises(RecordingWriteError, match=r"run\.mcap\.partial: recording stopped: File too large; the "),
         Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
     ):
         samples.fill(writer)
@@ -67,7 +75,7 @@ def test_a_recording_that_fails_at_its_index_keeps_every_row(
 ) -> None:
     with (
         largest_file(unfinished.stat().st_size + 10),
-        pytest.raises(RecordingFailed, match="File too large"),
+        pytest.raises(RecordingWriteError, match="File too large"),
         Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
     ):
         samples.fill(writer)
@@ -78,7 +86,7 @@ def test_a_recording_that_fails_at_its_index_keeps_every_row(
 
 def test_a_full_disk_is_named_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "run.mcap.partial").symlink_to("/dev/full")
-    with pytest.raises(RecordingFailed) as caught:
+    with pytest.raises(RecordingWriteError) as caught:
         Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF])
     path = tmp_path / "run.mcap.partial"
     assert str(caught.value) == (
@@ -88,7 +96,7 @@ def test_a_full_disk_is_named_in_one_sentence(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingFailed, match=r"nowhere/run\.mcap\.partial: cannot be created: No such file"):
+    with pytest.raises(RecordingWriteError, match=r"nowhere/run\.mcap\.partial: cannot be created: No such file"):
         Writer(tmp_path / "nowhere" / "run.mcap", TOPICS, TICK, METADATA, [TF])
 
 
@@ -127,28 +135,28 @@ def test_an_interrupt_halfway_through_a_record_leaves_no_half_record(tmp_path: P
     assert output.closed
 
 
-@given(st.lists(st.integers(1, 2 * ROOM), min_size=1, max_size=6))
+@given(st.lists(st.integers(1, 2 * INITIAL_BYTES), min_size=1, max_size=6))
 def test_its_memory_grows_and_keeps_what_is_in_it(lengths: list[int]) -> None:
-    pending = Pending()
+    pending = PendingMessages()
     records = [np.full((1, length), number, dtype=np.uint8) for number, length in enumerate(lengths)]
     for number, record in enumerate(records):
-        pending.put(number, np.array([number]), record)
+        pending.append_records(number, np.array([number]), record)
     assert pending.shapes == [BlockShape(number, 1, length) for number, length in enumerate(lengths)]
     assert pending.size == sum(lengths)
-    assert woven(pending).content.tobytes() == b"".join(record.tobytes() for record in records)
+    assert merge_by_time(pending).content.tobytes() == b"".join(record.tobytes() for record in records)
 
 
 def test_what_was_woven_is_not_there_a_second_time() -> None:
-    pending = Pending()
-    pending.put(1, np.array([5]), np.zeros((1, 40), dtype=np.uint8))
-    woven(pending)
+    pending = PendingMessages()
+    pending.append_records(1, np.array([5]), np.zeros((1, 40), dtype=np.uint8))
+    merge_by_time(pending)
     assert (pending.size, pending.shapes, pending.times) == (0, [], [])
 
 
 def test_room_that_nobody_adds_to_is_given_again() -> None:
-    pending = Pending()
-    at = pending.room(100)
-    assert pending.room(10) == at
+    pending = PendingMessages()
+    at = pending.reserve(100)
+    assert pending.reserve(10) == at
     assert pending.size == 0
 
 
@@ -160,11 +168,11 @@ class Block(NamedTuple):
     records: np.ndarray
 
 
-def together(several: list[Block]) -> Woven:
-    pending = Pending()
+def together(several: list[Block]) -> MergedRecords:
+    pending = PendingMessages()
     for block in several:
-        pending.put(*block)
-    return woven(pending)
+        pending.append_records(*block)
+    return merge_by_time(pending)
 
 
 @st.composite
@@ -218,7 +226,7 @@ def test_pieces_are_the_whole_in_order_and_never_cut_a_tick(lengths: list[int], 
     assert all(piece.content.start in bounds for piece in pieces)
     assert all(before.end < after.start for before, after in pairwise(pieces))
     # a cut moves back to the start of its tick, which adds at most one tick to the piece after it
-    longest = LARGEST_CHUNK + per_tick * max(lengths)
+    longest = MAX_CHUNK_BYTES + per_tick * max(lengths)
     assert all(piece.content.stop - piece.content.start <= longest for piece in pieces)
 
 
@@ -451,9 +459,9 @@ def test_an_exception_leaves_all_rows_in_a_readable_partial_file(tmp_path: Path,
 def test_a_closed_recording_takes_no_more(tmp_path: Path) -> None:
     writer = Writer(tmp_path / "run.mcap", TOPICS, TICK, {}, [TF])
     writer.finish()
-    with pytest.raises(RecordingFailed, match="the recording is closed"):
+    with pytest.raises(RecordingWriteError, match="the recording is closed"):
         writer.write_metadata("outcome", {})
-    with pytest.raises(RecordingFailed, match="the recording is closed"):
+    with pytest.raises(RecordingWriteError, match="the recording is closed"):
         writer.finish()
     writer.abandon()
     assert read(tmp_path / "run.mcap").complete
@@ -525,13 +533,13 @@ def test_an_attachment_that_was_changed_is_passed_over_and_damages_the_recording
     content = attached.read_bytes()
     attached.write_bytes(content.replace(b"in the middle", b"in the muddle"))
     assert [content for _, content in attachments(attached, KIND)] == [b"at the end"]
-    with pytest.raises(RecordingDamaged, match="a record that does not parse"):
+    with pytest.raises(RecordingDamageError, match="a record that does not parse"):
         read(attached)
 
 
 def test_what_is_remembered_of_a_chunk_does_not_grow_with_the_number_of_topics():
     indexes = {channel: bytes(31 + 16 * (channel % 3)) for channel in range(1, 1001)}
-    one = chunk(b"content", 0, 10, zstandard.ZstdCompressor())
+    one = make_chunk(b"content", 0, 10, zstandard.ZstdCompressor())
     summary = Summary([], [])
     tracemalloc.start()
     for number in range(500):

@@ -20,7 +20,7 @@ from tests.kernel.systems.archives import (
 from twin.kernel.errors import InputRefused
 from twin.kernel.ssp import package
 from twin.kernel.ssp import structure as elements
-from twin.kernel.ssp.flat import FlatSystem, Hop, flattened
+from twin.kernel.ssp.flat import FlatSystem, UnitStep, flatten
 from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.structure import (
     Connection,
@@ -39,7 +39,7 @@ from twin.kernel.ssp.structure import (
 
 
 def flat(tmp_path: Path, whole: str) -> FlatSystem:
-    return flattened(read_package(archive(tmp_path / "x.ssp", structure(whole), {})).structure, "x.ssp")
+    return flatten(read_package(archive(tmp_path / "x.ssp", structure(whole), {})).structure, "x.ssp")
 
 
 def inner(*bound: str, connections: tuple[str, ...] = (), name: str = "arm") -> str:
@@ -71,7 +71,7 @@ def test_connections_through_systems_lead_from_component_to_component(tmp_path: 
     into = leads[Endpoint("robot.arm.motor", "u")]
     assert into.start == Endpoint("source", "y")
     assert into.hops == (
-        Hop(Transformation(2.0, 1.0), True), Hop(unit="rpm"), Hop(Transformation(3.0)),
+        UnitStep(Transformation(2.0, 1.0), True), UnitStep(unit="rpm"), UnitStep(Transformation(3.0)),
     )  # fmt: skip
     assert (
         leads[Endpoint("sink", "u")].start == leads[Endpoint("source", "u")].start == Endpoint("robot.arm.motor", "y")
@@ -126,8 +126,8 @@ def test_a_mapping_and_connectors_lead_values_to_variables(tmp_path: Path):
     entries += '<ssm:MappingEntry source="p.a" target="arm.motor.k"/>'
     found = flat(tmp_path, system([inner()], bindings=values("a=1", "arm.motor.j=4", prefix="p.", mapping=entries)))
     given = found.assigned["arm.motor"]
-    assert given["u"].hops == (Hop(Transformation(5.0), unit="rpm"), Hop(Transformation(3.0)))
-    assert given["k"].hops == (Hop(),)
+    assert given["u"].hops == (UnitStep(Transformation(5.0), unit="rpm"), UnitStep(Transformation(3.0)))
+    assert given["k"].hops == (UnitStep(),)
     # with its prefix it is called otherwise
     assert set(given) == {"u", "k"} and found.ignored == ("p.arm.motor.j",)
 
@@ -210,7 +210,7 @@ def test_twice_as_many_connectors_and_values_take_twice_as_many_comparisons():
     for n in (100, 200):
         whole = Structure("x", wide(n))
         Counted.compared = 0
-        found = flattened(whole, "x.ssp")
+        found = flatten(whole, "x.ssp")
         assert found.assigned["hub"][Counted(f"u{n - 1}")].value.values == (2.0 * n - 1.0,)
         assert found.assigned[f"m{n - 1}"]["u"].value.values == (n - 1.0,)
         count[n] = Counted.compared
@@ -232,29 +232,29 @@ def test_a_value_gets_to_the_end_of_a_long_way(tmp_path: Path):
 def test_what_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     file = archive(tmp_path / "x.ssp", structure(system([inner()], name="robot")), {})
     read = read_package(file)
-    monkeypatch.setattr(elements, "MOST_TIME", -1.0)
+    monkeypatch.setattr(elements, "MAX_PARSE_TIME", -1.0)
     with pytest.raises(InputRefused, match=r"^x.ssp: takes more than .* s to read; expected fewer"):
-        flattened(read.structure, "x.ssp")
+        flatten(read.structure, "x.ssp")
     with pytest.raises(InputRefused, match=r"SystemStructure.ssd: takes more than .* s to read"):
         read_package(file)
 
 
 def test_a_file_of_values_for_many_components_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     brought: list[str] = []
-    content_of = package.content_of
+    content_of = package.read_entry
 
     def told(file: Path, entry: str, limit: int) -> bytes:
         brought.append(entry)
         return content_of(file, entry, limit)
 
-    monkeypatch.setattr(package, "content_of", told)
+    monkeypatch.setattr(package, "read_entry", told)
     named = bindings('<ssd:ParameterBinding source="v.ssv"/>')
     set_ = (
         f'<ssv:ParameterSet {NAMESPACES} version="1.0" name="v"><ssv:Parameters><ssv:Parameter name="k">'
         '<ssv:Real value="1.5"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
     )
     whole = system([component(f"m{k}", "m.fmu", bindings=named) for k in range(5)])
-    found = flattened(read_package(archive(tmp_path / "x.ssp", structure(whole), {"v.ssv": set_})).structure, "x.ssp")
+    found = flatten(read_package(archive(tmp_path / "x.ssp", structure(whole), {"v.ssv": set_})).structure, "x.ssp")
     assert brought.count("v.ssv") == 1
     assert {path: given["k"].value.values for path, given in found.assigned.items()} == dict.fromkeys(
         (f"m{k}" for k in range(5)), (1.5,)

@@ -23,7 +23,7 @@ from tests.kernel.systems.archives import (
 )
 from tests.studies.reference.test_carried import real, ssv
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import xml_of
+from twin.kernel.files import parse_xml
 from twin.kernel.ssp import package as package_module
 from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.ssd import (
@@ -201,7 +201,7 @@ def test_an_archive_that_is_none_or_leads_outside_is_refused(tmp_path: Path, mon
     ):
         with pytest.raises(InputRefused, match=f"{name}: {told}"):
             read_package(tmp_path / name)
-    monkeypatch.setattr(package_module, "MOST_STRUCTURE", 1 << 10)
+    monkeypatch.setattr(package_module, "MAX_STRUCTURE_SIZE", 1 << 10)
     large = archive(tmp_path / "large.ssp", structure(system([ONE])) + " " * 1024, {})
     with pytest.raises(InputRefused, match=r"SystemStructure\.ssd: 0 MB; expected at most"):
         read_package(large)
@@ -234,7 +234,7 @@ def test_whole_numbers_and_truth_values_are_numbers():
     ],
 )
 def test_what_is_no_number_or_text_is_refused(content: bytes, told: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.kernel.ssp.ssd.MOST_PARAMETERS", 2)
+    monkeypatch.setattr("twin.kernel.ssp.ssd.MAX_PARAMETERS", 2)
     with pytest.raises(InputRefused, match="x: ") as refused:
         parameter_set(content, "x")
     assert told in str(refused.value)
@@ -260,14 +260,14 @@ def test_a_mapping_says_where_values_go():
         b'<m:MappingEntry source="k" target="plant.k_s"><x:LinearTransformation xmlns:x="c" factor="2" offset="-1"/>'
         b'</m:MappingEntry><m:MappingEntry source="k" target="q" suppressUnitConversion="true"/></m:ParameterMapping>'
     )
-    assert mapping_of(xml_of(content, "x"), "x").entries == (
+    assert mapping_of(parse_xml(content, "x"), "x").entries == (
         MappingEntry("k", "plant.k_s", Transformation(2.0, -1.0)),
         MappingEntry("k", "q", suppress_unit_conversion=True),
     )
     with pytest.raises(InputRefused, match="x: <ParameterSet>; expected <ParameterMapping>"):
-        mapping_of(xml_of(ssv(), "x"), "x")
+        mapping_of(parse_xml(ssv(), "x"), "x")
     with pytest.raises(InputRefused, match="without target"):
-        mapping_of(xml_of(content.replace(b'target="q" ', b""), "x"), "x")
+        mapping_of(parse_xml(content.replace(b'target="q" ', b""), "x"), "x")
 
 
 SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"

@@ -11,7 +11,7 @@ from tests.kernel.systems.archives import archive
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
 from twin.kernel.systems.choice import MasterChoice
-from twin.studies.systems.recorded import recorded_system
+from twin.studies.systems.recorded import record_system
 
 OF_MASTER = {one.name for one in fields(MasterChoice)}
 Ran = Callable[..., tuple[Recording, dict[str, Any]]]
@@ -34,7 +34,7 @@ def ran(tmp_path: Path, ideal: Path) -> Ran:
         file = archive(tmp_path / f"{count}.ssp", ssd, {"a.fmu": ideal} | (resources or {}))
         out = tmp_path / f"run_{count}"
         choice = MasterChoice(**{name: asked.pop(name) for name in OF_MASTER & set(asked)})
-        came = recorded_system(DirectReporter(lambda note: None), file, choice, out, **asked)
+        came = record_system(DirectReporter(lambda note: None), file, choice, out, **asked)
         return read(out / "run.mcap"), came.facts
 
     return run

@@ -16,7 +16,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.studies.systems.recorded import recorded_system, system_result
+from twin.studies.systems.recorded import record_system, system_result
 
 A, B = component("a", "a.fmu"), component("b", "a.fmu")
 WIRE = connection("a.omega_m", "b.omega_ref")
@@ -32,7 +32,7 @@ def alone(tmp_path: Path, ideal: Path) -> Alone:
         out = tmp_path / f"alone_{len(list(tmp_path.iterdir()))}"
         choice = MasterChoice(asked.pop("tick", None), None, stop)
         hear = DirectReporter(lambda note: None)
-        came = recorded_system(hear, fmu, choice, out, additions=Additions(**asked))
+        came = record_system(hear, fmu, choice, out, additions=Additions(**asked))
         return read(out / "run.mcap"), came.facts
 
     return run
@@ -228,7 +228,7 @@ def test_what_cannot_be_added_is_refused_before_anything_is_written(
         (tmp_path / f"{name}.csv").write_text(text)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refused:
-        recorded_system(DirectReporter(lambda note: None), Path("x.ssp"), additions=Additions(**added))
+        record_system(DirectReporter(lambda note: None), Path("x.ssp"), additions=Additions(**added))
     assert told in str(refused.value)
     assert not (tmp_path / "results").exists()
 

@@ -14,7 +14,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.studies.systems.recorded import recorded_system, written_system
+from twin.studies.systems.recorded import record_system, write_system
 
 NAMESPACE = 'xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1"'
 SIMULATORS = (
@@ -58,7 +58,7 @@ def model(folder: Path, ideal: Path, **more: Any) -> Path:
 
 
 def run(file: Path, out: Path, choice: MasterChoice | None = None, **more: Any) -> tuple[Recording, dict[str, Any]]:
-    came = recorded_system(DirectReporter(lambda note: None), file, choice or MasterChoice(), out, **more)
+    came = record_system(DirectReporter(lambda note: None), file, choice or MasterChoice(), out, **more)
     return read(out / "run.mcap"), came.facts
 
 
@@ -129,24 +129,24 @@ def test_what_is_written_as_ssp_runs_with_the_same_bits(kind: str, tmp_path: Pat
     choice = MasterChoice(0.0005, None, 0.012, **other.get(kind, {}))
     recording, facts = run(file, tmp_path / "run", choice, additions=asked)
     written = tmp_path / "written.ssp"
-    told = written_system(file, choice, written, additions=asked)
+    told = write_system(file, choice, written, additions=asked)
     assert told.facts["ssp"] == str(written)
     again, others = run(written, tmp_path / "again")
     same(again, recording)
     assert (others["scheme"], others["tick_s"]) == (facts["scheme"], 0.0005)
     assert list(others["components"]) == list(facts["components"])
     # and once more, byte for byte but for the name
-    twice = written_system(written, out=tmp_path / "twice.ssp").facts["ssp"]
+    twice = write_system(written, out=tmp_path / "twice.ssp").facts["ssp"]
     same(run(Path(twice), tmp_path / "third")[0], recording)
     with pytest.raises(InputRefused, match=r"written\.ssp: is there already"):
-        written_system(file, choice, written)
+        write_system(file, choice, written)
 
 
 def test_what_is_written_is_of_the_standard(tmp_path: Path, ideal: Path):
     from fmpy.ssp.ssd import read_ssd
 
     written = tmp_path / "written.ssp"
-    written_system(osp(tmp_path, ideal, BENT, FUNCTION), out=written)
+    write_system(osp(tmp_path, ideal, BENT, FUNCTION), out=written)
     # validates by the schema of SSP 1.0
     read = read_ssd(str(written))
     assert [one.name for one in read.system.elements] == ["a", "b"] and len(read.system.connections) == 1
@@ -166,7 +166,7 @@ def test_what_is_written_is_of_the_standard(tmp_path: Path, ideal: Path):
 def test_what_ssp_has_no_word_for_is_refused(asked: Additions | MasterChoice, option: str, tmp_path: Path, ideal: Path):
     choice, added = (asked, Additions()) if isinstance(asked, MasterChoice) else (MasterChoice(), asked)
     with pytest.raises(InputRefused, match=f"{option}: an SSP archive has no word for it"):
-        written_system(ideal, choice, tmp_path / "x.ssp", additions=added)
+        write_system(ideal, choice, tmp_path / "x.ssp", additions=added)
     assert not (tmp_path / "x.ssp").exists()
 
 

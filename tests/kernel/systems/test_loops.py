@@ -14,8 +14,8 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.loops import loops
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.loops import find_loops
+from twin.kernel.systems.opening import open_system
 from twin.studies.systems.recorded import system_result
 
 WIRES = [("mass.y", "load.u"), ("load.y", "mass.u")]
@@ -148,8 +148,8 @@ def test_a_state_of_a_run_with_a_solved_loop_goes_on_with_the_same_bits(ran: Ran
 def test_few_passes_are_needed_once_the_loop_is_known(tmp_path: Path):
     parts = masses(2.0, 6.0)
     package = read_package(archive(tmp_path / "x.ssp", ssd(0.1), made(parts, tmp_path)))
-    with opened(package, MasterChoice(loops="solve", tick=0.001)) as (plan, ready):
-        assert len(loops(plan)) == 1
+    with open_system(package, MasterChoice(loops="solve", tick=0.001)) as (plan, ready):
+        assert len(find_loops(plan)) == 1
         (loop,) = ready.system.components
         Simulation(ready.system, plan.timing.ticks).run()
         # linear: one pass with what is predicted, one that confirms what Newton's method makes of it

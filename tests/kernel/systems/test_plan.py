@@ -12,12 +12,12 @@ from tests.kernel.fmi.archives import redescribed
 from tests.kernel.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
-from twin.kernel.ssp.flat import Hop
+from twin.kernel.ssp.flat import UnitStep
 from twin.kernel.ssp.structure import Transformation, UnitDefinition
 from twin.kernel.systems import coupling
-from twin.kernel.systems.ways import Way, spelt, way
+from twin.kernel.systems.unit_conversion import AffineMap, connection_map, parse_unit
 from twin.kernel.units import Dimension
-from twin.studies.systems.recorded import recorded_system
+from twin.studies.systems.recorded import record_system
 
 Change = tuple[str, str]
 A, B = component("a", "a.fmu"), component("b", "a.fmu")
@@ -128,10 +128,10 @@ def test_what_cannot_be_run_is_refused_before_anything_is_loaded(
 ):
     text, change, told = BAD[bad]
     file = archive(tmp_path / "x.ssp", text, {"a.fmu": fmu(change), "x.txt": "x"})
-    monkeypatch.setattr(coupling, "opened", None)
+    monkeypatch.setattr(coupling, "open_instance", None)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refused:
-        recorded_system(DirectReporter(lambda note: None), Path("x.ssp"))
+        record_system(DirectReporter(lambda note: None), Path("x.ssp"))
     assert str(refused.value).startswith("x.ssp: ") and told in str(refused.value)
     assert not (tmp_path / "results").exists()
     assert file.exists()
@@ -148,7 +148,7 @@ names = st.sampled_from(["m", "inch", "over", ""])
 numbers = st.floats(-1e3, 1e3)
 factors = numbers.filter(lambda factor: abs(factor) > 1e-3)
 hops = st.lists(
-    st.builds(Hop, st.builds(Transformation, factors, numbers), st.booleans(), names), min_size=1, max_size=4
+    st.builds(UnitStep, st.builds(Transformation, factors, numbers), st.booleans(), names), min_size=1, max_size=4
 )
 
 
@@ -157,7 +157,7 @@ def si(value: float, unit: str) -> float:
     return factor * value + offset
 
 
-def by_hand(value: float, start: str, parts: list[Hop], end: str) -> float:
+def by_hand(value: float, start: str, parts: list[UnitStep], end: str) -> float:
     """As the standard tells it: to the unit of where it gets, then the line."""
     here = start
     for number, (transformation, suppressed, unit) in enumerate(parts):
@@ -171,18 +171,18 @@ def by_hand(value: float, start: str, parts: list[Hop], end: str) -> float:
 
 
 @given(numbers, names, hops, names)
-def test_the_whole_way_is_its_parts_one_after_the_other(value: float, start: str, parts: list[Hop], end: str):
-    whole = way(spelt(start, UNITS), parts, spelt(end, UNITS), UNITS, "x")
+def test_the_whole_way_is_its_parts_one_after_the_other(value: float, start: str, parts: list[UnitStep], end: str):
+    whole = connection_map(parse_unit(start, UNITS), parts, parse_unit(end, UNITS), UNITS, "x")
     # roundings of sums whose terms may cancel: of the largest term there can be
     size = math.prod(abs(part.transformation.factor) * 80.0 + 1.0 for part in parts) * 1e4
-    assert whole.end(value) == pytest.approx(by_hand(value, start, parts, end), rel=1e-9, abs=1e-13 * size)
+    assert whole.apply(value) == pytest.approx(by_hand(value, start, parts, end), rel=1e-9, abs=1e-13 * size)
 
 
 @given(numbers)
 def test_a_way_on_which_nothing_happens_changes_no_bit(value: float):
     for one, other in (("inch", "inch"), ("", "m"), ("m", ""), ("", "")):
-        led = way(spelt(one, UNITS), [Hop(), Hop()], spelt(other, UNITS), UNITS, "x")
-        assert led == Way() and led.end(value) == value
+        led = connection_map(parse_unit(one, UNITS), [UnitStep(), UnitStep()], parse_unit(other, UNITS), UNITS, "x")
+        assert led == AffineMap() and led.apply(value) == value
 
 
 @pytest.mark.parametrize(
@@ -203,5 +203,5 @@ def test_a_way_on_which_nothing_happens_changes_no_bit(value: float):
 )
 def test_a_way_that_leads_nowhere_is_refused(start: str, line: Transformation, end: str, told: str):
     with pytest.raises(InputRefused) as refused:
-        way(spelt(start, UNITS), [Hop(line)], spelt(end, UNITS), UNITS, "x")
+        connection_map(parse_unit(start, UNITS), [UnitStep(line)], parse_unit(end, UNITS), UNITS, "x")
     assert told in str(refused.value)

@@ -17,7 +17,7 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 from twin.kernel.systems.reading import read_system
 from twin.kernel.systems.session import Cosimulation
 
@@ -41,7 +41,7 @@ class Value:
 def one_fmu(fmu: Path, **more: list) -> float | int:
     """What out_TYPE is at the end of a run of that FMU alone."""
     name = next(v for v in (f"out_{one}" for one in TYPES) if v.encode() in _description(fmu))
-    with opened(read_system(fmu), MasterChoice(stop=STOP), additions=Additions(**more)) as (plan, made):
+    with open_system(read_system(fmu), MasterChoice(stop=STOP), additions=Additions(**more)) as (plan, made):
         rows = Simulation(made.system, plan.timing.ticks).run()
         return float(rows[-1, made.system.columns(f"{plan.parts[0].name}.{name}")][0])
 
@@ -197,7 +197,7 @@ def test_a_whole_number_beyond_what_a_double_holds_ends_the_run_by_name_and_is_e
         made.step()
         assert made.get("x.large") == 1024 * value
     with (
-        opened(read_system(fmu), additions=Additions([f"in_{name}=1"], recorded=["large"])) as (plan, made),
+        open_system(read_system(fmu), additions=Additions([f"in_{name}=1"], recorded=["large"])) as (plan, made),
         pytest.raises(ComponentFailed, match=rf"x.fmu \(x\) returned {2**61 + 1024} for large \({name}\)"),
     ):
         simulation = Simulation(made.system, plan.timing.ticks)

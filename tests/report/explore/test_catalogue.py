@@ -6,8 +6,8 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.report.explore.catalogue import FIRST, checked, sliders
-from twin.robot.assembly.declared import DECLARED, PATHS
+from twin.report.explore.catalogue import FIRST_KEYS, check_value, sliders
+from twin.robot.assembly.declared import DECLARED_TABLES, TABLE_PATHS
 
 FIG4, MASSAGE = "fig4_force_position", "massage"
 
@@ -23,7 +23,7 @@ def test_a_slider_has_two_ends_within_the_declared_bounds_and_the_files_value_be
             assert slider.low <= slider.value <= slider.high, slider.key
     declared = {
         f"{path}.{setting.key(name)}": setting
-        for table, path in PATHS.items()
+        for table, path in TABLE_PATHS.items()
         for name, setting in table.settings.items()
     }
     for key in found.keys() & declared.keys():
@@ -52,7 +52,7 @@ def test_a_bound_above_zero_makes_a_logarithmic_slider_and_one_at_zero_a_linear_
 def test_about_a_dozen_keys_come_first_and_only_those_that_the_experiment_has():
     for name in (FIG4, MASSAGE):
         shown = [slider for slider in sliders(shipped(name)).values() if slider.first is not None]
-        assert 10 <= len(shown) <= len(FIRST)
+        assert 10 <= len(shown) <= len(FIRST_KEYS)
         assert sorted(s.first for s in shown if s.first is not None) == list(range(len(shown)))
     assert sliders(shipped(FIG4))["controller.force.reference_N"].first is not None
     # tasks have forces of their own
@@ -71,7 +71,7 @@ def test_a_table_that_needs_several_keys_is_offered_only_where_it_is_there():
 def test_no_key_names_a_file():
     found = sliders(shipped(MASSAGE))
     assert not {key for key in found if key.rpartition(".")[2] in ("fmu", "python", "sha256", "body", "extends")}
-    assert DECLARED.tables.keys() >= {key.partition(".")[0] for key in found} - {"task", "drive"}
+    assert DECLARED_TABLES.tables.keys() >= {key.partition(".")[0] for key in found} - {"task", "drive"}
 
 
 @pytest.mark.parametrize(
@@ -92,12 +92,12 @@ def test_no_key_names_a_file():
 )
 def test_what_a_page_must_not_say_is_refused_in_a_sentence(key: str, value: object, expected: str):
     with pytest.raises(InputRefused, match=f"(?s){key}.*") as refused:
-        checked(sliders(shipped(FIG4)), key, value)
+        check_value(sliders(shipped(FIG4)), key, value)
     assert expected in str(refused.value)
     assert len(str(refused.value)) < 300
 
 
 def test_a_whole_number_stays_whole_and_a_number_one_with_a_point():
     found = sliders(shipped(FIG4))
-    assert repr(checked(found, "controller.delay_ticks", 3.0)) == "3"
-    assert repr(checked(found, "robot.k_s_Nm_per_rad", 2)) == "2.0"
+    assert repr(check_value(found, "controller.delay_ticks", 3.0)) == "3"
+    assert repr(check_value(found, "robot.k_s_Nm_per_rad", 2)) == "2.0"

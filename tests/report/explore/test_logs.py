@@ -13,7 +13,7 @@ from tests.laws.runs import shipped
 from tests.report.explore.test_worker import BASE
 from twin.kernel.process.reporter import DirectReporter
 from twin.report.explore.logs import known_logs
-from twin.report.explore.worker import answered
+from twin.report.explore.worker import answer_request
 from twin.robot.run.trace import Trace, run_in_memory
 
 MAP = "\n".join(
@@ -42,7 +42,9 @@ def robot_csv(run: Trace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> st
 
 def answer(op: str, **more: Any) -> dict[str, Any]:
     ask = {"op": op, "panels": ["Pressing force F_z", "Height z"], "span": None, "width": 4000, **more}
-    found: dict[str, Any] = json.loads(json.dumps(answered(DirectReporter(lambda note: None), os.getcwd(), BASE, ask)))
+    found: dict[str, Any] = json.loads(
+        json.dumps(answer_request(DirectReporter(lambda note: None), os.getcwd(), BASE, ask))
+    )
     return found
 
 

@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import server as explorer
-from twin.report.explore.server import MOST_WAITING, ExplorerServer, lasting_token
+from twin.report.explore.server import MAX_WAITING, ExplorerServer, lasting_token
 
 TOKEN = "t" * 43
 LINGER = 0.3
@@ -214,12 +214,12 @@ def test_a_request_beyond_those_that_may_wait_is_refused(served: Served):
     with served.link() as link:
         link.recv(5)
         StandIn.may.clear()
-        for number in range(MOST_WAITING + 2):
+        for number in range(MAX_WAITING + 2):
             link.send(json.dumps({"op": "show", "id": number, "slot": number}))
             # the first one is under way
             time.sleep(0.0 if number else 0.2)
         answer = json.loads(link.recv(5))
-        assert answer["id"] == MOST_WAITING + 1 and "are waiting" in answer["refused"]
+        assert answer["id"] == MAX_WAITING + 1 and "are waiting" in answer["refused"]
 
 
 def test_a_crash_is_a_sentence_and_the_page_goes_on(served: Served):

@@ -22,12 +22,12 @@ from tests.studies.shadow.test_seen import TOPICS, OneProposal
 from twin.kernel.errors import InputRefused
 from twin.kernel.gate import Gate, viewer_policy
 from twin.report.explore import session as module
-from twin.report.explore.session import SAMPLES, STEP, ForceStrip, LiveSession
+from twin.report.explore.session import STRIP_SAMPLES, STRIP_STEP, ForceStrip, LiveSession
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live.server import Broadcast, LiveServer
-from twin.studies.shadow import LINE, PROPOSAL
-from twin.studies.shadow.following import Happening
-from twin.studies.shadow.seen import ShadowViewer
+from twin.studies.replay.parts import Happening
+from twin.studies.shadow import LINE_PARAMETER, PROPOSAL_PARAMETER
+from twin.studies.shadow.live_view import ShadowViewer
 
 LATEST = 30.0
 """s, on a machine that is busy."""
@@ -35,7 +35,7 @@ LATEST = 30.0
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "AGAIN", 0.05)
+    monkeypatch.setattr(module, "RETRY_INTERVAL", 0.05)
 
 
 class Listening:
@@ -61,7 +61,7 @@ class Listening:
 
         async def wait() -> dict[str, Any]:
             async with asyncio.timeout(LATEST):
-                while not condition(facts := self.session.facts()):
+                while not condition(facts := self.session.to_dict()):
                     await asyncio.sleep(0.01)
                 return facts
 
@@ -88,7 +88,7 @@ def shown(twin: OneProposal, port: int = 0) -> Iterator[tuple[str, ShadowViewer]
 
 
 def subscribed(viewer: ShadowViewer) -> bool:
-    on_air = viewer._server._on_air
+    on_air = viewer._server._active
     return bool(on_air and on_air[0].wanted)
 
 
@@ -121,11 +121,11 @@ def test_a_proposal_is_shown_and_accepted_only_as_it_was_shown():
         viewer.show(np.array([], dtype=np.int64), {}, [])
         explorer.until(lambda facts: facts["proposal"])
         assert explorer.accept(text) == ""
-        assert explorer.until(lambda facts: facts["asked"])["accepted"] == [] == twin.accepted
+        assert explorer.until(lambda facts: facts["asked"])["accepted"] == [] == twin.adaptations
         viewer.press()
         facts = explorer.until(lambda facts: facts["accepted"])
         assert (facts["accepted"], facts["proposal"], facts["asked"]) == ([text], "", False)
-        assert twin.accepted == [first]
+        assert twin.adaptations == [first]
         assert explorer.session.accepted == [{"text": text, "field": "k_s_share", "leg": 1, "value": 0.93}]
 
 
@@ -200,7 +200,7 @@ def other(link: ServerConnection) -> None:
 
 
 def mute(link: ServerConnection) -> None:
-    values = [{"name": name, "value": "k_s"} for name in (LINE, PROPOSAL)]
+    values = [{"name": name, "value": "k_s"} for name in (LINE_PARAMETER, PROPOSAL_PARAMETER)]
     link.send('{"op": "serverInfo", "name": "twin"}')
     link.send(json.dumps({"op": "parameterValues", "parameters": values, "id": "all"}))
     while True:
@@ -208,7 +208,7 @@ def mute(link: ServerConnection) -> None:
 
 
 def test_a_twin_that_does_not_answer_is_waited_for_no_longer_than_a_moment(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "PATIENCE", 0.3)
+    monkeypatch.setattr(module, "ANSWER_TIMEOUT", 0.3)
     with serve(mute, "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         name = f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
@@ -226,7 +226,7 @@ STRANGER = "is no live server of twin; expected twin shadow --live"
 def test_a_server_of_others_is_named_and_holds_nothing_up(
     attend: Callable[[ServerConnection], None], sentence: str, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(module, "PATIENCE", 0.3)
+    monkeypatch.setattr(module, "ANSWER_TIMEOUT", 0.3)
     with serve(attend, "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with listening(f"ws://127.0.0.1:{server.socket.getsockname()[1]}") as explorer:
@@ -255,14 +255,14 @@ def test_what_is_no_address_of_this_machine_is_refused_without_its_token(address
 def test_the_strip_holds_each_sample_until_the_next_one_and_has_gaps():
     strip = ForceStrip()
     for t, force in ((100.0, 9.0), (200.0, 1.0), (200.5, 2.0), (203.0, 3.0)):
-        strip.put("/plant", t, force)
-    strip.put("/scale", 203.0, math.nan)
-    facts = strip.facts()
+        strip.add("/plant", t, force)
+    strip.add("/scale", 203.0, math.nan)
+    facts = strip.to_dict()
     assert facts["curves"] == ["twin"]
     (curve,) = forces(facts).values()
-    assert len(curve) == SAMPLES and curve[-1] == 3.0
-    at = SAMPLES - 1 - round(3.0 / STEP)
-    half = round(0.5 / STEP)
+    assert len(curve) == STRIP_SAMPLES and curve[-1] == 3.0
+    at = STRIP_SAMPLES - 1 - round(3.0 / STRIP_STEP)
+    half = round(0.5 / STRIP_STEP)
     assert np.all(np.isnan(curve[:at])) and np.all(curve[at : at + half] == 1.0) and curve[at + half] == 2.0
     # after that nothing came for 2.5 s
     assert np.all(np.isnan(curve[at + half + 1 : -1]))

@@ -12,17 +12,16 @@ import pytest
 from tests.laws.runs import shipped
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
-from twin.report.explore.picture import AT_FIRST, EXPLORED, extremes
-from twin.report.explore.worker import answered
-from twin.robot.places import HOME
-from twin.robot.run.measures import TABLE
+from twin.report.explore.picture import EXPLORED_PANELS, INITIAL_PANELS, extremes
+from twin.report.explore.worker import answer_request
+from twin.robot.paths import PROJECT_FOLDER
+from twin.robot.run.measures import MEASURE_ROWS
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
-from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import operating_points
-from twin.studies.analyse.stability import judged_point
-from twin.studies.faults.matrix import onsets_of
-from twin.studies.faults.trials import healthy_run
+from twin.studies.analyse.stability import judge_point
+from twin.studies.faults.onsets import healthy_run, onsets_of
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import fig5_score
@@ -34,13 +33,13 @@ BASE: dict[str, Any] = {
     "settings": [],
 }
 POSITION = {"experiment": "fig4_position"}
-LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
+LOOK = {"panels": list(INITIAL_PANELS), "span": None, "width": 300}
 GAIN = "controller.force.kp_mm_per_N"
 
 
 def answer(op: str, state: object = None, base: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
     ask = {"op": op, "state": state or {}, **LOOK, **more}
-    found = answered(DirectReporter(lambda note: None), os.getcwd(), BASE | (base or {}), ask)
+    found = answer_request(DirectReporter(lambda note: None), os.getcwd(), BASE | (base or {}), ask)
     # it goes through JSON
     return json.loads(json.dumps(found))
 
@@ -59,7 +58,7 @@ def test_numbers_and_events_are_those_of_a_recorded_run(tmp_path: Path):
     run = execute(shipped("fig4_force_position", f"{GAIN}=3"), tmp_path)
     found = answer("show", {"set": {GAIN: 3}})
     for name, unit, value, *_ in found["numbers"]:
-        (measure,) = (one for one in TABLE if one.text == name)
+        (measure,) = (one for one in MEASURE_ROWS if one.text == name)
         of_run = run.outcome.measures[measure.key].value
         assert (unit, value) == (measure.unit.text, None if of_run is None else of_run * measure.unit.per_SI)
     assert [(e["t"], e["text"]) for e in found["events"]] == [
@@ -151,8 +150,8 @@ def test_the_same_curves_come_whatever_was_looked_at_before():
 
 def test_every_panel_that_shows_something_can_be_chosen():
     found = answer("show", list=True, robot=True)
-    titles = [panel.title for panel in EXPLORED]
-    assert set(AT_FIRST) < set(found["all_panels"]) <= set(titles)
+    titles = [panel.title for panel in EXPLORED_PANELS]
+    assert set(INITIAL_PANELS) < set(found["all_panels"]) <= set(titles)
     assert found["scene"]["frames"]["count"] > 100
     assert set(panel["title"] for panel in answer("show", panels=titles)["panels"]) == set(titles)
 
@@ -183,7 +182,7 @@ def test_what_cannot_be_is_a_sentence(op: str, more: dict[str, Any], expected: s
 
 
 def test_an_experiment_that_is_too_long_for_a_slider_is_refused():
-    found = answered(
+    found = answer_request(
         DirectReporter(lambda note: None),
         os.getcwd(),
         BASE | {"settings": ["duration_s=1e5"]},
@@ -196,7 +195,7 @@ def test_loops_have_the_margins_of_twin_analyse():
     found = answer("loops", {"set": {GAIN: 3}}, point=2)
     experiment = shipped("fig4_force_position", f"{GAIN}=3")
     points, _ = operating_points(experiment)
-    judged = judged_point(Linearised(experiment, points).at(points[2]))
+    judged = judge_point(Linearisation(experiment, points).linear_point(points[2]))
     assert len(found["points"]) == len(points) and found["stable"]
     assert len(found["loops"]) == len(judged.margins)
     for row, one in zip(found["loops"], judged.margins.values(), strict=True):
@@ -215,7 +214,7 @@ def test_claims_are_those_of_the_papers_four_runs_with_the_state_laid_over_each(
     runs = [Fig4Run(run_in_memory(shipped(one, f"{GAIN}=3"))) for one in FIG4_EXPERIMENTS]
     score = fig4_score(Fig4Runs(runs[0], runs[1], imperfect=(runs[2], runs[3])))
     judged = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
-    assert {one.claim.text: (one.verdict, one.measured) for one in judged} == {
+    assert {one.claim.text: (one.verdict, one.measured_text) for one in judged} == {
         text: (row["verdict"], row["measured"]) for text, row in found.items()
     }
 
@@ -231,7 +230,7 @@ def test_claims_of_tasks_are_those_of_fig_5_on_the_recorded_run(tmp_path: Path):
     (task,) = fig5_score([read(run.recording)]).tasks
     found = answer("score", {"set": {GAIN: 0.5}}, base={"experiment": "pressing"})
     assert found["figure"] == "fig5"
-    assert [(f"1 press: {one.claim.text}", one.verdict, one.measured) for one in task.findings] == [
+    assert [(f"1 press: {one.claim.text}", one.verdict, one.measured_text) for one in task.findings] == [
         (row["text"], row["verdict"], row["measured"]) for row in found["claims"]
     ]
 
@@ -263,8 +262,8 @@ def test_the_layout_of_fig_4_has_its_four_runs():
 def test_a_drive_that_has_changed_the_folder_leads_nothing_astray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     here = tmp_path / "here"
     here.mkdir()
-    (here / "mine.toml").write_text(f'extends = "{HOME}/experiments/fig4_position.toml"')
+    (here / "mine.toml").write_text(f'extends = "{PROJECT_FOLDER}/experiments/fig4_position.toml"')
     monkeypatch.chdir(tmp_path)
     ask: dict[str, Any] = {"op": "show", "state": {}, **LOOK}
-    found = answered(DirectReporter(lambda note: None), str(here), BASE | {"experiment": "mine.toml"}, ask)
+    found = answer_request(DirectReporter(lambda note: None), str(here), BASE | {"experiment": "mine.toml"}, ask)
     assert found["command"] == "twin run mine.toml"

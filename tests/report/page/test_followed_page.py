@@ -12,11 +12,11 @@ from tests.kernel.recording.forgery import data_records, sealed, with_metadata
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, write_log
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
-from twin.report.page.followed import evenly, foreseen
 from twin.report.page.markup import DataBlock
 from twin.report.page.page import write_report
 from twin.report.page.panels import scene
 from twin.report.page.run import ReportRun
+from twin.report.page.session_sections import even_samples, predicted_samples
 from twin.studies.shadow import study
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 
@@ -88,7 +88,7 @@ def test_of_a_session_that_was_killed_the_page_says_what_is_not_known(session: P
 def test_where_samples_are_missing_a_curve_has_a_gap_and_goes_on_in_time(session: Path):
     run = ReportRun("", read(session))
     t = run.time("encoder")
-    found = evenly(lambda run: (t, t))(run)
+    found = even_samples(lambda run: (t, t))(run)
     assert found is not None
     grid, values = found
     np.testing.assert_allclose(np.diff(grid), 0.002, rtol=0, atol=1e-9)
@@ -106,7 +106,7 @@ def test_the_player_has_the_robot_by_its_counts_and_the_plant_model_over_it(sess
     t = frames["start"] + frames["step"] * np.arange(frames["count"])
     assert len(columns) == first + 12
     for column, key in ((9, "estimator.p_B"), (first + 9, "plant.p_B")):
-        np.testing.assert_allclose(columns[column : column + 3].T, 1e3 * run.held(key, t), rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(columns[column : column + 3].T, 1e3 * run.values_at(key, t), rtol=1e-6, atol=1e-5)
     # where the encoder has jumped the two part: 0.3 deg of a link of 50 mm and more
     parted = np.linalg.norm(columns[first : first + 3] - columns[:3], axis=0)
     assert np.median(parted[t > 3.5]) > 0.25 > 0.1 > np.median(parted[(t > 1.0) & (t < 3.0)])
@@ -154,8 +154,8 @@ def test_of_predictions_the_later_halves_are_drawn_one_after_the_other_with_a_ga
         def column(self, key: str, column: int | None) -> np.ndarray:
             return made if key == "ahead.made" else values
 
-    assert foreseen("p_z")(Session()) is None  # type: ignore[arg-type]
-    drawn = foreseen("F_z")(Session())  # type: ignore[arg-type]
+    assert predicted_samples("p_z")(Session()) is None  # type: ignore[arg-type]
+    drawn = predicted_samples("F_z")(Session())  # type: ignore[arg-type]
     assert drawn is not None
     t, found = drawn
     np.testing.assert_allclose([t[0], t[-1]], [1.05, 3.0])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from twin.report.page.markup import TO_DARK, DataBlock, element, joined, table, thinned, thinning
+from twin.report.page.markup import DARK_MATRIX, DataBlock, element, join_markup, table, thin_samples, thinning_factor
 from twin.studies import figure
 from twin.studies.packing import values_of
 
@@ -47,7 +47,7 @@ def test_a_text_reads_back_as_it_was_and_makes_no_tags(text: str, label: str):
 
 def test_markup_is_not_escaped_twice():
     assert element("div", element("b", "<")) == "<div><b>&lt;</b></div>"
-    assert joined(["a & b", element("i")]) == "a &amp; b<i></i>"
+    assert join_markup(["a & b", element("i")]) == "a &amp; b<i></i>"
 
 
 def test_cells_of_a_table_are_escaped():
@@ -69,7 +69,7 @@ def test_what_comes_out_of_a_block_is_what_went_in_to_32_bits(a: np.ndarray, b: 
 
 @given(samples, st.integers(2, 20))
 def test_thinning_keeps_every_peak_where_it_was(values: np.ndarray, factor: int):
-    few = thinned(values, factor)
+    few = thin_samples(values, factor)
     assert len(few) == 2 * -(-len(values) // (2 * factor))
     for bucket, pair in enumerate(few.reshape(-1, 2)):
         own = values[2 * factor * bucket : 2 * factor * (bucket + 1)]
@@ -78,15 +78,15 @@ def test_thinning_keeps_every_peak_where_it_was(values: np.ndarray, factor: int)
 
 def test_few_samples_are_not_thinned():
     values = np.arange(10.0)
-    assert thinned(values, thinning(10, 10)) is values
-    assert thinning(11, 10) == 2
+    assert thin_samples(values, thinning_factor(10, 10)) is values
+    assert thinning_factor(11, 10) == 2
 
 
 OKABE_ITO = (figure.BLUE, figure.ORANGE, figure.GREEN, figure.PINK, figure.VERMILION, figure.SKY)
 TOGETHER = (
     (*OKABE_ITO, figure.INK, figure.GREY),
     (figure.PAPER_BLUE, figure.PAPER_YELLOW, figure.PAPER_ORANGE, figure.INK, figure.GREY),
-    (*figure.JOINTS, figure.RED, figure.GREY),
+    (*figure.JOINT_COLORS, figure.RED, figure.GREY),
 )
 """Colours that lie beside each other in one picture."""
 FAR = 70.0
@@ -99,7 +99,7 @@ def rgb(colour: str) -> NDArray[np.float64]:
 
 
 def dark(colour: str) -> NDArray[np.float64]:
-    matrix = np.array(TO_DARK)
+    matrix = np.array(DARK_MATRIX)
     return np.clip(matrix[:, :3] @ rgb(colour) + matrix[:, 3], 0.0, 1.0)
 
 

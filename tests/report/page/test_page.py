@@ -15,7 +15,7 @@ from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.logs.reader import recording_log
 from twin.kernel.recording.reader import Recording, read
 from twin.report.page.page import (
     command,
@@ -31,10 +31,10 @@ from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.verdict import verdict
 from twin.robot.assembly.assemble import assemble
-from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.load import load_experiment, recorded_experiment
-from twin.robot.experiment.differences import flat, name_and_unit
-from twin.robot.run.run import SUMMARY, execute
+from twin.robot.experiment.differences import flatten, name_and_unit
+from twin.robot.run.run import SUMMARY_FILE, execute
 from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution, accuracy_budget
 
 BUDGET = Budget(
@@ -105,7 +105,7 @@ def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_p
         write_report([tmp_path], None, True, lambda what, share=None: told.append(what)).facts["page"]
     ).read_text()
     budget = accuracy_budget(experiment)
-    assert rows(page)["backlash"][2] == f"{budget.of('imperfection')[1].rms:.4f}"
+    assert rows(page)["backlash"][2] == f"{budget.contributions_of('imperfection')[1].rms:.4f}"
     assert rows(page)["as it is"][2] == f"{budget.as_is.rms:.4f}"
     assert told[:2] == [f"fig4_force_position: {name}, {n} of 27" for n, name in ((1, "as it is"), (2, "ideal"))]
 
@@ -134,12 +134,12 @@ def test_a_run_without_force_has_no_budget(root: Path, tmp_path: Path):
     ],
 )
 def test_the_unit_is_read_from_the_key(key: str, name: str, unit: str):
-    assert name_and_unit(DECLARED, key) == (name, unit)
+    assert name_and_unit(DECLARED_TABLES, key) == (name, unit)
 
 
 def test_every_value_of_a_run_has_a_source(force_position: Recording):
     run = ReportRun("fig4", force_position)
-    without = [key for key, _ in flat(run.values) if not source(key, run.origins)]
+    without = [key for key, _ in flatten(run.values) if not source(key, run.origins)]
     assert without == []
     assert source("plant.k_s_Nm_per_rad", run.origins).startswith("robot: Sec. III.A")
 
@@ -206,12 +206,14 @@ def substituted(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_substitute_is_named_wherever_the_run_is_told_of(substituted: Path):
-    assert json.loads((substituted / SUMMARY).read_text())["substituted"] == {"controller": "Idle (PythonComponent)"}
+    assert json.loads((substituted / SUMMARY_FILE).read_text())["substituted"] == {
+        "controller": "Idle (PythonComponent)"
+    }
     recording = read(substituted / "run.mcap")
     assert recording.metadata["substituted"] == {"controller": "Idle (PythonComponent)"}
     said = "controller was substituted by Idle (PythonComponent): the experiment alone does not repeat this run"
     assert recording.deviations == (said,)
-    assert said in recorded(recording).notes
+    assert said in recording_log(recording).notes
     page, _ = report_page(report_runs([substituted]))
     assert said in page
     assert f"C{said[1:]}." in page

@@ -7,8 +7,8 @@ import pytest
 
 from twin.kernel.process import process as ahead
 from twin.kernel.process.process import end_waiting, start_ahead
-from twin.report.page import DRAWN
-from twin.report.page.picture import LARGEST, drawing
+from twin.report.page import DRAW_JOB
+from twin.report.page.picture import MAX_PICKLE_BYTES, drawing
 
 HERE = "tests.report.page.drawings:"
 
@@ -16,11 +16,11 @@ HERE = "tests.report.page.drawings:"
 @pytest.fixture
 def pid():
     """Of a process that waits for something to draw; none is left at the end."""
-    start_ahead(DRAWN)
-    process = ahead._waiting[DRAWN]
+    start_ahead(DRAW_JOB)
+    process = ahead._waiting[DRAW_JOB]
     yield process.pid
     end_waiting()
-    assert process.ended
+    assert process.has_exit_status
 
 
 def test_who_waits_draws(pid: int):
@@ -46,14 +46,14 @@ def test_one_that_was_killed_meanwhile_is_not_waited_for(pid: int):
 
 
 def test_one_that_stands_still_is_not_waited_for_for_ever(pid: int, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.report.page.picture.PATIENCE", 0.2)
+    monkeypatch.setattr("twin.report.page.picture.DRAW_TIMEOUT", 0.2)
     os.kill(pid, signal.SIGSTOP)
     with drawing(HERE + "sign", "it") as content:
         assert content() == f"it {os.getpid()}".encode()
 
 
 def test_what_is_too_large_to_be_handed_over_is_drawn_here(pid: int):
-    with drawing(HERE + "sign", "it", LARGEST + 1) as content:
+    with drawing(HERE + "sign", "it", MAX_PICKLE_BYTES + 1) as content:
         assert content() == f"it {os.getpid()}".encode()
 
 

@@ -9,12 +9,12 @@ import pytest
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.report.page.plain import sweep_page, write_sweep_page
-from twin.studies.sweep.claims import packed
-from twin.studies.sweep.show.parts import Asked
+from twin.studies.sweep.claims import pack_curves
+from twin.studies.sweep.show.parts import SweepQuery
 from twin.studies.sweep.show.pictures import write_pictures
 from twin.studies.sweep.stored import SweepRows
 
-ASKED = Asked("force_error_N", "lateral_error_mm", 5)
+ASKED = SweepQuery("force_error_N", "lateral_error_mm", 5)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_claims_are_explained_and_their_bands_drawn_beside_them(tmp_path: Path):
         {
             **row(n, {"a": float(n), "b": float(-n)}, force_error_N=1.0 + n),
             "claims": {"trigger_time": {"value": 5.6, "verdict": "holds"}},
-            "curves": packed({name: (t, n * np.sin(t)) for name in [*names, "force_position.z_cmd"]}, 19.9),
+            "curves": pack_curves({name: (t, n * np.sin(t)) for name in [*names, "force_position.z_cmd"]}, 19.9),
         }
         for n in range(1, 9)
     ]

@@ -9,11 +9,11 @@ import pytest
 
 from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.run import ReportRun, measures, number, outcome
+from twin.report.page.run import ReportRun, measures, number_text, outcome_text
 from twin.report.page.verdict import verdict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
-from twin.studies.paper.fig4_measures import FINAL, Fig4Run
+from twin.studies.paper.fig4_measures import FINAL_WINDOW, Fig4Run
 
 OWN = "5 of 5 of this run's own checks hold"
 BOTH = f"23 of 29 claims of the paper's text hold, 6 not reproduced; {OWN}"
@@ -28,9 +28,9 @@ def test_measures_of_fig4_are_those_of_its_claims(force_position: Recording):
     assert found["hold error"].true > 2.0 * found["hold error"].believed
     end = found["force at the end"]
     # 0.1 s more at rest than the figure's window
-    assert end.true == pytest.approx(run.true_F_z[run.truly_at(*FINAL)].mean(), abs=1e-3)
+    assert end.true == pytest.approx(run.true_F_z[run.plant_window(*FINAL_WINDOW)].mean(), abs=1e-3)
     assert found["largest force"].true == run.true_F_z.max()
-    assert outcome(ReportRun("", force_position)) == (
+    assert outcome_text(ReportRun("", force_position)) == (
         "Hold error 0.094 N; overshoot 0.0 %; settling time 0.85 s; chatter none (below 0.05 N)"
     )
 
@@ -60,9 +60,9 @@ def test_there_is_no_belief_where_only_the_truth_is_measured(force_position: Rec
 
 
 def test_numbers_are_told_with_four_digits():
-    assert number(4.88421, "N") == "4.884 N"
-    assert number(math.inf, "s") == "never"
-    assert number(math.nan, "s") == ""
+    assert number_text(4.88421, "N") == "4.884 N"
+    assert number_text(math.inf, "s") == "never"
+    assert number_text(math.nan, "s") == ""
 
 
 def test_both_runs_of_fig4_are_scored_in_any_order(force_position: Recording, position: Recording):

@@ -10,7 +10,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording
 from twin.kernel.systems.additions import Additions
 from twin.report.page.page import write_report
-from twin.studies.systems.recorded import recorded_system
+from twin.studies.systems.recorded import record_system
 
 SHAFTS = structure(
     system(
@@ -27,7 +27,7 @@ def run(tmp_path: Path, root: Path) -> Path:
     fmu = root / "fmus" / "ideal_velocity" / "ideal_velocity.fmu"
     file = archive(tmp_path / "shafts.ssp", SHAFTS, {"a.fmu": fmu})
     additions = Additions(inputs=["a.tau_load=sin(t)"], recorded=["*"])
-    recorded_system(DirectReporter(lambda note: None), file, out=tmp_path / "run", additions=additions)
+    record_system(DirectReporter(lambda note: None), file, out=tmp_path / "run", additions=additions)
     return tmp_path / "run"
 
 

@@ -6,7 +6,7 @@ from tests.laws.runs import co_simulated, shipped
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.system import End
-from twin.robot.assembly.assemble import ROBOT, connected
+from twin.robot.assembly.assemble import COMPONENT_ROWS, connect_components
 
 TICKS = 20
 RUNAWAY = 'fault=[{kind="drive_runaway", target="drive_2", onset_s=0.4, magnitude_rad_per_s=8.0}]'
@@ -33,10 +33,10 @@ def test_without_a_monitor_there_is_no_power_to_delay():
 
 def test_where_there_is_a_bus_the_drives_have_both_from_it():
     both = (Port("omega_ref", 3, "rad/s"), Port("power"))
-    made: dict[str, list[Component]] = {row.name: [] for row in ROBOT}
+    made: dict[str, list[Component]] = {row.name: [] for row in COMPONENT_ROWS}
     for name in ("monitor", "bus"):
         made[name] = [Component(name, both, both, True, 0, 0, np.zeros(4))]
     made["drive"] = [Component("drive", (both[0], Port("enable", 3)), (), False, 0, 0, np.zeros(0))]
-    feeds = connected(made)
+    feeds = connect_components(made)
     assert {feeds[End("drive", port, i)].component for port in ("omega_ref", "enable") for i in range(3)} == {"bus"}
     assert feeds[End("bus", "power")] == End("monitor", "power")

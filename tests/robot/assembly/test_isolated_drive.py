@@ -12,12 +12,12 @@ from tests.kernel.process.hostile import HANG, HANG_IN_INITIALISATION, LEAK, NON
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.process.guard import guarded
+from twin.kernel.process.guard import run_guarded
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.assemble import Assembly, assemble
 from twin.robot.assembly.drives import drive as drive_here
-from twin.robot.assembly.drives import planned
+from twin.robot.assembly.drives import plan_drive
 from twin.robot.assembly.isolated_drive import IsolatedDrive, IsolatedDrives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live.runs import recorded_runs
@@ -50,7 +50,7 @@ def test_a_run_in_which_power_is_taken_away_gives_the_same_bytes_however_isolate
             "drive": "torque_motor_fmi3", "body": None, "out": str(out), "isolate_drives": isolation == "drive",
         }  # fmt: skip
         if isolation == "run":
-            guarded("twin.robot.live.runs:recorded_runs", arguments)
+            run_guarded("twin.robot.live.runs:recorded_runs", arguments)
         else:
             recorded_runs(REPORTER, **arguments)
         recordings.append((out / "run.mcap").read_bytes())
@@ -136,7 +136,7 @@ def pids(assembly: Assembly) -> list[int]:
 
 
 def test_an_isolated_drive_looks_like_the_drive_itself(root: Path):
-    plan = planned(load_experiment(root / "experiments/fig4_position.toml").drives[0])
+    plan = plan_drive(load_experiment(root / "experiments/fig4_position.toml").drives[0])
     here = drive_here("drive_1", plan, 1e-3, 0.3, 0.05)
     with IsolatedDrives(REPORTER, step=10.0, count=1) as drives:
         there = drives.drive("drive_1", plan, 1e-3, 0.3, 0.05)
@@ -197,13 +197,13 @@ def test_the_isolated_drive_that_leaks_is_the_one_that_is_named(command: Command
 def test_what_an_isolated_drive_says_of_its_bad_status_is_told(root: Path, tmp_path: Path):
     fmu = faulty_drive(root, tmp_path)
     overrides = [f"drive.fmu='{fmu}'", "drive.parameters.droop=1"]
-    plan = planned(load_experiment(root / "experiments/fig4_position.toml", overrides).drives[0])
+    plan = plan_drive(load_experiment(root / "experiments/fig4_position.toml", overrides).drives[0])
     with IsolatedDrives(REPORTER, step=10.0, count=1) as drives:
         there = drives.drive("drive_1", plan, 1e-3, 0.0, 0.0)
         simulation = Simulation(
             System([there], [("drive_1.omega_m", f"drive_1.{name}") for name in ("omega_ref", "tau_load")], 1e-3), 2000
         )
-        while not simulation.finished:
+        while not simulation.is_over:
             simulation.advance()
         assert "faulty.fmu (drive_1) fmi2DoStep returned fmi2Error" in str(simulation.failure)
         there.close()

@@ -12,7 +12,7 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import unpacked as drives
-from twin.robot.assembly.assemble import ROBOT, assemble
+from twin.robot.assembly.assemble import COMPONENT_ROWS, assemble
 from twin.robot.experiment.experiment import Experiment
 
 ALONE = ["encoder", "estimator", "controller", "scale", "drive_1", "drive_2", "drive_3", "plant"]
@@ -52,13 +52,13 @@ def test_the_files_of_three_equal_drives_are_looked_at_once_for_each_robot(monke
 
 
 def test_a_tick_goes_through_the_table_from_top_to_bottom():
-    assert list(rows_of(shipped(FORCE, *EVERYTHING))) == [row.name for row in ROBOT if row.name != TOLD]
+    assert list(rows_of(shipped(FORCE, *EVERYTHING))) == [row.name for row in COMPONENT_ROWS if row.name != TOLD]
 
 
 @pytest.mark.parametrize("name", [FORCE, "pressing"])
 def test_every_source_in_the_table_is_an_output_of_its_row(name: str):
     offered = {row: [port.name for port in part.outputs] for row, part in rows_of(shipped(name, *EVERYTHING)).items()}
-    for row in ROBOT:
+    for row in COMPONENT_ROWS:
         for port, sources in row.inputs.items():
             for owner, output in sources:
                 assert owner == TOLD or output in offered[owner], f"{row.name}.{port}"

@@ -21,9 +21,9 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.assemble import ROBOT, assemble
+from twin.robot.assembly.assemble import COMPONENT_ROWS, assemble
 from twin.robot.assembly.load import load_experiment, recorded_experiment
-from twin.robot.assembly.roles import CONTRACTS, SampledFmu, other_part, sampled_fmu
+from twin.robot.assembly.roles import ROLE_CONTRACTS, SampledFmu, sampled_fmu, third_party_part
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.run import execute
@@ -31,10 +31,10 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.accuracy.budget import accuracy_budget
 from twin.studies.analyse.stability import stability
 from twin.studies.converge.convergence import convergence
-from twin.studies.faults.matrix import healthy_trial
+from twin.studies.faults.onsets import checked_healthy_run
 from twin.studies.replay.model import model_for
 from twin.studies.tune.prediction import Goals
-from twin.studies.tune.tuned import tuned
+from twin.studies.tune.tuned import tune_gains
 
 WAY = {"p_ref_B": ("way_1", "way_2", "way_3")}
 ARRAYS = """<?xml version="1.0"?>
@@ -61,7 +61,7 @@ def law(root: Path) -> Path:
 
 
 def planned(file: Path, inputs: Any = WAY, outputs: Any = None, **parameters: float) -> SampledFmu:
-    contract = CONTRACTS["controller"]
+    contract = ROLE_CONTRACTS["controller"]
     ports, said = (contract.inputs, contract.outputs), (inputs, outputs or {})
     return sampled_fmu(file, "controller", ports, contract.required, said, parameters, None)
 
@@ -78,7 +78,7 @@ def with_description(law: Path, target: Path, old: str, new: str) -> Path:
 
 def test_ports_of_several_values_are_found_by_the_names_that_tools_give_them(law: Path):
     plan = planned(law)
-    assert [port.name for port in plan.inputs] == [port.name for port in CONTRACTS["controller"].inputs]
+    assert [port.name for port in plan.inputs] == [port.name for port in ROLE_CONTRACTS["controller"].inputs]
     assert {b.role.port.name: b.name for b in plan.bindings if b.name.startswith("J")} == {
         f"J[{n}]": f"J_{n}" for n in range(1, 10)
     }
@@ -136,8 +136,8 @@ def test_inputs_of_a_sampled_part_are_held_where_they_could_rise_over_a_step(law
     smooth = with_description(able, tmp_path / "smooth.fmu", ' variability="discrete"', "")
     component = planned(smooth).component("controller", 1e-3, 2, 10)
     try:
-        inputs = component.instance.description.offered("input")
-        assert inputs and not any(map(component.instance.ramps, inputs))
+        inputs = component.instance.description.variables_of("input")
+        assert inputs and not any(map(component.instance.takes_ramp, inputs))
     finally:
         component.close()
 
@@ -227,26 +227,26 @@ def named(role: str, kind: str, file: Path) -> str:
     return f"{role}.python={file}:{kind}"
 
 
-@pytest.mark.parametrize("role", CONTRACTS)
+@pytest.mark.parametrize("role", ROLE_CONTRACTS)
 def test_a_part_of_another_make_may_have_the_ports_of_twins_own_and_no_others(role: str):
     moving = ["contact.shift={by_mm=[0,0,1],start_s=1,rise_s=1}"] if role == "body" else []
     with assemble(load_experiment(OWN_PORTS[role], moving)) as assembly:
         own = assembly.system.component(role)
-    contract, told = CONTRACTS[role], {"p_ref_B"} if role == "controller" else set()
+    contract, told = ROLE_CONTRACTS[role], {"p_ref_B"} if role == "controller" else set()
     assert {p for p in contract.inputs if p.name not in told} == set(own.inputs)
     assert set(contract.outputs) == set(own.outputs)
 
 
 def test_a_row_of_the_table_feeds_every_input_of_a_contract():
-    rows = {row.name: row for row in ROBOT}
-    for role, contract in CONTRACTS.items():
+    rows = {row.name: row for row in COMPONENT_ROWS}
+    for role, contract in ROLE_CONTRACTS.items():
         # what a tank passes on is told to twin's own controller only
         assert {port.name for port in contract.inputs} == rows[role].inputs.keys() - {"share"}, role
 
 
 def test_what_is_needed_of_a_part_is_what_others_take_of_it():
-    taken = {source for row in ROBOT for sources in row.inputs.values() for source in sources}
-    for role, contract in CONTRACTS.items():
+    taken = {source for row in COMPONENT_ROWS for sources in row.inputs.values() for source in sources}
+    for role, contract in ROLE_CONTRACTS.items():
         of_it = {port for owner, port in taken if owner == role}
         # tasks alone need tau_l, and a tank alone valid; lines of single drives are of twin's own monitor
         spare = {"tau_l", "valid", "drive_power", "brake"}
@@ -257,7 +257,7 @@ def test_what_is_needed_of_a_part_is_what_others_take_of_it():
 
 def test_no_port_of_the_robots_computer_is_true():
     true = {("plant", port) for port in ("p_B", "F_ee_B", "theta_l", "tau_load")} | {("drive", "theta_m")}
-    for row in ROBOT:
+    for row in COMPONENT_ROWS:
         if row.name in ("estimator", "controller", "monitor"):
             assert not {source for sources in row.inputs.values() for source in sources} & true
 
@@ -340,7 +340,7 @@ def test_a_class_or_an_instance_takes_the_place_of_a_part_in_a_program(tmp_path:
     for given in (Controller, Controller(kp=3.0)):
         with assemble(shipped(FORCE, SHORT), {"controller": given}) as assembly:
             assert assembly.substituted == {"controller": "Controller"}
-            assert assembly.system.has("reference.p_ref_B")
+            assert assembly.system.has_output("reference.p_ref_B")
     run = execute(shipped(FORCE, SHORT), tmp_path / "run", substitutes={"controller": Controller})
     assert "kp_mm_per_N" not in read(run.recording).metadata["experiment"]["values"]
     with pytest.raises(InputRefused, match="substitutes: 'drive_1' takes a component; classes take body, estimator"):
@@ -349,8 +349,8 @@ def test_a_class_or_an_instance_takes_the_place_of_a_part_in_a_program(tmp_path:
 
 def test_a_component_is_a_substitute_as_ever():
     class Law:
-        inputs = CONTRACTS["controller"].inputs[:1]
-        outputs = CONTRACTS["controller"].outputs[:7]
+        inputs = ROLE_CONTRACTS["controller"].inputs[:1]
+        outputs = ROLE_CONTRACTS["controller"].outputs[:7]
         sampled = True
 
         def step(self, t: float, h: float, u: Any, y: Any) -> None: ...
@@ -396,7 +396,7 @@ def test_a_pinned_hash_refuses_another_file(mine: Path):
 
 
 def _tuned(experiment: Experiment) -> None:
-    tuned([experiment], Goals())
+    tune_gains([experiment], Goals())
 
 
 @pytest.mark.parametrize(
@@ -404,7 +404,7 @@ def _tuned(experiment: Experiment) -> None:
     [
         (_tuned, "controller"), (_tuned, "estimator"), (stability, "controller"), (stability, "estimator"),
         (convergence, "controller"), (convergence, "estimator"), (accuracy_budget, "estimator"),
-        (healthy_trial, "monitor"),
+        (checked_healthy_run, "monitor"),
     ],
 )  # fmt: skip
 def test_studies_of_twins_own_law_refuse_another(mine: Path, study: Callable[[Experiment], Any], role: str):
@@ -437,7 +437,7 @@ def test_faults_break_what_surrounds_another_controller(mine: Path):
 
 
 def test_an_fmu_keeps_nothing_for_the_next_run(mine: Path):
-    part = other_part("controller", shipped(FORCE, "controller.fmu=fmus/parts/paper_law").stand_ins["controller"])
+    part = third_party_part("controller", shipped(FORCE, "controller.fmu=fmus/parts/paper_law").stand_ins["controller"])
     assert part.fmu is not None
     assert part.sha256 == part.fmu.sha256
     assert Port("omega_ref", 3, "rad/s", "commanded motor speeds") in part.outputs

@@ -11,10 +11,10 @@ import pytest
 from tests.kernel.fmi.archives import DESCRIPTION, altered
 from tests.laws.runs import FORCE, shipped
 from twin.kernel.cosim.delay import columns, play
-from twin.kernel.cosim.port import places, width
+from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.roles import CONTRACTS, SampledFmu, sampled_fmu
+from twin.robot.assembly.roles import ROLE_CONTRACTS, SampledFmu, sampled_fmu
 from twin.robot.run.run import execute
 
 SISO = {
@@ -42,19 +42,22 @@ def siso(root: Path, tmp_path: Path) -> Path:
 
 
 def planned(file: Path, inputs: Any, outputs: Any, role: str = "controller") -> SampledFmu:
-    contract = CONTRACTS[role]
+    contract = ROLE_CONTRACTS[role]
     ports = (contract.inputs, contract.outputs)
     return sampled_fmu(file, role, ports, contract.required, (inputs, outputs), {}, None)
 
 
 def test_it_hears_one_of_three_values_and_gives_one_the_others_are_0(siso: Path):
     plan = planned(siso, {"F_ee_B[2]": "-u"}, {"omega_ref[1]": "y"})
-    assert plan.unheard == ("F_ee_B[0]", "F_ee_B[1]") and plan.zero == ("omega_ref[0]", "omega_ref[2]")
+    assert plan.missing_inputs == ("F_ee_B[0]", "F_ee_B[1]") and plan.missing_outputs == (
+        "omega_ref[0]",
+        "omega_ref[2]",
+    )
     part = plan.part("controller", 1e-3, 1, 10)
     try:
         assert [port.name for port in part.outputs] == ["omega_ref"]
         u = np.zeros((4, width(part.inputs)))
-        u[:, places(part.inputs)["F_ee_B"]] = np.arange(12).reshape(4, 3)
+        u[:, port_slices(part.inputs)["F_ee_B"]] = np.arange(12).reshape(4, 3)
         rows, status = play(part, 1e-3 * np.arange(4.0), np.full(4, 1e-3), u)
         assert status == 0
         np.testing.assert_array_equal(

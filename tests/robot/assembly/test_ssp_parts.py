@@ -16,17 +16,17 @@ from tests.kernel.systems.linear import Linear
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.archive import sha256
 from twin.kernel.cosim.delay import columns, play
-from twin.kernel.cosim.port import places, width
+from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.cosim.selection import Selection
 from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.process.states import stored_state
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.drives import planned
+from twin.robot.assembly.drives import plan_drive
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.roles import CONTRACTS, SampledFmu, sampled_fmu
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.roles import ROLE_CONTRACTS, SampledFmu, sampled_fmu
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.run.run import execute
 
 AXES = "123"
@@ -79,7 +79,7 @@ MAPPED = [
 
 
 def planned_part(file: Path, inputs: Any, outputs: Any, parameters: Any = None, role: str = "controller") -> SampledFmu:
-    contract = CONTRACTS[role]
+    contract = ROLE_CONTRACTS[role]
     named = (inputs, outputs)
     return sampled_fmu(
         file, role, (contract.inputs, contract.outputs), contract.required, named, parameters or {}, None
@@ -104,7 +104,7 @@ def called(plan: SampledFmu, forces: Sequence[float], tick: float = 1e-3, period
     part = plan.part("controller", tick, period, 10)
     try:
         u = np.zeros((len(forces), width(part.inputs)))
-        u[:, places(part.inputs)["F_ee_B"].start + 2] = forces
+        u[:, port_slices(part.inputs)["F_ee_B"].start + 2] = forces
         h = period * tick
         rows, status = play(part, h * np.arange(float(len(forces))), np.full(len(forces), h), u)
         assert status == 0
@@ -235,7 +235,7 @@ def test_a_component_steps_as_it_is_annotated_else_once_a_call(tmp_path: Path, a
         u = np.zeros((6, width(part.inputs)))
         play(part, H * np.arange(6.0), np.full(6, H), u)
         variable = inside.instance.description.variables["steps"]
-        assert inside.instance.read([variable])[0] == steps
+        assert inside.instance.read_floats([variable])[0] == steps
     finally:
         part.close()
 
@@ -299,12 +299,12 @@ def test_an_archive_that_is_none_another_one_and_settings_that_are_of_one_fmu_ar
             shipped(FORCE, f"controller.fmu={three(tmp_path, (0, 0, 0))}", f"controller.sha256={'0' * 64}", *MAPPED),
             tmp_path / "run",
         )
-    drive = lone_drive(str(servo(tmp_path)), tmp_path)
+    drive = load_drive(str(servo(tmp_path)), tmp_path)
     with pytest.raises(InputRefused, match=r"\[drive\] solver: each FMU of an SSP has its own"):
-        planned(drive.model_copy(update={"solver": "rk4"}))
+        plan_drive(drive.model_copy(update={"solver": "rk4"}))
     (tmp_path / "other").mkdir()
     with pytest.raises(InputRefused, match="cannot tell which of its variables is theta_m"):
-        planned(lone_drive(str(servo(tmp_path / "other", ("rad/s", "N.m", "V", "V"))), tmp_path))
+        plan_drive(load_drive(str(servo(tmp_path / "other", ("rad/s", "N.m", "V", "V"))), tmp_path))
 
 
 def test_a_step_that_is_no_whole_number_of_ticks_is_refused(tmp_path: Path):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from twin.robot.controller.breath import BREATH, breathe
-from twin.robot.controller.tissue import TISSUE
+from twin.robot.controller.breath import BREATH_RECORD, breath_velocity
+from twin.robot.controller.tissue import TISSUE_RECORD
 
 T_s = 2e-3
 K = 1500.0
@@ -17,7 +17,7 @@ def followed(seconds, rate=0.25, begun=0.25, amplitude=1e-3, gives_way=0.9, lag=
         gives_way: share of the surface's motion that the robot goes along with; the rest presses.
         noise: rms of the height (m).
     """
-    m, tissue = np.zeros(1, dtype=BREATH)[0], np.zeros(1, dtype=TISSUE)[0]
+    m, tissue = np.zeros(1, dtype=BREATH_RECORD)[0], np.zeros(1, dtype=TISSUE_RECORD)[0]
     m["rate"], m["lag"] = begun, lag
     tissue["known"], tissue["k"], tissue["std"], tissue["since"], tissue["pressing"] = 1, K, std, 1.0, 1
     t = np.arange(round(seconds / T_s)) * T_s
@@ -25,7 +25,9 @@ def followed(seconds, rate=0.25, begun=0.25, amplitude=1e-3, gives_way=0.9, lag=
     surface, v = amplitude * (1.0 - np.cos(omega * t)), amplitude * omega * np.sin(omega * (t + lag))
     z = gives_way * surface + noise * np.random.default_rng(1).standard_normal(len(t))
     F = 5.0 + K * (surface - z)
-    told = [(breathe(m, tissue, T_s, a, b), float(m["omega"]) / (2.0 * np.pi)) for a, b in zip(z, F, strict=True)]
+    told = [
+        (breath_velocity(m, tissue, T_s, a, b), float(m["omega"]) / (2.0 * np.pi)) for a, b in zip(z, F, strict=True)
+    ]
     return np.array(told)[:, 0], v, np.array(told)[:, 1]
 
 

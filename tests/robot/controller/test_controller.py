@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.laws.runs import FORCE, POSITION, Sampled, shipped
+from tests.laws.runs import FORCE, POSITION, ComponentStepper, shipped
 from tests.robot.plant.states import positions
 from twin.robot.assembly.build import belief, controller
 from twin.robot.controller.controller import (
     Controller,
     Law,
     WayPointReference,
-    follow_passed,
     reference_position,
+    unwind_integral,
 )
-from twin.robot.controller.pid import PID, Gains, loop, proposal
+from twin.robot.controller.pid import PID_RECORD, Gains, loop_record, proposal
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian
 
@@ -28,7 +28,7 @@ KP, FORCE_GAINS = 1.5, Gains(2e-3, 5e-4)
 
 
 def law_of(law=LAW, position=KP, force=FORCE_GAINS):
-    return Sampled(Controller(law, Gains(position), force, [0.0], [POINT]))
+    return ComponentStepper(Controller(law, Gains(position), force, [0.0], [POINT]))
 
 
 def estimates(F_z, p_B=POINT, J=J_HOME):
@@ -59,12 +59,12 @@ def test_commanded_speeds_and_correction_stay_within_their_limits(p_B, F_z):
 
 
 def test_position_integral_stops_while_a_speed_is_limited():
-    law = Sampled(Controller(LAW._replace(omega_max=0.1), Gains(1.5, 50.0), FORCE_GAINS, [0.0], [POINT]))
+    law = ComponentStepper(Controller(LAW._replace(omega_max=0.1), Gains(1.5, 50.0), FORCE_GAINS, [0.0], [POINT]))
     away = np.add(POINT, [0.0, 0.0, 0.01])
     for k in range(1000):
-        law.named(estimates(0.0, away), k * T_s, T_s)
+        law.outputs_by_port(estimates(0.0, away), k * T_s, T_s)
     # without an error only the integral is left, and it took up nothing
-    np.testing.assert_array_equal(law.named(estimates(0.0), 2.0, T_s)["omega_ref"], 0.0)
+    np.testing.assert_array_equal(law.outputs_by_port(estimates(0.0), 2.0, T_s)["omega_ref"], 0.0)
 
 
 def test_a_pull_triggers_nothing_however_hard():
@@ -90,9 +90,9 @@ TOO_DEEP, RATE = -1e-3, 2.0 * FORCE_GAINS.ki / FORCE_GAINS.kp
 
 def passed(gains=FORCE_GAINS, z=TOO_DEEP, share=0.0, error=1.0):
     """What the force loop's integral (m) is moved by where `share` of a command got through."""
-    pid = np.array([loop(gains)], dtype=PID)[0]
+    pid = np.array([loop_record(gains)], dtype=PID_RECORD)[0]
     proposal(pid, error, T_s)
-    follow_passed(pid, z, share, T_s)
+    unwind_integral(pid, z, share, T_s)
     return pid["integral"]
 
 
@@ -106,17 +106,17 @@ def test_the_integral_goes_back_to_where_what_got_through_leads_in_half_of_its_o
 
 def test_a_way_back_is_not_held_back_and_a_loop_at_rest_stays_so():
     assert passed(z=-TOO_DEEP) == 0.0
-    resting = np.array([loop(FORCE_GAINS)], dtype=PID)[0]
-    follow_passed(resting, TOO_DEEP, 0.0, T_s)
+    resting = np.array([loop_record(FORCE_GAINS)], dtype=PID_RECORD)[0]
+    unwind_integral(resting, TOO_DEEP, 0.0, T_s)
     assert resting["integral"] == 0.0
 
 
 def behind_a_tank(share, ticks):
     """Correction (m) after `ticks` of 2 N too little, the platform held at home, `share` of each command passed on."""
     law = Controller(LAW._replace(trigger_time=0.0), Gains(KP), FORCE_GAINS, [0.0], [POINT], tank=True)
-    stepped = Sampled(law)
+    stepped = ComponentStepper(law)
     for k in range(ticks):
-        found = stepped.named(np.append(estimates(LAW.F_z_ref - 2.0), share), k * T_s, T_s)
+        found = stepped.outputs_by_port(np.append(estimates(LAW.F_z_ref - 2.0), share), k * T_s, T_s)
     return found["dp_z"][0]
 
 
@@ -143,13 +143,13 @@ def test_schedule_triggers_at_its_tick_whatever_the_force():
 
 def test_position_mode_is_never_triggered():
     overrides = ("controller.force.trigger_time_s=0.0", "controller.force.trigger_N=0.0")
-    found = pressed(Sampled(controller(shipped(POSITION, *overrides))), np.full(100, 50.0))
+    found = pressed(ComponentStepper(controller(shipped(POSITION, *overrides))), np.full(100, 50.0))
     assert not found["triggered"].any()
     np.testing.assert_array_equal(found["dp_z"], 0.0)
 
 
 def test_force_mode_is_triggered_by_the_threshold_of_the_file():
-    found = pressed(Sampled(controller(shipped(FORCE, "controller.force.filter_Hz=0"))), [0.5, 0.7])
+    found = pressed(ComponentStepper(controller(shipped(FORCE, "controller.force.filter_Hz=0"))), [0.5, 0.7])
     np.testing.assert_array_equal(found["triggered"], [0, 1])
 
 
@@ -218,8 +218,8 @@ def test_searching_from_the_start_finds_the_same_point(trajectory, now):
 
 
 def test_before_its_first_way_point_the_reference_waits_there():
-    reference = Sampled(WayPointReference([1.0, 2.0], [[0.0, 0.0, -0.1], [0.0, 0.02, -0.11]]))
-    found = [reference.named(np.zeros(0), t, T_s)["p_ref_B"][1] for t in (0.0, 0.5, 1.0, 1.5, 2.5)]
+    reference = ComponentStepper(WayPointReference([1.0, 2.0], [[0.0, 0.0, -0.1], [0.0, 0.02, -0.11]]))
+    found = [reference.outputs_by_port(np.zeros(0), t, T_s)["p_ref_B"][1] for t in (0.0, 0.5, 1.0, 1.5, 2.5)]
     assert found == pytest.approx([0.0, 0.0, 0.0, 0.01, 0.02])
 
 

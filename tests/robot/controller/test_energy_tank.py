@@ -8,8 +8,16 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import ComponentFailed
-from twin.robot.controller.energy_tank import COASTING, PLAY, RETURN, Tank, TankValve, _way, passed_on
-from twin.studies.converge.monolith import Sampled
+from twin.robot.controller.energy_tank import (
+    COASTING_SHARE,
+    JOINT_PLAY,
+    RETURN_GAIN,
+    Tank,
+    TankValve,
+    _joint_travel,
+    passed_share,
+)
+from twin.studies.converge.monolith import ComponentStepper
 
 SETTINGS = Tank(0.1, horizon=0.1, touch=0.6, release=math.inf, bias=0.0, late=3e-3, k_s=1.0, N=2.0, eta=1.0)
 J = np.diag([10.0, 10.0, -10.0])
@@ -17,17 +25,19 @@ J = np.diag([10.0, 10.0, -10.0])
 PERIOD = 2e-3
 
 
-def tank(**settings) -> Sampled:
-    return Sampled(TankValve(SETTINGS._replace(**settings)))
+def tank(**settings) -> ComponentStepper:
+    return ComponentStepper(TankValve(SETTINGS._replace(**settings)))
 
 
-def told(of: Sampled, sample: float, z: float, F_z: float, omega=(0.0, 0.0, 0.0), valid=1.0) -> dict[str, np.ndarray]:
+def told(
+    of: ComponentStepper, sample: float, z: float, F_z: float, omega=(0.0, 0.0, 0.0), valid=1.0
+) -> dict[str, np.ndarray]:
     """One call with the head at height `z` (m), pressing down with `F_z` (N)."""
     ports = {
         "omega_ref": np.array(omega), "p_B": np.array([0.0, 0.0, z]), "J": J.ravel(),
         "F_ee_B": np.array([0.0, 0.0, -F_z]), "valid": np.array([valid]), "sample": np.array([float(sample)]),
     }  # fmt: skip
-    return of.named(ports, h=PERIOD)
+    return of.outputs_by_port(ports, h=PERIOD)
 
 
 shares, watts, slopes = st.floats(0.0, 0.5), st.floats(-5.0, 5.0), st.floats(1e-3, 500.0)
@@ -37,7 +47,7 @@ shares, watts, slopes = st.floats(0.0, 0.5), st.floats(-5.0, 5.0), st.floats(1e-
 @example(0.001, 4.601133696618957, 0.001)
 def test_what_passes_uses_no_more_than_is_left_within_the_horizon(left: float, P: float, Q: float):
     T = 0.1
-    s = passed_on(left, T, P, Q)
+    s = passed_share(left, T, P, Q)
     assert 0.0 <= s <= 1.0
     # rounding of sums of a few joules, and of the root less P, which lie close together where Q is small
     rounding = 1e-12 + 4e-16 * P * P / Q
@@ -49,7 +59,7 @@ def test_what_passes_uses_no_more_than_is_left_within_the_horizon(left: float, P
 
 @given(st.floats(-0.5, -1e-9), watts, slopes)
 def test_an_empty_tank_lets_the_robot_give_way_only(left: float, P: float, Q: float):
-    s = passed_on(left, 0.1, P, Q)
+    s = passed_share(left, 0.1, P, Q)
     if P >= 0.0:
         assert s <= 1e-6
     else:
@@ -100,11 +110,11 @@ def test_what_the_torque_may_be_off_by_is_charged_along_the_way_while_something_
     told(of, 1, 0.0, F_z)
     down = told(of, 2, -0.004, F_z)
     # 4 mm turn the third joint by 40 mrad, of which the play is no way
-    unsure = 0.01 * (0.04 - PLAY) if charged else 0.0
+    unsure = 0.01 * (0.04 - JOINT_PLAY) if charged else 0.0
     assert down["level"] == pytest.approx(0.1 - 0.004 * F_z - unsure, rel=1e-12)
     # on the way back the play is passed through twice
     up = told(of, 3, 0.0, F_z)
-    unsure += 0.01 * (0.04 - 2.0 * PLAY) if charged else 0.0
+    unsure += 0.01 * (0.04 - 2.0 * JOINT_PLAY) if charged else 0.0
     assert up["given"] == pytest.approx(0.0, abs=1e-15)
     assert up["level"] == pytest.approx(0.1 - unsure, rel=1e-12)
 
@@ -121,10 +131,10 @@ def test_the_way_is_that_of_all_three_joints_with_every_move_of_the_head_less_th
     # each joint turns by another amount with each axis
     jacobian, moved = np.array([[1.0, 2.0, 4.0], [-8.0, 16.0, 32.0], [64.0, -3.0, 5.0]]), np.array([0.01, 0.03, 0.07])
     turned = np.zeros(3)
-    way = _way(turned, jacobian.ravel(), moved, np.zeros(3))
+    way = _joint_travel(turned, jacobian.ravel(), moved, np.zeros(3))
     # rounding of sums below 4
-    assert way == pytest.approx(np.sum(np.abs(jacobian @ moved) - PLAY), rel=1e-12)
-    assert turned.tolist() == [PLAY] * 3
+    assert way == pytest.approx(np.sum(np.abs(jacobian @ moved) - JOINT_PLAY), rel=1e-12)
+    assert turned.tolist() == [JOINT_PLAY] * 3
 
 
 def test_a_command_passes_unchanged_as_long_as_there_is_plenty():
@@ -167,7 +177,7 @@ def test_all_motors_go_up_as_fast_as_all_are_told_to_unless_the_robot_pulls(
 
 @pytest.mark.parametrize("omega", [0.4, -0.4, 6.0])
 def test_what_the_motors_still_do_is_taken_off_before(omega: float):
-    F_z, size, T, on = 1.0, 0.004, SETTINGS.horizon, COASTING * SETTINGS.horizon
+    F_z, size, T, on = 1.0, 0.004, SETTINGS.horizon, COASTING_SHARE * SETTINGS.horizon
     of, going = tank(size=size), 0.0
     for sample in range(1, 100):
         going += PERIOD / (on + PERIOD) * (told(of, sample, 0.0, F_z, (0.0, 0.0, omega))["omega_ref"][2] - going)
@@ -175,7 +185,9 @@ def test_what_the_motors_still_do_is_taken_off_before(omega: float):
     tau, N, k = 0.1, SETTINGS.N, SETTINGS.k_s
     coasting = max(tau * going / N * on + 0.5 * k * going**2 * on**2, 0.0)
     then = told(of, 100, 0.0, F_z, (0.0, 0.0, 0.7))
-    assert then["share"] == pytest.approx(passed_on(size - 0.5 * F_z**2 / 400.0 - coasting, T, 0.7 * tau / N, 0.49 * k))
+    assert then["share"] == pytest.approx(
+        passed_share(size - 0.5 * F_z**2 / 400.0 - coasting, T, 0.7 * tau / N, 0.49 * k)
+    )
     assert 0.0 < then["share"] < 1.0
     assert (coasting > 0.0) == (omega > 0.0)
 
@@ -183,7 +195,7 @@ def test_what_the_motors_still_do_is_taken_off_before(omega: float):
 MOST = 1.0 / (SETTINGS.k_s * SETTINGS.N * SETTINGS.eta * SETTINGS.horizon)
 
 
-def overdrawn(by: float, F_z: float = 4.0, **settings) -> Sampled:
+def overdrawn(by: float, F_z: float = 4.0, **settings) -> ComponentStepper:
     """A tank out of which `by` (J) more is gone than there was, springs included; the head is at 0 again by call 5."""
     of = tank(size=0.015 * F_z + 0.5 * F_z**2 / 400.0 - by, **settings)
     # from above, pressed down and, without force, up again: half of it comes back
@@ -200,10 +212,10 @@ def test_overdrawn_it_gives_way_even_if_it_is_not_told_to():
     held = told(overdrawn(1e-3), 6, 0.0, 4.0, (0.0, 0.0, 4.0))
     assert held["omega_ref"] == pytest.approx([0.0, 0.0, -1e-3 * SETTINGS.N / (SETTINGS.horizon * 0.4)])
     # far overdrawn no faster than motor and spring are stable
-    assert told(overdrawn(0.04), 6, 0.0, 4.0)["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN * MOST * 0.4])
+    assert told(overdrawn(0.04), 6, 0.0, 4.0)["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN_GAIN * MOST * 0.4])
     # of what may be an error nobody gives way
     unsure = told(overdrawn(0.03, bias=0.1), 6, 0.0, 4.0)
-    assert unsure["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN * MOST * 0.3])
+    assert unsure["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN_GAIN * MOST * 0.3])
     # 0.03 J of it are charged for 0.3 rad on the way down
     little = told(overdrawn(4e-4 - 0.03, bias=0.1), 6, 0.0, 4.0)
     assert little["omega_ref"] == pytest.approx([0.0, 0.0, -4e-4 * SETTINGS.N / (SETTINGS.horizon * 0.3)])
@@ -225,7 +237,7 @@ def test_overdrawn_it_does_not_let_itself_down_again():
     assert told(of, 6, 0.010, 0.0)["omega_ref"][2] == 0.0
     # 1 mm below where it has been, on 10 rad/m
     found = told(of, 7, 0.009, 0.0)
-    assert found["omega_ref"] == pytest.approx([0.0, 0.0, -SETTINGS.N * 10.0 * RETURN / SETTINGS.horizon * 0.001])
+    assert found["omega_ref"] == pytest.approx([0.0, 0.0, -SETTINGS.N * 10.0 * RETURN_GAIN / SETTINGS.horizon * 0.001])
     enough = tank()
     told(enough, 1, 0.0, 0.0)
     assert np.array_equal(told(enough, 2, -0.001, 0.0)["omega_ref"], np.zeros(3))

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.laws.runs import Sampled, shipped
+from tests.laws.runs import ComponentStepper, shipped
 from tests.robot.plant.states import positions
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
@@ -39,7 +39,7 @@ def angles(count):
 def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, deflected):
     count = counts(p_B, deflected)
     theta_m, theta_l = angles(count)
-    found = Sampled(Estimator(BELIEF)).named(count)
+    found = ComponentStepper(Estimator(BELIEF)).outputs_by_port(count)
     at = position(GEOMETRY, theta_l)
     tau_l = load_torque(BELIEF.k_s, BELIEF.N, BELIEF.eta, deflection(theta_m, theta_l, BELIEF.N))
     # rounding, of torques below 1 N m and forces below 20 N
@@ -55,7 +55,7 @@ def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, deflected):
 @given(positions(), deflecteds)
 def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, deflected):
     count = counts(p_B, deflected)
-    found = Sampled(Estimator(BELIEF, gravity_compensation=False)).named(count)
+    found = ComponentStepper(Estimator(BELIEF, gravity_compensation=False)).outputs_by_port(count)
     # Eq. 21-27; rounding of forces below 20 N
     expected = end_effector_force(GEOMETRY, found["theta_l"], found["tau_l"])
     np.testing.assert_allclose(found["F_ee_B"], expected, rtol=0, atol=1e-11)
@@ -63,7 +63,7 @@ def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, defle
 
 @given(positions())
 def test_position_is_known_to_a_joint_count(p_B):
-    found = Sampled(Estimator(BELIEF)).named(counts(p_B, np.zeros(3)))
+    found = ComponentStepper(Estimator(BELIEF)).outputs_by_port(counts(p_B, np.zeros(3)))
     # half a count of 2 pi / 16384 on each joint; |J^-1| is below 0.1 m/rad in the working range
     assert np.abs(found["p_B"] - p_B).max() < 0.1 * np.sqrt(3.0) * np.pi / BELIEF.joint_counts
 
@@ -79,7 +79,7 @@ def estimated_force(believed, p_B, deflected):
     """F_ee_B (3,) N at `p_B` with the springs deflected by `deflected` (3,) rad, as the encoders see it."""
     theta_l = joint_angles(GEOMETRY, p_B)
     angle = np.concatenate([FINE.N * theta_l + deflected + FINE.motor_zero, theta_l + FINE.joint_zero])
-    return Sampled(Estimator(believed)).named(np.round(angle * 2.0**40 / (2.0 * np.pi)))["F_ee_B"]
+    return ComponentStepper(Estimator(believed)).outputs_by_port(np.round(angle * 2.0**40 / (2.0 * np.pi)))["F_ee_B"]
 
 
 @given(positions(), torques, st.sampled_from([1.0, 0.5, 0.0]))
@@ -105,17 +105,17 @@ def test_inside_the_dead_zone_the_springs_are_believed_to_bear_nothing(p_B, shar
 
 def test_estimate_is_held_while_counts_explain_no_pose_or_are_no_numbers():
     calibrated = BELIEF._replace(motor_zero=(0.0, 0.0, 0.0), joint_zero=(0.0, 0.0, 0.0))
-    estimator = Sampled(Estimator(calibrated))
+    estimator = ComponentStepper(Estimator(calibrated))
     good = np.array([900.0, 900.0, 900.0, 900.0, 900.0, 900.0])
-    before = estimator.named(good)
+    before = estimator.outputs_by_port(good)
     # leg 1 folded inwards, the others outwards: the sphere centres lie on one line
     folded = np.array([0.0, 0.0, 0.0, BELIEF.joint_counts / 2.0, 0.0, 0.0])
     for counts in (folded, np.full(6, np.nan), [*good[:5], np.inf]):
-        held = estimator.named(np.asarray(counts))
+        held = estimator.outputs_by_port(np.asarray(counts))
         assert held.pop("valid") == 0.0
         for name, value in held.items():
             np.testing.assert_array_equal(value, before[name])
-    assert estimator.named(good)["valid"] == 1.0
+    assert estimator.outputs_by_port(good)["valid"] == 1.0
 
 
 def test_first_counts_that_explain_no_pose_end_the_run():

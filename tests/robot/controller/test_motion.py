@@ -14,7 +14,7 @@ from twin.robot.controller.machine import (
     motion,
     motion_time,
 )
-from twin.robot.controller.program import PHASE, Phase, PhaseKind
+from twin.robot.controller.program import PHASE_RECORD, Phase, PhaseKind
 
 lengths = st.floats(1e-4, 0.1)
 speeds = st.floats(1e-3, 0.2)
@@ -25,7 +25,7 @@ turns = st.floats(1.0, 5.0)
 
 
 def record(**values):
-    return np.array([tuple(Phase(PhaseKind.TRAVEL, 1, **values))], dtype=PHASE)[0]
+    return np.array([tuple(Phase(PhaseKind.TRAVEL, 1, **values))], dtype=PHASE_RECORD)[0]
 
 
 def line(length, speed, ramp_in, ramp_out, samples=2001):

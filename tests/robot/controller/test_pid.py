@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.robot.controller.test_controller import GEOMETRY
 from tests.robot.plant.states import positions
 from twin.robot.controller.compliance import REST_SPEED, friction_force, load_torques
-from twin.robot.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal, rest
+from twin.robot.controller.pid import PID_RECORD, Gains, accept, loop_record, low_pass_share, proposal, reset_loop
 from twin.robot.mechanism.kinematics import jacobian
 
 T_s = 2e-3
@@ -16,7 +16,7 @@ errors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=30)
 
 
 def at_rest(*gains):
-    return np.array([loop(Gains(*gains))], dtype=PID)[0]
+    return np.array([loop_record(Gains(*gains))], dtype=PID_RECORD)[0]
 
 
 def driven(pid, samples):
@@ -56,7 +56,7 @@ def test_first_sample_makes_no_derivative():
 def test_a_loop_that_has_rested_answers_as_if_nothing_had_been_before(before, samples):
     gains, pid = (2.0, 5.0, 0.1, 20.0), at_rest(2.0, 5.0, 0.1, 20.0)
     driven(pid, before)
-    rest(pid)
+    reset_loop(pid)
     assert pid == at_rest(*gains)
     np.testing.assert_array_equal(driven(pid, samples), driven(at_rest(*gains), samples))
 

@@ -5,23 +5,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.robot.controller.pid import PID, Gains, loop, proposal
-from twin.robot.controller.schedule import SCHEDULE, SchedulePoint, follow_reference, gains_at, schedule_gains, table_of
-from twin.robot.controller.tissue import TISSUE
+from twin.robot.controller.pid import PID_RECORD, Gains, loop_record, proposal
+from twin.robot.controller.schedule import (
+    SCHEDULE_RECORD,
+    SchedulePoint,
+    follow_reference,
+    gains_at,
+    schedule_gains,
+    schedule_table,
+)
+from twin.robot.controller.tissue import TISSUE_RECORD
 
 T_s = 2e-3
 POINTS = [SchedulePoint(300.0, 4e-3, 8e-2), SchedulePoint(800.0, 3e-3, 4e-2), SchedulePoint(2000.0, 1e-3, 1e-2)]
-TABLE = table_of(POINTS)
+TABLE = schedule_table(POINTS)
 SAFE = Gains(5e-4, 5e-3)
 
 
 def parts(k=300.0, std=10.0, known=1, rate=2.0, follow=1.0):
-    schedule, tissue = np.zeros(1, dtype=SCHEDULE)[0], np.zeros(1, dtype=TISSUE)[0]
+    schedule, tissue = np.zeros(1, dtype=SCHEDULE_RECORD)[0], np.zeros(1, dtype=TISSUE_RECORD)[0]
     settings = {"tolerance": 0.3, "rate": rate, "follow": follow, "kp": SAFE.kp, "ki": SAFE.ki, "count": len(TABLE)}
     for name, value in settings.items():
         schedule[name] = value
     tissue["known"], tissue["k"], tissue["std"], tissue["pressing"] = known, k, std, 1
-    return schedule, tissue, np.array([loop(SAFE)], dtype=PID)[0]
+    return schedule, tissue, np.array([loop_record(SAFE)], dtype=PID_RECORD)[0]
 
 
 def called(schedule, tissue, pid, calls):

@@ -17,11 +17,11 @@ from tests.robot.controller.soft_floor import (
     phases_of,
 )
 from tests.robot.controller.soft_floor import TOUCH as NOT_LEARNING
-from twin.robot.controller.adaptive import Adapting
-from twin.robot.controller.machine import MACHINE
-from twin.robot.controller.program import PHASE
+from twin.robot.controller.adaptive import AdaptiveOptions
+from twin.robot.controller.machine import MACHINE_RECORD
+from twin.robot.controller.program import PHASE_RECORD
 from twin.robot.controller.program import PhaseKind as Kind
-from twin.robot.controller.taps import TAPS, _tapping
+from twin.robot.controller.taps import TAPS_RECORD, _update_tap
 from twin.robot.controller.tissue import Sensing
 
 SENSING = Sensing(5.0, 0.5, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 4.0, 1e-4, 1e-4)
@@ -38,7 +38,7 @@ def peaks(rows):
 def tapped(learning, late=10, turn=0.0, drag=0.0):
     tap = TAP.model_copy(update={"times": 8, "force": 4.0})
     touch = NOT_LEARNING.model_copy(update={"turn": turn})
-    adapting = Adapting(SENSING, tap_learning=learning) if learning else None
+    adapting = AdaptiveOptions(SENSING, tap_learning=learning) if learning else None
     return peaks(carried_out([tap], 8.0, World("velocity", late, drag=drag), touch=touch, adapting=adapting))
 
 
@@ -69,8 +69,8 @@ def test_nothing_of_it_is_on_by_default():
 @pytest.mark.parametrize(("F_before", "surface"), [(0.5, -0.101), (2.0, -0.105 + 2.0 / 400.0)])
 def test_the_surface_is_where_the_force_of_its_touch_was_or_as_far_up_as_the_stiffness_says(F_before, surface):
     """From 0.5 N at -0.1 m to 3.0 N at -0.105 m; 1 N was felt where the probe began, at a fifth of the way."""
-    taps, machine, phase = (np.zeros(1, kind)[0] for kind in (TAPS, MACHINE, PHASE))
+    taps, machine, phase = (np.zeros(1, kind)[0] for kind in (TAPS_RECORD, MACHINE_RECORD, PHASE_RECORD))
     taps["kind"], taps["k"], taps["depth"] = Kind.TAP, 400.0, 0.004
     taps["F_begun"], taps["z_before"], taps["F_before"] = 1.0, -0.1, F_before
-    _tapping(taps, machine, phase, 0.1, -0.105, 3.0)
+    _update_tap(taps, machine, phase, 0.1, -0.105, 3.0)
     assert machine["z_turn"] == pytest.approx(surface - 0.004, rel=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.laws.runs import Sampled
+from tests.laws.runs import ComponentStepper
 from tests.robot.controller.soft_floor import (
     APPROACH,
     CONTACT,
@@ -141,7 +141,7 @@ def test_a_second_press_begins_as_the_first_did_whatever_the_force_loop_did_befo
 def test_the_rate_of_the_force_is_low_passed_as_the_force_is():
     """A force that grows evenly from one call on: its rate rises to that as a first-order lag."""
     component, slope, n = task_controller([PRESS]), 40.0, 25
-    controller, share = Sampled(component), low_pass_share(LAW.corner, T_s)
+    controller, share = ComponentStepper(component), low_pass_share(LAW.corner, T_s)
     estimates = np.concatenate([*PRESS.point, APPROACH.height], axis=None)
     estimates = np.concatenate([estimates, J_HOME, np.zeros(6)])
     rate, F_z = 0.0, 0.0
@@ -161,7 +161,7 @@ def test_what_a_tank_holds_back_moves_the_force_integral_by_the_error_in_z_alone
         """Of the call after one in which the platform was `off` its command (m), all of it passed on until then."""
         start = (*PRESS.point, APPROACH.height)
         phases = program(APPROACH, CONTACT, [PRESS])
-        controller = Sampled(
+        controller = ComponentStepper(
             TaskController(LAW, Gains(0.0), FORCE_GAINS, FORWARD, UNDAMPED, TOUCH, phases, start, tank=True)
         )
         p, pressed = np.array(start), 0

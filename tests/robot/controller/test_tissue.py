@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.robot.controller.adaptive import dither
-from twin.robot.controller.tissue import HIGHEST, TISSUE, _solve, band_passed, sense
+from twin.robot.controller.tissue import MAX_STIFFNESS, TISSUE_RECORD, _solve_normal_equations, band_pass, update_tissue
 
 T_s = 2e-3
 MASS, INERTIA, SQUARES = 0.15, 8e-5, 600.0
@@ -16,7 +16,7 @@ Z = -0.1
 
 
 def tissue(**settings):
-    m = np.zeros(1, dtype=TISSUE)[0]
+    m = np.zeros(1, dtype=TISSUE_RECORD)[0]
     given = {
         "frequency": 5.0, "window": 0.5, "dither": 0.1, "enough": 0.1, "doubtful": 0.2, "contact": 0.3, "mass": MASS,
         "inertia": INERTIA, "joint_spring": 4.0, "angle_rounding": 1e-4, "torque_rounding": 1e-4,
@@ -39,7 +39,7 @@ def pressed(m, seconds, k=1500.0, c=0.0, breath=0.0, speed=0.0, amplitude=5e-5, 
     F = F_0 + k * (surface + Z - z) + c * (v_surface - v) - (MASS + INERTIA * SQUARES) * a
     z = z + noise * np.random.default_rng(1).standard_normal(len(z))
     for height, force in zip(z, F, strict=True):
-        sense(m, T_s, height, force, J, True)
+        update_tissue(m, T_s, height, force, J, True)
     return m
 
 
@@ -79,7 +79,7 @@ def test_where_the_height_moves_under_the_same_force_the_estimate_is_doubted_mor
     k = float(m["k"])
     # 1 mm in 5 s: as much as 0.4 of stiffness would make, but no more than 3 % a second is believed
     pressed(m, 5.0, amplitude=0.0, speed=-2e-4)
-    sense(m, T_s, Z - 1e-3, 4.0, J, True)
+    update_tissue(m, T_s, Z - 1e-3, 4.0, J, True)
     assert m["k"] == pytest.approx(k, rel=0.05)
     assert m["std"] == pytest.approx(0.03 * 5.0 * k, rel=0.4)
 
@@ -97,14 +97,14 @@ def test_while_the_reference_falls_the_dither_rests():
 
 def test_a_force_that_changes_makes_it_doubtful_in_proportion():
     m = pressed(tissue(), 2.0, F_0=4.0)
-    sense(m, T_s, Z, 8.0, J, True)
+    update_tissue(m, T_s, Z, 8.0, J, True)
     # 0.7 of the share by which the force has changed since
     assert m["std"] > 0.3 * m["k"]
 
 
 def test_what_moves_less_than_rounding_is_no_excitation():
     m = pressed(tissue(angle_rounding=1e-2), 2.0)
-    assert not m["known"] and not m["excited"] and m["std"] == HIGHEST
+    assert not m["known"] and not m["excited"] and m["std"] == MAX_STIFFNESS
 
 
 def test_noise_is_told_by_the_standard_error():
@@ -115,17 +115,17 @@ def test_noise_is_told_by_the_standard_error():
 
 def test_a_new_press_knows_nothing_of_the_last_one():
     m = pressed(tissue(), 2.0)
-    sense(m, T_s, Z + 0.01, 0.0, J, False)
+    update_tissue(m, T_s, Z + 0.01, 0.0, J, False)
     assert m["known"]
-    sense(m, T_s, Z, 1.0, J, True)
-    assert not m["known"] and m["std"] == HIGHEST
+    update_tissue(m, T_s, Z, 1.0, J, True)
+    assert not m["known"] and m["std"] == MAX_STIFFNESS
 
 
 def test_nothing_is_learnt_in_the_air_or_without_the_force_loop():
     for pressing, F in ((True, 0.2), (False, 4.0)):
         m = tissue()
         for n in range(1000):
-            sense(m, T_s, Z + 1e-4 * np.sin(2.0 * np.pi * 5.0 * n * T_s), F, J, pressing)
+            update_tissue(m, T_s, Z + 1e-4 * np.sin(2.0 * np.pi * 5.0 * n * T_s), F, J, pressing)
         assert not m["known"] and not m["excited"]
 
 
@@ -143,7 +143,7 @@ def dithered(m, seconds, k, rising=1e-9, off=0.0):
         F = 4.0 - off + (forces[-1] if forces else 0.0)
         shift, _ = dither(m, T_s, F, 4.0 + rising * n)
         moved = shift * K / (k + K)
-        sense(m, T_s, Z + moved, 4.0 - k * moved + inertia * moved, J, True)
+        update_tissue(m, T_s, Z + moved, 4.0 - k * moved + inertia * moved, J, True)
         shifts.append(shift)
         forces.append(-k * moved)
     return np.array(shifts), np.array(forces)
@@ -189,7 +189,7 @@ def test_a_tissue_whose_stiffness_changes_without_a_new_touch_is_doubted_within_
     assert m["k"] == pytest.approx(k, rel=0.01) and m["std"] < 0.2 * k
     # twelve times as stiff, as much force from the same height on; what changes is how it goes with the height
     pressed(m, 0.2, ratio * k, amplitude=2e-4)
-    assert m["std"] == HIGHEST
+    assert m["std"] == MAX_STIFFNESS
     pressed(m, 2.0, ratio * k, amplitude=2e-4)
     assert m["k"] == pytest.approx(ratio * k, rel=0.05) and m["std"] < 0.2 * ratio * k
 
@@ -197,7 +197,7 @@ def test_a_tissue_whose_stiffness_changes_without_a_new_touch_is_doubted_within_
 def test_a_force_that_jumps_where_nothing_moves_is_doubted_at_once():
     m = pressed(tissue(), 2.0, amplitude=1e-4)
     pressed(m, 0.05, amplitude=1e-6, F_0=8.0)
-    assert m["std"] == HIGHEST
+    assert m["std"] == MAX_STIFFNESS
 
 
 def test_what_fits_the_estimate_is_not_doubted_however_far_it_moves():
@@ -225,7 +225,7 @@ def test_the_recorded_error_counts_the_lag_of_the_band_pass_where_the_force_rise
     m = tissue()
     t = np.arange(1500) * T_s
     for height, force in zip(Z + 1e-4 * np.sin(10.0 * np.pi * t), 2.0 + 2.0 * t, strict=True):
-        sense(m, T_s, height, force - 1500.0 * (height - Z), J, True)
+        update_tissue(m, T_s, height, force - 1500.0 * (height - Z), J, True)
     # both stages of the band-pass are late by 2 Q/(2 pi f), 0.25 s in all, in which the force has risen by 0.5 N of 8
     late = 0.7 * 0.5 / 8.0
     changed = math.sqrt(m["std"] ** 2 - m["error"] ** 2) / m["k"]
@@ -241,7 +241,7 @@ def solved(k, error, age=0.0, k_before=1000.0, std_before=100.0):
     m["zzF"] = 4.0 * zz
     # error^2 = (what is left)/n in_band/zz
     m["FF"] = k * k * zz + n * error * error * zz / 100.0
-    _solve(m, 4.0)
+    _solve_normal_equations(m, 4.0)
     return m
 
 
@@ -265,7 +265,7 @@ def test_a_new_estimate_is_not_as_old_as_the_one_before():
 
 def test_without_a_dither_nothing_is_moved():
     m = tissue(dither=0.0)
-    sense(m, T_s, Z, 4.0, J, True)
+    update_tissue(m, T_s, Z, 4.0, J, True)
     assert dither(m, T_s, 4.0, 4.0) == (0.0, 0.0)
 
 
@@ -274,7 +274,7 @@ def test_the_band_pass_has_gain_one_in_its_middle_and_gives_the_derivative_of_wh
     states = tissue()["z"]
     g, omega = math.tan(math.pi * 5.0 * T_s), 2.0 * np.pi * f
     t = np.arange(5000) * T_s
-    passed = np.array([band_passed(states, g, x) for x in np.sin(omega * t)])[2500:]
+    passed = np.array([band_pass(states, g, x) for x in np.sin(omega * t)])[2500:]
     assert np.abs(passed[:, 0]).max() == pytest.approx(gain, rel=0.2)
     # of the trapezoidal rule: tan(omega T/2)/tan(pi 5 T) for omega/(2 pi 5 Hz)
     rate = math.tan(0.5 * omega * T_s) / g

@@ -18,7 +18,7 @@ from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.recording.reader import Recording, read
-from twin.robot.assembly.drives import drive, planned
+from twin.robot.assembly.drives import drive, plan_drive
 from twin.robot.assembly.load import load_experiment
 from twin.robot.drive.contract import DriveRotor
 from twin.robot.experiment.schema import Drive
@@ -58,7 +58,7 @@ def servo_table(servo: Path, wraps: bool = False, **table: Any) -> Drive:
 
 def moved(table: Drive, omega_ref: Numbers, tau_load: float = 0.0, start: float = START) -> dict[str, Numbers]:
     """What the drive does in ticks of 1 ms with these commanded speeds."""
-    component = drive("drive_1", planned(table), TICK, start, 0.0)
+    component = drive("drive_1", plan_drive(table), TICK, start, 0.0)
     try:
         n = len(omega_ref)
         u = np.column_stack([omega_ref, np.full(n, tau_load)])
@@ -190,9 +190,9 @@ def test_finer_steps_bring_machine_and_rotor_to_the_coupled_solution(motor: Path
 
 def test_a_machine_that_is_not_told_of_its_shaft_is_warned_of(motor: Path, tmp_path: Path):
     blind = redescribed(motor, tmp_path / "blind.fmu", *unit("opposes positive omega_m", "rad/s", "N.m"))
-    (warning,) = planned(machine_table(blind, inputs={"omega_ref": "omega_ref"})).warnings()
+    (warning,) = plan_drive(machine_table(blind, inputs={"omega_ref": "omega_ref"})).warnings()
     assert "[drive.inputs] omega_m" in warning
-    assert not planned(machine_table(motor)).warnings()
+    assert not plan_drive(machine_table(motor)).warnings()
 
 
 @pytest.mark.parametrize(
@@ -210,19 +210,19 @@ def test_what_does_not_fit_a_position_command_is_refused(servo: Path, table: dic
 
 def test_a_drive_without_torque_turns_no_rotor(servo: Path):
     with pytest.raises(InputRefused, match="which of its variables is tau_motor"):
-        planned(servo_table(servo, rotor={"J_kg_m2": 1e-4}, inputs={"command": "goal_velocity"}, outputs={}))
+        plan_drive(servo_table(servo, rotor={"J_kg_m2": 1e-4}, inputs={"command": "goal_velocity"}, outputs={}))
 
 
 def test_an_unmapped_servo_is_proposed_as_one_that_takes_a_position(servo: Path):
     with pytest.raises(InputRefused, match=r'commanded with a position\.\n(.*\n)*command = "position"'):
-        planned(Drive.model_validate({"fmu": str(servo), "outputs": {"theta_m": "shaft_angle"}}))
+        plan_drive(Drive.model_validate({"fmu": str(servo), "outputs": {"theta_m": "shaft_angle"}}))
 
 
 def test_an_unmapped_machine_is_told_how_to_get_a_shaft(motor: Path, tmp_path: Path):
     angle = 'Motor angle, before spring and belt" initial="exact">\n      <Real start="0.0" unit='
     shaftless = redescribed(motor, tmp_path / "shaftless.fmu", f'{angle}"rad"', f'{angle}"s"')
     with pytest.raises(InputRefused, match=r"\[drive.rotor\] J_kg_m2"):
-        planned(Drive.model_validate({"fmu": str(shaftless), "inputs": {"omega_ref": "omega_ref"}}))
+        plan_drive(Drive.model_validate({"fmu": str(shaftless), "inputs": {"omega_ref": "omega_ref"}}))
 
 
 SPEEDS, LOADS, ANGLES = np.array([1.0, 2.0, 4.0]), np.array([0.1, -0.3, 0.5]), np.array([0.2, 0.7, -0.4])
@@ -266,7 +266,7 @@ def stepped(component: Component, omega_ref: Numbers, tau_load: Numbers, ticks: 
 @pytest.mark.parametrize("plain", [{}, {"substeps": 2}], ids=["alone", "sub-stepped"])
 def test_each_axis_has_its_own_command_load_and_angle(fmu: Path, plain: dict[str, Any]):
     """A robot in the plane x = 0 is its own mirror image and cannot tell axis 2 from axis 3."""
-    component = drive("drive", planned(Drive.model_validate({"fmu": str(fmu), **plain})), 1e-3, ANGLES, LOADS)
+    component = drive("drive", plan_drive(Drive.model_validate({"fmu": str(fmu), **plain})), 1e-3, ANGLES, LOADS)
     np.testing.assert_array_equal(component.initial("theta_m"), ANGLES)
     end = stepped(component, SPEEDS, LOADS, 1000)
     component.close()
@@ -278,12 +278,12 @@ def test_each_axis_has_its_own_command_load_and_angle(fmu: Path, plain: dict[str
 
 def test_inside_the_fmu_axes_are_in_the_robots_order(fmu: Path):
     """Turned over on the way in and back on the way out nobody outside would see it."""
-    component = drive("drive", planned(Drive.model_validate({"fmu": str(fmu)})), 1e-3, ANGLES, LOADS)
+    component = drive("drive", plan_drive(Drive.model_validate({"fmu": str(fmu)})), 1e-3, ANGLES, LOADS)
     assert isinstance(component, FmuComponent)
     variables = component.instance.description.variables
-    np.testing.assert_array_equal(component.instance.read([variables["tau_load"]]), LOADS)
+    np.testing.assert_array_equal(component.instance.read_floats([variables["tau_load"]]), LOADS)
     stepped(component, SPEEDS, -LOADS, 1)
-    found = component.instance.read([variables["omega_ref"], variables["tau_load"]])
+    found = component.instance.read_floats([variables["omega_ref"], variables["tau_load"]])
     component.close()
     np.testing.assert_array_equal(found, [*SPEEDS, *-LOADS])
 

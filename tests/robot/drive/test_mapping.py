@@ -7,8 +7,24 @@ from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import Variable, conversion
-from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, OPTIONAL_INPUTS, THETA_M, contract
-from twin.robot.drive.mapping import Join, Wiring, bindings, candidates, joins, objection, proposals, score
+from twin.robot.drive.contract import (
+    COMMAND_ROLES,
+    LOAD_ROLE,
+    OMEGA_M_ROLE,
+    OPTIONAL_INPUT_ROLES,
+    THETA_M_ROLE,
+    drive_roles,
+)
+from twin.robot.drive.mapping import (
+    WireProposal,
+    Wiring,
+    best_candidates,
+    bindings,
+    candidates,
+    name_score,
+    propose_wires,
+    wire_error,
+)
 
 
 def variable(name: str, causality: str, unit: str, description: str = "", kind: int = 0) -> Variable:
@@ -48,39 +64,39 @@ def refusal(variables: dict[str, Variable], wiring: Wiring | None = None) -> str
 
 def test_what_states_its_unit_goes_before_what_does_not_and_that_before_nothing():
     bare, stated = variable("omega_m", "output", ""), variable("shaft", "output", "rpm")
-    assert candidates(drive(bare, stated), OMEGA_M) == ["shaft"]
-    assert candidates(drive(bare), OMEGA_M) == ["omega_m"]
+    assert candidates(drive(bare, stated), OMEGA_M_ROLE) == ["shaft"]
+    assert candidates(drive(bare), OMEGA_M_ROLE) == ["omega_m"]
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", COMMAND_ROLES)
 def test_no_drive_goes_without_command_load_and_shaft_or_where_the_shaft_is_ours_without_torque(command):
     goal = "omega_ref" if command == "velocity" else "command"
     for rotor, needed in ((False, {goal, "tau_load", "theta_m", "omega_m"}), (True, {goal, "tau_motor"})):
-        assert {role.port.name for role in contract(command, rotor) if role.required} == needed
+        assert {role.port.name for role in drive_roles(command, rotor) if role.required} == needed
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", COMMAND_ROLES)
 def test_gear_and_sign_turn_angles_speeds_and_torques_and_nothing_else(command):
-    for role in (*contract(command), *contract(command, rotor=True)):
+    for role in (*drive_roles(command), *drive_roles(command, rotor=True)):
         assert role.port.size == 1
         assert role.mechanical == {"rad": 1, "rad/s": 1, "N m": -1}.get(role.port.unit, 0), role.port.name
 
 
 def test_a_switch_is_taken_for_what_may_be_left_out_only():
     switch = replace(variable("on", "input", ""), type="Boolean")
-    assert candidates(drive(switch), OPTIONAL_INPUTS[0]) == ["on"]
-    assert candidates(drive(switch), LOAD) == []
+    assert candidates(drive(switch), OPTIONAL_INPUT_ROLES[0]) == ["on"]
+    assert candidates(drive(switch), LOAD_ROLE) == []
 
 
 def test_an_angle_in_no_unit_is_proposed_where_it_is_measured_and_not_where_it_is_commanded():
-    assert proposals(drive(variable("goal", "input", "1")), COMMANDS["position"], set()) == []
-    assert proposals(drive(variable("goal", "input", "rad")), COMMANDS["position"], set()) == ["goal"]
-    assert proposals(drive(variable("theta", "output", "1")), THETA_M, set()) == ["theta"]
+    assert best_candidates(drive(variable("goal", "input", "1")), COMMAND_ROLES["position"], set()) == []
+    assert best_candidates(drive(variable("goal", "input", "rad")), COMMAND_ROLES["position"], set()) == ["goal"]
+    assert best_candidates(drive(variable("theta", "output", "1")), THETA_M_ROLE, set()) == ["theta"]
 
 
 def test_a_name_fits_best_that_is_a_synonym_then_one_with_it_inside_then_one_described_by_it():
     said = [("load", ""), ("load_at_shaft", ""), ("M", "load on the shaft"), ("M", "")]
-    fits = [score(name, variable(name, "input", "N.m", text), LOAD) for name, text in said]
+    fits = [name_score(name, variable(name, "input", "N.m", text), LOAD_ROLE) for name, text in said]
     assert fits == sorted(set(fits), reverse=True) and fits[-1] == 0
 
 
@@ -231,7 +247,7 @@ def test_a_speed_controller_is_wired_to_its_machine_and_keeps_its_command():
         servo__omega_ref=("input", "rad/s"), servo__n=("input", "rpm"), servo__u_out=("output", "V"),
     )  # fmt: skip
     # by name, although rpm is measured by two of its inputs; by unit
-    assert joins(parts) == [Join("servo.u_out", "machine.u"), Join("machine.n", "servo.n")]
+    assert propose_wires(parts) == [WireProposal("servo.u_out", "machine.u"), WireProposal("machine.n", "servo.n")]
 
 
 def test_nothing_is_sure_that_would_leave_the_robot_no_load_to_put_on():
@@ -240,9 +256,12 @@ def test_nothing_is_sure_that_would_leave_the_robot_no_load_to_put_on():
         gear__w_in=("input", "rad/s"), gear__tau_in=("output", "N.m"), gear__phi=("output", "rad"),
     )  # fmt: skip
     # the gear's own load is missing: the one torque that goes in would be wired away
-    assert joins(parts) == [Join("gear.tau_in", "machine.tau", False), Join("machine.w", "gear.w_in", False)]
+    assert propose_wires(parts) == [
+        WireProposal("gear.tau_in", "machine.tau", False),
+        WireProposal("machine.w", "gear.w_in", False),
+    ]
     whole = parts | of(gear__tau_load=("input", "N.m"))
-    assert joins(whole) == [Join("gear.tau_in", "machine.tau"), Join("machine.w", "gear.w_in")]
+    assert propose_wires(whole) == [WireProposal("gear.tau_in", "machine.tau"), WireProposal("machine.w", "gear.w_in")]
 
 
 def test_an_input_that_two_outputs_measure_is_sure_of_neither():
@@ -250,13 +269,13 @@ def test_an_input_that_two_outputs_measure_is_sure_of_neither():
         machine__u=("input", "V"), machine__tau=("input", "N.m"), machine__n=("output", "rpm"),
         gear__n_in=("input", "rpm"), wheel__n_out=("output", "rpm"), gear__tau_load=("input", "N.m"),
     )  # fmt: skip
-    found = [join for join in joins(parts) if join.target == "gear.n_in"]
-    assert found == [Join("machine.n", "gear.n_in", False), Join("wheel.n_out", "gear.n_in", False)]
+    found = [join for join in propose_wires(parts) if join.target == "gear.n_in"]
+    assert found == [WireProposal("machine.n", "gear.n_in", False), WireProposal("wheel.n_out", "gear.n_in", False)]
 
 
 def test_a_part_feeds_neither_itself_nor_what_measures_something_else():
     parts = of(a__x=("input", "V"), a__y=("output", "V"), b__z=("output", "A"), b__load=("input", "N.m"))
-    assert joins(parts) == []
-    assert objection(parts, "b.z", "a.x") == "units A and V have different dimensions"
-    assert objection(parts, "a.x", "b.z") == "a.x has causality input and type Real"
-    assert objection(parts, "a.q", "a.x") == "there is no a.q"
+    assert propose_wires(parts) == []
+    assert wire_error(parts, "b.z", "a.x") == "units A and V have different dimensions"
+    assert wire_error(parts, "a.x", "b.z") == "a.x has causality input and type Real"
+    assert wire_error(parts, "a.q", "a.x") == "there is no a.q"

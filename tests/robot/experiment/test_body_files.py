@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.laws.runs import EXPERIMENTS, Sampled, shipped
+from tests.laws.runs import EXPERIMENTS, ComponentStepper, shipped
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment_files import fill_from_body
-from twin.robot.experiment.source import Source, override, read_source
-from twin.robot.plant.component import Plant, resting
+from twin.robot.experiment.source import Source, apply_overrides, read_source
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.contact_law import Contact, elastic_force
 
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))
@@ -109,11 +109,11 @@ def test_regions_follow_different_laws():
 @over_every_body
 def test_every_body_takes_an_impact_at_100_millimetres_per_second_at_a_tick_of_one(name):
     parameters = plant_parameters(shipped().plant, contact_of(name))
-    x, theta_m = resting(parameters, (0.003, -0.004, -0.102))
+    x, theta_m = rest_state(parameters, (0.003, -0.004, -0.102))
     x[3:6] = [0.02, -0.03, -0.1]
 
     def trajectory(substeps):
-        stepped = Sampled(Plant(parameters, x, theta_m, substeps))
+        stepped = ComponentStepper(Plant(parameters, x, theta_m, substeps))
         return np.array([stepped(theta_m, 0.0, 1e-3)[18:21] for _ in range(150)])
 
     fine = trajectory(20)
@@ -124,7 +124,9 @@ def test_every_body_takes_an_impact_at_100_millimetres_per_second_at_a_tick_of_o
 
 def test_what_the_experiment_says_is_laid_over_its_body():
     source = Source()
-    source.put({"contact": {"body": "back", "friction": 0.4, "breathing": {"rate_per_min": 20.0}}}, "set in mine.toml")
+    source.merge(
+        {"contact": {"body": "back", "friction": 0.4, "breathing": {"rate_per_min": 20.0}}}, "set in mine.toml"
+    )
     fill_from_body(source, EXPERIMENTS)
     contact = Contact.model_validate(source.values["contact"])
     assert (contact.body, contact.friction, contact.stiffness) == ("back", 0.4, 1000.0)
@@ -136,8 +138,8 @@ def test_what_the_experiment_says_is_laid_over_its_body():
 
 def test_a_body_of_the_command_line_keeps_the_height_alone():
     source = read_source(EXPERIMENTS / "fig4_force_position.toml")
-    override(source, ["contact.height_mm=-99"])
-    source.name("contact", "body", "belly")
+    apply_overrides(source, ["contact.height_mm=-99"])
+    source.select_file("contact", "body", "belly")
     fill_from_body(source, EXPERIMENTS)
     contact = Contact.model_validate(source.values["contact"])
     assert (contact.height, contact.stiffness, contact.law) == (-0.099, 500.0, "kelvin_voigt")

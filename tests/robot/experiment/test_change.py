@@ -4,8 +4,8 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.schema import Change, changeable, checked_changes
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.experiment.schema import Change, changeable_values, checked_changes
 
 VALUES = shipped().values
 REFERENCE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
@@ -13,7 +13,7 @@ REFERENCE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
 
 def checked(*tables: Any, values: Any = VALUES) -> tuple[tuple[Change, ...], list[str]]:
     mistakes: list[str] = []
-    return checked_changes(DECLARED, tables, values, 1e-3, 20.0, mistakes), mistakes
+    return checked_changes(DECLARED_TABLES, tables, values, 1e-3, 20.0, mistakes), mistakes
 
 
 def test_a_change_is_in_ticks_and_si():
@@ -49,25 +49,25 @@ def test_one_number_cannot_change_twice_at_once():
 
 def test_what_does_not_act_cannot_change():
     values = shipped("fig4_position").values
-    assert list(changeable(DECLARED, values)) == ["controller.position.kp_per_s"]
+    assert list(changeable_values(DECLARED_TABLES, values)) == ["controller.position.kp_per_s"]
     _, (mistake,) = checked(REFERENCE, values=values)
     assert "does not act in this experiment; known are controller.position.kp_per_s" in mistake
 
 
 def test_an_experiment_without_a_controller_has_nothing_to_change_and_says_so():
-    assert changeable(DECLARED, {}) == {}
+    assert changeable_values(DECLARED_TABLES, {}) == {}
     _, (mistake,) = checked(REFERENCE, values={})
     assert "[change 1]" in mistake
 
 
 def test_a_single_table_is_no_array():
     mistakes: list[str] = []
-    assert checked_changes(DECLARED, REFERENCE, VALUES, 1e-3, 20.0, mistakes) == ()
+    assert checked_changes(DECLARED_TABLES, REFERENCE, VALUES, 1e-3, 20.0, mistakes) == ()
     assert mistakes == ["[change]: a single table; changes are an array of tables, write [[change]]"]
 
 
 def test_every_key_is_one_of_the_shipped_experiment():
-    assert list(changeable(DECLARED, VALUES)) == list(DECLARED.changeable)
+    assert list(changeable_values(DECLARED_TABLES, VALUES)) == list(DECLARED_TABLES.changeable)
 
 
 def test_mistakes_of_a_change_are_told_with_the_others():

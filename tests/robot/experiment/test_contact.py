@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.mistakes import sentences
+from twin.robot.experiment.mistakes import error_messages
 from twin.robot.plant.contact_law import Contact
 
 SCALE: dict[str, Any] = {
@@ -26,7 +26,7 @@ del BELLY["damping_s_per_m"]
 def mistakes(table: dict[str, Any], **changes: Any) -> list[str]:
     with pytest.raises(ValidationError) as refusal:
         Contact.model_validate({**table, **changes})
-    return sentences(refusal.value, Contact, "contact")
+    return error_messages(refusal.value, Contact, "contact")
 
 
 def test_a_table_of_before_is_a_level_hunt_crossley_plane_at_rest():

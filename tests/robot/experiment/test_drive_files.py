@@ -6,10 +6,10 @@ from pydantic import ValidationError
 from tests.laws.runs import FORCE
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.roles import CONTRACTS
-from twin.robot.experiment.drive_files import joint_tables, lone_drive
+from twin.robot.assembly.roles import ROLE_CONTRACTS
+from twin.robot.experiment.drive_files import joint_tables, load_drive
 from twin.robot.experiment.schema import Drive
-from twin.robot.experiment.source import RETAINED
+from twin.robot.experiment.source import RETAINED_KEYS
 
 
 @pytest.fixture
@@ -49,27 +49,27 @@ def test_a_joint_that_names_another_drive_takes_nothing_of_the_common_one(shelf:
 
 def test_a_drive_can_be_named_by_its_name_on_the_shelf(shelf: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(shelf)
-    assert lone_drive("acme", shelf).sign == -1
-    assert lone_drive("fmus/plain", shelf).sign == 1
+    assert load_drive("acme", shelf).sign == -1
+    assert load_drive("fmus/plain", shelf).sign == 1
 
 
 def test_what_is_no_drive_is_refused(shelf: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(shelf)
     with pytest.raises(InputRefused, match="no such drive"):
-        lone_drive("nowhere", shelf)
+        load_drive("nowhere", shelf)
     with pytest.raises(InputRefused, match=r"plian.fmu: no such FMU; did you mean '.*fmus/plain/plain.fmu'\?$"):
-        lone_drive("fmus/plain/plian.fmu", shelf)
+        load_drive("fmus/plain/plian.fmu", shelf)
     with pytest.raises(InputRefused, match=r"^plian: no such drive; did you mean 'plain'\?$"):
-        lone_drive("plian", shelf)
+        load_drive("plian", shelf)
     with pytest.raises(InputRefused, match="a folder without"):
-        lone_drive("fmus", shelf)
+        load_drive("fmus", shelf)
 
 
 def test_a_mapping_with_a_mistake_is_told(shelf: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(shelf)
     (shelf / "fmus/acme/mapping.toml").write_text('fmu = "acme.fmu"\nsigns = -1\n')
     with pytest.raises(InputRefused, match="unknown key 'signs'; did you mean 'sign'"):
-        lone_drive("acme", shelf)
+        load_drive("acme", shelf)
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def experiment(folder: Path, text: str) -> Path:
 
 
 def test_a_part_of_the_robot_has_the_same_name_everywhere():
-    assert RETAINED.keys() == CONTRACTS.keys()
+    assert RETAINED_KEYS.keys() == ROLE_CONTRACTS.keys()
 
 
 def test_a_class_is_found_beside_the_file_and_takes_the_gains_of_the_files_below_with_it(tmp_path: Path, mine: Path):
@@ -157,7 +157,7 @@ def test_a_class_is_found_beside_the_file_and_takes_the_gains_of_the_files_below
     table = loaded.stand_ins["controller"]
     assert (table.file, table.class_name, table.label) == (mine, "Controller", "mine.py:Controller")
     assert table.parameters == {"k.p": 3.0}
-    assert loaded.values["controller"].keys() == {"python", "parameters", *RETAINED["controller"]} - {
+    assert loaded.values["controller"].keys() == {"python", "parameters", *RETAINED_KEYS["controller"]} - {
         "delay_ticks", "bus_delay_ticks", "dead_zone_deg", "energy_tank"
     }  # fmt: skip
     assert loaded.controller.period == 0.002

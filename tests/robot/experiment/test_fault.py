@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, table_of
-from twin.robot.experiment.mistakes import keys
+from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault, checked_faults, fault_table_model
+from twin.robot.experiment.mistakes import toml_keys
 
 TICK = 1e-3
 BIAS = 'kind = "encoder_bias"\ntarget = "joint_encoder_2"\nonset_s = 1.5\nmagnitude_deg = -0.5\n'
@@ -26,7 +26,7 @@ def test_times_become_ticks_and_the_magnitude_si():
 
 def test_without_a_duration_a_fault_stays():
     (fault,), _ = faults(BIAS)
-    assert fault.end == NEVER
+    assert fault.end == NO_END_TICK
 
 
 def test_what_a_file_does_not_say_of_a_fault_is_what_a_program_does_not_say():
@@ -38,9 +38,9 @@ def test_no_faults_are_no_mistake():
     assert faults() == ((), [])
 
 
-@pytest.mark.parametrize("kind", CATALOGUE)
+@pytest.mark.parametrize("kind", FAULT_KINDS)
 def test_every_kind_is_read_with_its_key_and_hits_its_first_target_by_default(kind):
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     text = f'kind = "{kind}"\nonset_s = 2\n'
     text += f"{known.magnitude_key} = {known.magnitudes[0]}\n" if known.magnitudes else ""
     text += "share = 0.1\n" if known.has_share else ""
@@ -49,9 +49,9 @@ def test_every_kind_is_read_with_its_key_and_hits_its_first_target_by_default(ki
     assert (fault.kind, fault.target, fault.onset) == (kind, known.targets[0], 2000)
 
 
-@pytest.mark.parametrize("kind", [kind for kind, known in CATALOGUE.items() if known.magnitudes])
+@pytest.mark.parametrize("kind", [kind for kind, known in FAULT_KINDS.items() if known.magnitudes])
 def test_every_magnitude_of_the_catalogue_is_within_its_bounds(kind):
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     for magnitude in known.magnitudes or ():
         share = "share = 0.1\n" if known.has_share else ""
         _, mistakes = faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {magnitude}\n{share}')
@@ -62,9 +62,9 @@ BESIDE = {"ge": (0.0, -1e-6), "gt": (1.0, 0.0), "le": (0.0, 0.001)}
 """By kind of bound: how far from it a magnitude is allowed, and one beyond: a limit of speed may be 0, a factor not."""
 
 
-@pytest.mark.parametrize("kind", [kind for kind, known in CATALOGUE.items() if known.bounds])
+@pytest.mark.parametrize("kind", [kind for kind, known in FAULT_KINDS.items() if known.bounds])
 def test_a_magnitude_just_beyond_its_bound_is_refused(kind):
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     for bound, limit in known.bounds.items():
         magnitudes = [limit + off for off in BESIDE[bound]]
         said = [faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {value}')[1] for value in magnitudes]
@@ -158,6 +158,6 @@ def test_a_single_table_is_told_what_to_write():
 
 
 def test_every_kind_has_at_most_one_key_for_its_magnitude():
-    for known in CATALOGUE.values():
-        found = [key for key in keys(table_of(known)) if key.startswith("magnitude")]
+    for known in FAULT_KINDS.values():
+        found = [key for key in toml_keys(fault_table_model(known)) if key.startswith("magnitude")]
         assert found == ([known.magnitude_key] if known.magnitude_key else [])

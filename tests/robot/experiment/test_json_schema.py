@@ -5,10 +5,10 @@ import jsonschema
 import pytest
 
 from tests.robot.experiment.schema_tables import resolved, tables
-from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.json_schema import DIALECT, experiment_json_schema
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.experiment.json_schema import SCHEMA_DIALECT, experiment_json_schema
 
-SCHEMA = experiment_json_schema(DECLARED)
+SCHEMA = experiment_json_schema(DECLARED_TABLES)
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 ROOT = Path(__file__).parents[3] / "experiments"
 # sweeps and hazard tables name an experiment and are none
@@ -20,7 +20,7 @@ SPREAD = {"kind": "spread", "name": "force", "signal": "-plant.F_ee_B[2]"}
 
 
 def test_the_schema_is_one_of_draft_2020_12():
-    assert SCHEMA["$schema"] == DIALECT
+    assert SCHEMA["$schema"] == SCHEMA_DIALECT
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 

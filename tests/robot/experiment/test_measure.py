@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from twin.robot.experiment.measure import KINDS, Measure, Step, checked_measures
+from twin.robot.experiment.measure import MEASURE_KINDS, Measure, Step, checked_measures
 
 STEP = {"kind": "step", "name": "z", "signal": "plant.p_B[2]", "reference": "controller.p_ref_B[2]", "begin_s": 0.5}
 
@@ -19,9 +19,9 @@ def test_a_measure_is_read():
     assert (step.signal, step.reference, step.begin, step.until) == ("plant.p_B[2]", "controller.p_ref_B[2]", 0.5, None)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", MEASURE_KINDS)
 def test_every_kind_is_read(kind: str):
-    fields = KINDS[kind].model_fields
+    fields = MEASURE_KINDS[kind].model_fields
     told = STEP | {"formula": "always (plant.p_B[2] <= 0 mm)"}
     _, mistakes = checked(
         {key: told[key] for key in ("name", "signal", "reference", "formula") if key in fields} | {"kind": kind}

@@ -7,7 +7,7 @@ import pytest
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.mistakes import checked
+from twin.robot.experiment.mistakes import check_table
 
 
 def refusal(path: Path, *settings: str, **names: str) -> list[str]:
@@ -60,11 +60,11 @@ class Made(Settings):
 
 def test_tables_that_are_written_alike_are_one_and_others_are_not():
     mistakes: list[str] = []
-    zero, same, negative = (checked(Made, {"share": share}, "made", mistakes) for share in (0.0, 0.0, -0.0))
+    zero, same, negative = (check_table(Made, {"share": share}, "made", mistakes) for share in (0.0, 0.0, -0.0))
     assert zero is same and str(zero) != str(negative)
     # equal in Python, and to TOML a whole number, another number and a truth value
     for said in (1, 1.0, True):
-        checked(Made, {"count": said}, "made", mistakes)
+        check_table(Made, {"count": said}, "made", mistakes)
     assert mistakes == [
         "[made] count = 1.0: expected a whole number",
         "[made] count = true: expected a whole number",

@@ -1,8 +1,8 @@
 import pytest
 from pydantic import ValidationError
 
-from twin.robot.experiment.mistakes import keys
-from twin.robot.monitor.checks import Monitor
+from twin.robot.experiment.mistakes import toml_keys
+from twin.robot.monitor.limits import Monitor
 
 
 def test_an_empty_table_is_complete():
@@ -10,7 +10,7 @@ def test_an_empty_table_is_complete():
 
 
 def test_every_limit_has_a_key_with_its_unit():
-    assert all(key in ("enabled", "disobeyed") or "_" in key for key in keys(Monitor))
+    assert all(key in ("enabled", "disobeyed") or "_" in key for key in toml_keys(Monitor))
 
 
 @pytest.mark.parametrize("key", ["force_limit_N", "filter_Hz", "retract_deg", "follow_time_ms"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.command_words import repeating_words, run_command, run_words
 from twin.robot.experiment.differences import robot_values
@@ -41,15 +41,15 @@ WHERE = Path("run.mcap")
 )
 def test_values_that_are_no_experiments_are_refused_in_a_sentence(values: str, said: str):
     with pytest.raises(InputRefused) as refused:
-        recorded_values(DECLARED, {"experiment": {"values": values}}, WHERE)
+        recorded_values(DECLARED_TABLES, {"experiment": {"values": values}}, WHERE)
     assert said in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_values_of_another_version_are_read_as_they_are():
     values = {"plant": {"N": 2.0, "made_up_later": 1}, "made_up": {"x": [1, {"y": None}]}, "seed": -1}
-    assert recorded_values(DECLARED, {"experiment": {"values": json.dumps(values)}}, WHERE) == values
-    assert recorded_values(DECLARED, {}, WHERE) == {}
+    assert recorded_values(DECLARED_TABLES, {"experiment": {"values": json.dumps(values)}}, WHERE) == values
+    assert recorded_values(DECLARED_TABLES, {}, WHERE) == {}
 
 
 @pytest.mark.parametrize("text", ["", "null", "[]", "{}", '{"file": 1}', '{"sha256": "x"}'])
@@ -73,7 +73,7 @@ def test_what_cannot_be_started_is_refused_and_nothing_is_written(
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refusal:
-        start_experiment(DECLARED, Path(file), start)
+        start_experiment(DECLARED_TABLES, Path(file), start)
     assert str(refusal.value).startswith(said)
     assert not list(tmp_path.iterdir())
 
@@ -105,7 +105,7 @@ def test_a_value_that_is_restated_with_a_source_of_ones_own_is_own(root: Path, t
 
 
 def test_a_robot_that_was_written_out_is_still_assumed(root: Path, tmp_path: Path):
-    file, _ = start_experiment(DECLARED, tmp_path / "mine.toml", "pressing")
+    file, _ = start_experiment(DECLARED_TABLES, tmp_path / "mine.toml", "pressing")
     assert counts(load_experiment(file)) == {"own": 0, "assumed": 18}
 
 

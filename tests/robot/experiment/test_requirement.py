@@ -1,41 +1,57 @@
 import pytest
 
-from twin.robot.experiment.measure import AtMost, Holds, Joined, Not, Term, Until, Within, requirement, signals_of
+from twin.robot.experiment.measure import (
+    BooleanOp,
+    Inequality,
+    Negation,
+    Predicate,
+    Temporal,
+    Term,
+    UntilFormula,
+    parse_requirement,
+    signals_of,
+)
 
 
 def test_a_bound_on_a_force_is_a_comparison_in_newtons():
-    formula = requirement("always (|plant.F_ee_B| <= 18 N)")
-    assert isinstance(formula, Within) and (formula.how, formula.begin, formula.end) == ("always", 0.0, None)
-    assert isinstance(formula.of, AtMost)
-    (size,), (bound,) = formula.of.smaller, formula.of.larger
-    assert size.what == (Term(1, "plant.F_ee_B"),)
-    assert bound.what == 18.0 and bound.unit is not None and bound.unit.si == "N"
+    formula = parse_requirement("always (|plant.F_ee_B| <= 18 N)")
+    assert isinstance(formula, Temporal) and (formula.operator, formula.begin, formula.end) == ("always", 0.0, None)
+    assert isinstance(formula.operand, Inequality)
+    (size,), (bound,) = formula.operand.smaller, formula.operand.larger
+    assert size.value == (Term(1, "plant.F_ee_B"),)
+    assert bound.value == 18.0 and bound.unit is not None and bound.unit.si == "N"
 
 
 def test_numbers_are_si_and_the_greater_side_may_stand_first():
-    formula = requirement("plant.p_B[2] > 2 mm")
-    assert isinstance(formula, AtMost)
-    assert formula.smaller[0].what == 0.002
+    formula = parse_requirement("plant.p_B[2] > 2 mm")
+    assert isinstance(formula, Inequality)
+    assert formula.smaller[0].value == 0.002
     assert formula.larger == (Term(1, "plant.p_B", 2),)
 
 
 def test_implies_binds_weakest_and_until_stronger_than_and():
-    formula = requirement("a.x implies b.y and c.z until[0 s, 2 s] d.w")
-    assert formula == Joined(
-        "or", Not(Holds("a.x")), Joined("and", Holds("b.y"), Until(Holds("c.z"), Holds("d.w"), 0.0, 2.0))
+    formula = parse_requirement("a.x implies b.y and c.z until[0 s, 2 s] d.w")
+    assert formula == BooleanOp(
+        "or",
+        Negation(Predicate("a.x")),
+        BooleanOp("and", Predicate("b.y"), UntilFormula(Predicate("c.z"), Predicate("d.w"), 0.0, 2.0)),
     )
 
 
 def test_and_binds_stronger_than_or_and_brackets_stronger_than_both():
-    assert requirement("a.x or b.y and c.z") == Joined("or", Holds("a.x"), Joined("and", Holds("b.y"), Holds("c.z")))
-    assert requirement("(a.x or b.y) and c.z") == Joined("and", Joined("or", Holds("a.x"), Holds("b.y")), Holds("c.z"))
+    assert parse_requirement("a.x or b.y and c.z") == BooleanOp(
+        "or", Predicate("a.x"), BooleanOp("and", Predicate("b.y"), Predicate("c.z"))
+    )
+    assert parse_requirement("(a.x or b.y) and c.z") == BooleanOp(
+        "and", BooleanOp("or", Predicate("a.x"), Predicate("b.y")), Predicate("c.z")
+    )
 
 
 def test_a_sum_keeps_its_signs():
-    formula = requirement("|plant.p_B[2] - controller.p_ref_B[2]| <= 1 mm + 2 um")
+    formula = parse_requirement("|plant.p_B[2] - controller.p_ref_B[2]| <= 1 mm + 2 um")
     assert [name for name, _ in signals_of(formula)] == ["plant.p_B", "controller.p_ref_B"]
-    assert isinstance(formula, AtMost) and [term.what for term in formula.larger] == [0.001, 2e-6]
-    inside = formula.smaller[0].what
+    assert isinstance(formula, Inequality) and [term.value for term in formula.larger] == [0.001, 2e-6]
+    inside = formula.smaller[0].value
     assert isinstance(inside, tuple) and [term.sign for term in inside] == [1, -1]
 
 
@@ -58,4 +74,4 @@ def test_a_sum_keeps_its_signs():
 )
 def test_what_is_no_formula_is_refused_with_where(text, told):
     with pytest.raises(ValueError, match=told):
-        requirement(text)
+        parse_requirement(text)

@@ -4,7 +4,7 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.robot.controller.program import TASKS, Press, Push, Roll, Tap
+from twin.robot.controller.program import TASK_KINDS, Press, Push, Roll, Tap
 from twin.robot.experiment.schema import checked_tasks
 
 PRESS = {"kind": "press", "point_mm": (0.0, 5.0), "force_N": 8.0, "build_up_s": 3.5, "hold_s": 5.0}
@@ -24,7 +24,7 @@ PUSH = {
 
 def mistakes(*tables):
     told: list[str] = []
-    checked_tasks(TASKS, tables, told)
+    checked_tasks(TASK_KINDS, tables, told)
     return told
 
 
@@ -36,7 +36,7 @@ def refusal(name, *overrides):
 
 def test_tasks_are_si_inside_and_numbered_from_1():
     told: list[str] = []
-    tasks = checked_tasks(TASKS, (PRESS, TAP, ROLL, PUSH), told)
+    tasks = checked_tasks(TASK_KINDS, (PRESS, TAP, ROLL, PUSH), told)
     assert told == []
     assert list(tasks) == [1, 2, 3, 4]
     press, tap, roll, push = tasks.values()
@@ -72,7 +72,7 @@ def test_a_mistake_in_a_task_is_one_sentence_with_its_number(table, said):
 
 def test_a_wrong_task_leaves_the_others_their_numbers():
     told: list[str] = []
-    assert list(checked_tasks(TASKS, (PRESS, TAP | {"times": 0}, ROLL), told)) == [1, 3]
+    assert list(checked_tasks(TASK_KINDS, (PRESS, TAP | {"times": 0}, ROLL), told)) == [1, 3]
     assert len(told) == 1
 
 

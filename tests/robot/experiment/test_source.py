@@ -7,8 +7,8 @@ import pytest
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.source import override, read_source
-from twin.robot.places import located
+from twin.robot.experiment.source import apply_overrides, read_source
+from twin.robot.paths import locate_file
 
 
 @pytest.mark.parametrize(
@@ -53,14 +53,14 @@ def test_a_value_may_carry_its_source_and_loses_it_when_overridden(tmp_path: Pat
     source = read_source(write(tmp_path, "e.toml", 'k = { value = 2.0, source = "Sec. II" }\n'))
     assert source.values == {"k": 2.0}
     assert source.origins["k"] == "Sec. II"
-    override(source, ["k=3.5"])
+    apply_overrides(source, ["k=3.5"])
     assert source.values == {"k": 3.5}
     assert source.origins["k"] == "set on the command line"
 
 
 def test_an_override_reads_toml_and_bare_words(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", ""))
-    override(source, ["a.b.c=[1, 2]", "mode=position", "flag=true"])
+    apply_overrides(source, ["a.b.c=[1, 2]", "mode=position", "flag=true"])
     assert source.values == {"a": {"b": {"c": (1, 2)}}, "mode": "position", "flag": True}
 
 
@@ -68,7 +68,7 @@ def test_an_override_reads_toml_and_bare_words(tmp_path: Path):
 def test_an_override_without_key_or_value_is_refused(tmp_path: Path, text: str):
     source = read_source(write(tmp_path, "e.toml", ""))
     with pytest.raises(InputRefused, match="expected key=value"):
-        override(source, [text])
+        apply_overrides(source, [text])
 
 
 def test_files_that_extend_each_other_are_refused(tmp_path: Path):
@@ -113,21 +113,21 @@ def test_names_are_looked_up_from_the_experiments_folder_upwards(tmp_path: Path)
     inner = tmp_path / "experiments"
     inner.mkdir()
     (tmp_path / "fmus").mkdir()
-    assert located("fmus", inner) == tmp_path / "fmus"
-    assert located("nowhere_near", inner) == inner / "nowhere_near"
+    assert locate_file("fmus", inner) == tmp_path / "fmus"
+    assert locate_file("nowhere_near", inner) == inner / "nowhere_near"
 
 
 def test_what_lies_nowhere_near_is_taken_from_the_repository(root: Path, tmp_path: Path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert located("fmus/pmsm_foc", tmp_path) == root / "fmus" / "pmsm_foc"
-    assert located("robots/massage_robot.toml", tmp_path) == root / "experiments/robots/massage_robot.toml"
+    assert locate_file("fmus/pmsm_foc", tmp_path) == root / "fmus" / "pmsm_foc"
+    assert locate_file("robots/massage_robot.toml", tmp_path) == root / "experiments/robots/massage_robot.toml"
     (tmp_path / "fmus" / "pmsm_foc").mkdir(parents=True)
-    assert located("fmus/pmsm_foc", tmp_path) == tmp_path / "fmus" / "pmsm_foc"
+    assert locate_file("fmus/pmsm_foc", tmp_path) == tmp_path / "fmus" / "pmsm_foc"
 
 
 def test_another_drive_brings_its_own_parameters(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", '[drive]\nfmu = "x"\n[drive.parameters]\ndroop = 0.6\n'))
-    source.name("drive", "fmu", "y.fmu")
+    source.select_file("drive", "fmu", "y.fmu")
     assert source.values["drive"].keys() == {"fmu"}
     assert not any(key.startswith("drive.parameters") for key in source.origins)
 
@@ -167,7 +167,7 @@ def test_an_array_of_tables_replaces_the_one_of_the_file_below_as_a_whole(tmp_pa
 
 def test_one_value_of_one_table_of_an_array_can_be_overridden(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", TWO_TASKS))
-    override(source, ["task.1.force_N=5", "task.2.times=3"])
+    apply_overrides(source, ["task.1.force_N=5", "task.2.times=3"])
     assert source.values["task"] == ({"kind": "press", "force_N": 5}, {"kind": "tap", "force_N": 3.0, "times": 3})
     assert source.origins["task.1.force_N"] == "set on the command line"
     assert source.origins["task.1.kind"] == "set in e.toml"
@@ -185,13 +185,13 @@ def test_a_file_lays_one_table_over_one_of_the_array_that_it_extends(tmp_path: P
 def test_a_table_that_the_array_does_not_have_is_refused_with_those_it_has(tmp_path: Path, key: str):
     source = read_source(write(tmp_path, "e.toml", TWO_TASKS))
     with pytest.raises(InputRefused, match=r"set on the command line: task\..*: there are tables task.1 to task.2"):
-        override(source, [f"{key}=5"])
+        apply_overrides(source, [f"{key}=5"])
 
 
 def test_of_an_array_of_one_table_no_range_is_named(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", '[[task]]\nkind = "press"\n'))
     with pytest.raises(InputRefused, match=r"task\.2: there is only task\.1$"):
-        override(source, ["task.2.force_N=5"])
+        apply_overrides(source, ["task.2.force_N=5"])
 
 
 def test_single_numbers_of_three_are_set_by_their_number(root: Path):
@@ -222,7 +222,7 @@ def test_a_number_that_is_not_there_is_refused(root: Path, key: str):
 def test_a_parameter_whose_name_has_dots_is_set_with_quotes_and_without(tmp_path: Path, name: str):
     source = read_source(write(tmp_path, "e.toml", '[drive.parameters]\n"motor.R" = 1.0\nmotor.L = 2.0\n'))
     assert source.values["drive"]["parameters"] == {"motor.R": 1.0, "motor.L": 2.0}
-    override(source, [f"drive.parameters.{name}=3"])
+    apply_overrides(source, [f"drive.parameters.{name}=3"])
     assert source.values["drive"]["parameters"] == {"motor.R": 3, "motor.L": 2.0}
     assert source.origins["drive.parameters.motor.R"] == "set on the command line"
 

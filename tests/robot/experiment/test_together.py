@@ -1,16 +1,16 @@
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.robot.experiment.fault import CATALOGUE, GROUPS
+from twin.robot.experiment.fault import FAULT_KINDS, TARGET_GROUPS
 from twin.robot.experiment.together import (
     COMMON_CAUSES,
-    IMPOSSIBLE,
+    EQUIVALENT_FAULTS,
+    FAULT_PAIRS,
     PAIR_PARTS,
-    PAIRS,
     common_names,
-    expects,
-    named_set,
+    expects_detection,
     pair_names,
+    parse_fault_set,
 )
 
 NOT_COMMON = {
@@ -64,42 +64,42 @@ PAIRED = {part.kind for part in PAIR_PARTS}
 
 @pytest.mark.parametrize(("chosen", "left_out"), [(COMMON, NOT_COMMON), (PAIRED, NOT_PAIRED)])
 def test_every_kind_is_in_the_list_or_left_out_with_a_reason(chosen, left_out):
-    assert chosen | left_out.keys() == set(CATALOGUE)
+    assert chosen | left_out.keys() == set(FAULT_KINDS)
     assert not chosen & left_out.keys()
     assert all(len(reason) > 10 for reason in left_out.values())
 
 
 @pytest.mark.parametrize("cause", COMMON_CAUSES, ids=lambda cause: f"{cause.kind} {cause.target}")
 def test_a_common_cause_breaks_what_its_kind_can_break(cause):
-    known = CATALOGUE[cause.kind]
+    known = FAULT_KINDS[cause.kind]
     assert cause.target in known.targets + known.groups
     assert {cause.seen.free, cause.seen.contact} <= {None, 0.0, *(known.magnitudes or ())}
 
 
 def test_pairs_have_one_kind_of_each_component_and_no_pair_that_is_one_fault():
     assert len({part.component for part in PAIR_PARTS}) == len(PAIR_PARTS)
-    components = [tuple(part.component for part in pair) for pair in PAIRS]
-    assert len(PAIRS) == len(PAIR_PARTS) * (len(PAIR_PARTS) - 1) // 2 - len(IMPOSSIBLE)
-    assert not set(components) & IMPOSSIBLE.keys()
+    components = [tuple(part.component for part in pair) for pair in FAULT_PAIRS]
+    assert len(FAULT_PAIRS) == len(PAIR_PARTS) * (len(PAIR_PARTS) - 1) // 2 - len(EQUIVALENT_FAULTS)
+    assert not set(components) & EQUIVALENT_FAULTS.keys()
 
 
 def test_a_group_has_members_that_are_targets_of_one_kind():
-    for group, members in GROUPS.items():
-        assert any(group in known.groups and known.members(group) == members for known in CATALOGUE.values())
-    assert CATALOGUE["drive_dead"].members("drive_2") == ("drive_2",)
+    for group, members in TARGET_GROUPS.items():
+        assert any(group in known.groups and known.members(group) == members for known in FAULT_KINDS.values())
+    assert FAULT_KINDS["drive_dead"].members("drive_2") == ("drive_2",)
 
 
 def test_a_smaller_magnitude_than_stated_is_not_expected_and_both_signs_are_alike():
     drift = next(cause for cause in COMMON_CAUSES if cause.target == "all joint encoders" and "drift" in cause.kind)
-    assert [expects(drift, size, True) for size in (0.1, -0.5, 2.0, -2.0)] == [False, False, True, True]
+    assert [expects_detection(drift, size, True) for size in (0.1, -0.5, 2.0, -2.0)] == [False, False, True, True]
 
 
 def test_the_name_of_a_set_says_its_kinds_and_places():
-    (part,) = named_set("drive_runaway@all_drives")
+    (part,) = parse_fault_set("drive_runaway@all_drives")
     assert (part.kind, part.targets) == ("drive_runaway", ("all drives",))
-    assert [part.kind for part in named_set("drive_runaway+sample_loss")] == ["drive_runaway", "sample_loss"]
+    assert [part.kind for part in parse_fault_set("drive_runaway+sample_loss")] == ["drive_runaway", "sample_loss"]
     for name in (*common_names(), *pair_names()):
-        assert named_set(name)
+        assert parse_fault_set(name)
 
 
 @pytest.mark.parametrize(
@@ -112,4 +112,4 @@ def test_the_name_of_a_set_says_its_kinds_and_places():
 )
 def test_a_set_of_what_does_not_exist_is_refused_with_what_does(name: str, sentence: str):
     with pytest.raises(InputRefused, match=sentence):
-        named_set(name)
+        parse_fault_set(name)

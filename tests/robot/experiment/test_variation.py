@@ -4,7 +4,7 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.robot.experiment.experiment import Experiment, shortened, with_cosim
+from twin.robot.experiment.experiment import Experiment, shorten, with_cosim
 
 STEP = "step_force_scale"
 
@@ -47,5 +47,5 @@ def test_what_is_no_whole_number_of_ticks_is_refused_by_name(override: str, shar
 
 
 def test_a_shorter_run_is_whole_periods_of_the_controller_long():
-    assert shortened(shipped(STEP), 0.0031).duration_ticks == 4
-    assert shortened(shipped(STEP), 1e3).duration_ticks == 45000
+    assert shorten(shipped(STEP), 0.0031).duration_ticks == 4
+    assert shorten(shipped(STEP), 1e3).duration_ticks == 45000

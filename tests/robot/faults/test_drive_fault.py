@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robot.faults.robot import K_S, START, TICK, Robot, Run, run
-from twin.robot.experiment.fault import NEVER, Fault
-from twin.robot.shaft import FRICTION, INERTIA, free_shaft
+from twin.robot.experiment.fault import NO_END_TICK, Fault
+from twin.robot.shaft import SHAFT_FRICTION, SHAFT_INERTIA, free_shaft
 
 ONSET, END, LAST = 40, 80, 120
 BOTH = pytest.mark.parametrize("three_axes", [False, True])
@@ -27,7 +27,7 @@ def test_a_runaway_turns_at_the_stated_speed_whatever_is_commanded(three_axes):
 
 @BOTH
 def test_a_runaway_stops_when_the_power_goes(three_axes):
-    speed = np.diff(shaft("drive_runaway", 2, -3.0, Robot(three_axes, power_off=60), NEVER)) / TICK
+    speed = np.diff(shaft("drive_runaway", 2, -3.0, Robot(three_axes, power_off=60), NO_END_TICK)) / TICK
     np.testing.assert_allclose(speed[ONSET:60], -3.0, atol=1e-11)
     np.testing.assert_array_equal(speed[60:], 0.0)
 
@@ -73,7 +73,7 @@ def test_other_drives_turn_as_before(kind, three_axes):
 def test_a_free_shaft_begins_with_the_speed_it_had():
     speed = np.diff(shaft("drive_freewheel", 2)) / TICK
     tau_load = run()["plant.tau_load"][ONSET, 1]
-    slowed = (speed[ONSET - 1] - TICK * tau_load / INERTIA) / (1.0 + TICK * FRICTION / INERTIA)
+    slowed = (speed[ONSET - 1] - TICK * tau_load / SHAFT_INERTIA) / (1.0 + TICK * SHAFT_FRICTION / SHAFT_INERTIA)
     assert speed[ONSET] == pytest.approx(slowed, abs=1e-11)
 
 
@@ -85,8 +85,8 @@ def test_a_positive_load_turns_a_free_shaft_backwards():
 
 def oscillation(done: Run) -> np.ndarray:
     """The free shaft on its spring of k_s = 1 N m/rad whose other end stands at 0, solved exactly from its start."""
-    rate = FRICTION / (2.0 * INERTIA)
-    omega = np.sqrt(K_S / INERTIA - rate**2)
+    rate = SHAFT_FRICTION / (2.0 * SHAFT_INERTIA)
+    omega = np.sqrt(K_S / SHAFT_INERTIA - rate**2)
     t = np.arange(len(done.rows)) * TICK
     return START[2] * np.exp(-rate * t) * (np.cos(omega * t) + rate / omega * np.sin(omega * t))
 

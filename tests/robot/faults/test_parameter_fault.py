@@ -9,10 +9,10 @@ from tests.robot.faults.robot import COUNTS, SPEED_LIMIT, TICK, joined, plant, r
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System, wires
-from twin.robot.assembly.declared import BROKEN
+from twin.robot.assembly.declared import FAULT_PLACES
 from twin.robot.assembly.inject import inject
-from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault
-from twin.robot.plant.component import Plant, resting
+from twin.robot.experiment.fault import FAULT_KINDS, NO_END_TICK, Fault
+from twin.robot.plant.component import Plant, rest_state
 
 ONSET, END, LAST = 40, 80, 120
 NOMINAL = {
@@ -24,9 +24,9 @@ NOMINAL = {
     "k_s": (1.0,) * 3,
     "eta": (0.9,) * 3,
 }
-CASES = [(kind, f"joint_{i}", i - 1) for kind in BROKEN for i in (1, 2, 3) if BROKEN[kind].field in NOMINAL]
+CASES = [(kind, f"joint_{i}", i - 1) for kind in FAULT_PLACES for i in (1, 2, 3) if FAULT_PLACES[kind].field in NOMINAL]
 CASES = [
-    (kind, {"K": "contact", "k_s": "estimator", "eta": "estimator"}.get(BROKEN[kind].field, joint), i)
+    (kind, {"K": "contact", "k_s": "estimator", "eta": "estimator"}.get(FAULT_PLACES[kind].field, joint), i)
     for kind, joint, i in CASES
 ]
 
@@ -35,8 +35,8 @@ CASES = [
 def test_the_parameter_has_the_stated_value_in_the_window_and_exactly_the_nominal_one_outside(kind, target, joint):
     magnitude = 0.0 if kind == "spring_broken" else 0.3
     value = run(Fault(kind, target, ONSET, END, magnitude), last_tick=LAST)["fault_1.value"][:, 0]
-    nominal = NOMINAL[BROKEN[kind].field][joint]
-    faulty = nominal * magnitude if CATALOGUE[kind].unit in ("factor", None) else nominal + magnitude
+    nominal = NOMINAL[FAULT_PLACES[kind].field][joint]
+    faulty = nominal * magnitude if FAULT_KINDS[kind].unit in ("factor", None) else nominal + magnitude
     # 1 + (0.3 - 1) rounds once
     np.testing.assert_allclose(value[ONSET:END], faulty, rtol=1e-15)
     np.testing.assert_array_equal(value[:ONSET], nominal)
@@ -46,7 +46,7 @@ def test_the_parameter_has_the_stated_value_in_the_window_and_exactly_the_nomina
 @pytest.mark.parametrize(("kind", "target", "joint"), CASES)
 def test_the_owner_has_the_value_in_the_very_tick_in_which_the_fault_tells_it(kind, target, joint):
     done = run(Fault(kind, target, ONSET, END, 0.3), last_tick=LAST)
-    place = BROKEN[kind]
+    place = FAULT_PLACES[kind]
     had = done[f"{place.component}.{place.field}"]
     value = done["fault_1.value"][:, 0]
     if place.component == "plant":
@@ -65,7 +65,7 @@ def test_after_the_run_of_a_passing_fault_the_memory_is_what_it_was():
 
 
 def test_a_ramp_grows_evenly_from_the_nominal_value():
-    fault = Fault("backlash_growth", "joint_1", ONSET, NEVER, 0.5, ramp=20)
+    fault = Fault("backlash_growth", "joint_1", ONSET, NO_END_TICK, 0.5, ramp=20)
     value = run(fault, last_tick=LAST)["fault_1.value"][:, 0]
     expected = 0.5 * np.clip((np.arange(LAST + 1) - ONSET) / 20, 0.0, 1.0)
     # two roundings of numbers below 1
@@ -75,9 +75,9 @@ def test_a_ramp_grows_evenly_from_the_nominal_value():
 def test_a_joint_that_gets_play_at_rest_lets_go_of_its_load_and_sinks_until_the_spring_carries_it_again():
     """At once the play takes its share of the deflection; the motors stand, so the joint follows by play/N."""
     play, onset, home = np.radians(0.5), 10, (0.0, 0.0, -0.090)
-    x, theta_m = resting(REAL, home)
+    x, theta_m = rest_state(REAL, home)
     held = sampled("held", lambda t, h, u: theta_m, outputs=(Port("theta_m", 3, "rad"),))
-    growth = [Fault("backlash_growth", f"joint_{leg}", onset, NEVER, play) for leg in (1, 2, 3)]
+    growth = [Fault("backlash_growth", f"joint_{leg}", onset, NO_END_TICK, play) for leg in (1, 2, 3)]
     parts = [held, Plant(REAL, x, theta_m)]
     feeds = joined(parts, [("held.theta_m", "plant.theta_m")])
     components, feeds = inject(parts, feeds, growth, TICK, COUNTS, SPEED_LIMIT)
@@ -91,7 +91,7 @@ def test_a_joint_that_gets_play_at_rest_lets_go_of_its_load_and_sinks_until_the_
     # as deflected as before but for the weight, which pulls a little less in the lower pose
     worn = REAL._replace(backlash_added=(play, play, play))
     end = rows[-1, system.columns("plant.p_B")]
-    np.testing.assert_allclose(resting(worn, end)[1], theta_m, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(rest_state(worn, end)[1], theta_m, rtol=0, atol=1e-9)
     np.testing.assert_allclose(theta_l[-1] - theta_l[0], play / REAL.N, rtol=0.02)
     assert end[2] < home[2]
 

@@ -1,13 +1,13 @@
 import numpy as np
 
-from twin.robot.faults import drawn, first_state
+from twin.robot.faults import first_state, next_uniform
 
 MEMORY = np.dtype([("random", "u8")], align=True)
 
 
 def stream(state: int, count: int) -> np.ndarray:
     memory = np.array([(state,)], dtype=MEMORY).view(np.recarray)
-    return np.array([drawn(memory[0]) for _ in range(count)])
+    return np.array([next_uniform(memory[0]) for _ in range(count)])
 
 
 def test_the_generator_is_splitmix64():

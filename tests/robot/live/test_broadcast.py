@@ -18,7 +18,7 @@ from twin.kernel.recording.messages import descriptors_of
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live import server as on_air
-from twin.robot.live.server import BACKLOG, Broadcast
+from twin.robot.live.server import MAX_BACKLOG, Broadcast
 from twin.robot.run.tuning import Tuning
 
 CHANNEL = Channel(1, "/words", "foxglove.Log", descriptors_of(Log.DESCRIPTOR), {})
@@ -76,7 +76,7 @@ def test_a_viewer_that_does_not_read_loses_the_oldest_and_delays_nobody(served: 
             viewer.subscribe("/words")
         # answered after the subscription, so both are in force
         idle.parameters(), quick.parameters()
-        number = 4 * BACKLOG
+        number = 4 * MAX_BACKLOG
         content = Log(message="x" * LARGE).SerializeToString()
         for moment in range(number):
             served.publish(moment, [Message(1, moment, content)])
@@ -85,7 +85,7 @@ def test_a_viewer_that_does_not_read_loses_the_oldest_and_delays_nobody(served: 
         quick.until(partial(_has_come_to, quick, number - 1))
         assert len(quick.times) == number
         idle.until(partial(_has_come_to, idle, number - 1))
-        assert BACKLOG / 2 <= len(idle.times) < number
+        assert MAX_BACKLOG / 2 <= len(idle.times) < number
 
 
 def _has_come_to(viewer: Viewer, moment: int) -> bool:
@@ -99,7 +99,7 @@ def test_a_broadcast_ends_though_a_viewer_does_not_read(served: Broadcast):
         stopped.sendall(HANDSHAKE + SUBSCRIBE)
         assert served.news.get(timeout=60) is None
         content = Log(message="x" * LARGE).SerializeToString()
-        for moment in range(4 * BACKLOG):
+        for moment in range(4 * MAX_BACKLOG):
             served.publish(moment, [Message(1, moment, content)])
         assert _ends(served)
 
@@ -114,8 +114,8 @@ def _ends(served: Broadcast) -> bool:
     closing = threading.Thread(target=served.close, daemon=True)
     closing.start()
     # far more than is promised, for a busy machine
-    closing.join(10 * on_air.END)
-    served._thread.join(10 * on_air.END)
+    closing.join(10 * on_air.SHUTDOWN_TIMEOUT)
+    served._thread.join(10 * on_air.SHUTDOWN_TIMEOUT)
     return not closing.is_alive() and not served._thread.is_alive()
 
 
@@ -173,7 +173,7 @@ def test_of_a_viewer_that_vanishes_nothing_is_told_in_the_terminal(
 
 
 def test_there_is_an_end_to_the_number_of_viewers(address: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(on_air, "VIEWERS", 1)
+    monkeypatch.setattr(on_air, "MAX_VIEWERS", 1)
     with Viewer(address) as first:
         first.until(lambda: bool(first.channels))
         with pytest.raises(InvalidStatus) as refused, Viewer(address):
@@ -193,8 +193,8 @@ def test_what_a_viewer_asks_again_and_again_leaves_nothing_behind(served: Broadc
 
 
 def test_only_the_first_refusals_are_told(served: Broadcast, address: str):
-    for number in range(3 + on_air.COMPLAINTS):
+    for number in range(3 + on_air.MAX_REFUSALS):
         for _ in range(2):
             with pytest.raises(InvalidStatus), Viewer(address, origin=f"http://evil.example:{number}"):
                 pass
-    assert served.news.qsize() == on_air.COMPLAINTS
+    assert served.news.qsize() == on_air.MAX_REFUSALS

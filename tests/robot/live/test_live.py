@@ -18,7 +18,7 @@ from websockets.exceptions import InvalidStatus
 
 from tests.robot.live.viewer import Viewer
 from twin.kernel.recording.reader import Recording, read
-from twin.robot.live.server import SPACING
+from twin.robot.live.server import MESSAGE_INTERVAL
 
 FIG4 = "experiments/fig4_force_position.toml"
 REFERENCE = "controller.force.reference_N"
@@ -241,7 +241,7 @@ def test_time_runs_forward_from_the_beginning_to_the_end(watched: Watched):
 def test_a_topic_has_at_most_50_messages_per_second_of_the_clock(watched: Watched):
     taken = 20.0 / watched.facts["punctuality"]["achieved"]
     # besides the first row and the last one
-    assert len(watched.second.messages("/controller")) <= 2 + taken / SPACING
+    assert len(watched.second.messages("/controller")) <= 2 + taken / MESSAGE_INTERVAL
 
 
 def test_parameters_are_told_in_the_units_of_their_keys(watched: Watched):

@@ -11,7 +11,7 @@ from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
 from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton
 from twin.robot.mechanism.kinematics import joint_angles
-from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances, segment_distance
+from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances, segment_distance
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 BAR = Bars(0.009, 0.004, 0.024)
@@ -33,7 +33,7 @@ def test_at_home_no_ball_joint_is_bent_and_the_legs_are_as_far_apart_as_their_pl
     corners = [GEOMETRY.b * np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians([-90.0, 30.0])]
     apart = (corners[0] + BAR.rod_spacing / 2.0 * AXIS[0]) - (corners[1] - BAR.rod_spacing / 2.0 * AXIS[1])
     assert abs(gaps[0] - (np.linalg.norm(apart) - BAR.rod_diameter)) < 1e-12
-    assert all(bar % BARS for bar in pairs[0])
+    assert all(bar % BARS_PER_LEG for bar in pairs[0])
 
 
 @given(st.lists(st.tuples(*[st.integers(-9, 9).map(float)] * 3), min_size=4, max_size=4, unique=True))
@@ -64,7 +64,7 @@ def test_the_gap_is_that_of_the_nearest_points_of_any_two_bars_of_different_legs
     seen = min(
         np.linalg.norm(points[i][:, None] - points[j][None], axis=-1).min() - radii[i] - radii[j]
         for i, j in product(range(9), repeat=2)
-        if i // BARS < j // BARS
+        if i // BARS_PER_LEG < j // BARS_PER_LEG
     )
     gap = clearances(GEOMETRY, bars, p_B)[0][0]
     # points 2 mm apart along a bar: half of that at most on either

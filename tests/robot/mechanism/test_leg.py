@@ -13,8 +13,8 @@ from twin.robot.mechanism import geometry as base
 from twin.robot.mechanism.geometry import (
     LEG_COS,
     LEG_SIN,
+    MAX_SERIES_SINE,
     NO_ANCHOR,
-    SMALL,
     angle_near,
     angles_near,
     coordinates_along,
@@ -97,7 +97,7 @@ def test_kappa_grows_with_the_square_of_speed(p_B, leg, factor):
     assert scaled == pytest.approx(once * factor**2, rel=1e-9, abs=1e-9 * factor**2)
 
 
-@given(reachable_poses(), legs, triple, st.floats(0.0, 3.0 * SMALL))
+@given(reachable_poses(), legs, triple, st.floats(0.0, 3.0 * MAX_SERIES_SINE))
 def test_an_angle_is_the_same_from_any_anchor(p_B, leg, way, far):
     anchors = NO_ANCHOR.copy()
     # of a pose so far away that the joint turns by up to three times what a series is taken for
@@ -124,11 +124,11 @@ def test_an_anchor_stays_while_it_is_near_and_moves_when_it_is_not(p_B, leg):
     def turned(angle):
         return k_r * math.cos(angle) + k_z * math.sin(angle), k_z * math.cos(angle) - k_r * math.sin(angle)
 
-    move_anchor(GEOMETRY, anchors, leg, *turned(0.4 * SMALL))
+    move_anchor(GEOMETRY, anchors, leg, *turned(0.4 * MAX_SERIES_SINE))
     np.testing.assert_array_equal(anchors, before)
-    move_anchor(GEOMETRY, anchors, leg, *turned(0.6 * SMALL))
+    move_anchor(GEOMETRY, anchors, leg, *turned(0.6 * MAX_SERIES_SINE))
     # rounding
-    assert anchors[leg, 0] == pytest.approx(before[leg, 0] + 0.6 * SMALL, rel=0, abs=1e-15)
+    assert anchors[leg, 0] == pytest.approx(before[leg, 0] + 0.6 * MAX_SERIES_SINE, rel=0, abs=1e-15)
 
 
 def test_out_of_reach_there_is_no_knee_and_no_exception():
@@ -154,7 +154,7 @@ def at_once(geometry, anchors, x, y, z, v_x, v_y, v_z):
     return found
 
 
-@given(reachable_poses(), triple, triple, st.floats(0.0, 3.0 * SMALL))
+@given(reachable_poses(), triple, triple, st.floats(0.0, 3.0 * MAX_SERIES_SINE))
 def test_three_legs_at_once_are_each_leg_alone_to_the_last_bit(p_B, v, way, far):
     anchors = NO_ANCHOR.copy()
     for leg in range(3):

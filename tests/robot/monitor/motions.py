@@ -5,16 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.laws.runs import Sampled, shipped
+from tests.laws.runs import ComponentStepper, shipped
 from twin.robot.assembly.build import monitor_belief, monitor_limits
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import Masses, environment_force
-from twin.robot.monitor.checks import Limits, Trip
-from twin.robot.monitor.checks import Monitor as Section
-from twin.robot.monitor.component import MonitorBelief, SafetyMonitor, geometry
+from twin.robot.monitor.component import MonitorBelief, SafetyMonitor, geometry_of_belief
+from twin.robot.monitor.limits import Limits
+from twin.robot.monitor.limits import Monitor as Section
+from twin.robot.monitor.reasons import Trip
 
 BELIEF = monitor_belief(shipped().robot)
-GEOMETRY = geometry(BELIEF)
+GEOMETRY = geometry_of_belief(BELIEF)
 MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
 LIMITS: Limits = monitor_limits(Section(), speed_limit=8.0)
 DT = 2e-3
@@ -85,7 +86,7 @@ def latched(trip: Trip | None) -> Trip:
 def watched(u: NDArray[np.float64], limits: Limits = LIMITS, belief: MonitorBelief = BELIEF) -> Watched:
     """A new monitor, evaluated once per row of `u` (n, 10)."""
     monitor = SafetyMonitor(belief, limits)
-    sampled = Sampled(monitor)
-    rows = [sampled.named(row, k * DT, DT) for k, row in enumerate(u)]
+    sampled = ComponentStepper(monitor)
+    rows = [sampled.outputs_by_port(row, k * DT, DT) for k, row in enumerate(u)]
     outputs = {name: np.array([row[name] for row in rows]).squeeze() for name in rows[0]}
     return Watched(outputs, monitor.trip, monitor.power_off_tick)

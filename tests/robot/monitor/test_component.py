@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
-from tests.laws.runs import Sampled
+from tests.laws.runs import ComponentStepper
 from tests.robot.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, SAMPLE, inputs, latched, ramp, standing, watched
 from twin.kernel.cosim.port import width
-from twin.robot.monitor.checks import Reason
-from twin.robot.monitor.component import INPUTS, OUTPUTS, SafetyMonitor
+from twin.robot.monitor.component import MONITOR_INPUTS, MONITOR_OUTPUTS, SafetyMonitor
+from twin.robot.monitor.reasons import Reason
 
 
 def swinging(share, frequency, stiffness):
@@ -49,7 +49,7 @@ def test_quantised_smooth_motion_within_the_limits_never_trips(share, frequency,
 def test_a_command_passes_bit_for_bit(omega_ref):
     u = standing(1)[0]
     u[OMEGA_REF] = omega_ref
-    found = Sampled(SafetyMonitor(BELIEF, LIMITS))(u, 0.0, DT)
+    found = ComponentStepper(SafetyMonitor(BELIEF, LIMITS))(u, 0.0, DT)
     # bytes: a minus zero is another command than a zero
     assert found[:3].tobytes() == np.array(omega_ref).tobytes()
 
@@ -121,7 +121,7 @@ def test_the_dead_zone_is_no_force():
 def test_a_monitor_that_looks_more_often_than_messages_come_sees_the_same():
     u = inputs(*swinging(np.full(8, 0.7), 2.0, 2000.0))
     slow, fast = SafetyMonitor(BELIEF, LIMITS, sample_interval=2, period=2), SafetyMonitor(BELIEF, LIMITS, 2, 1)
-    slow_step, fast_step = Sampled(slow), Sampled(fast)
+    slow_step, fast_step = ComponentStepper(slow), ComponentStepper(fast)
     for k in range(2 * len(u)):
         found = fast_step(u[k // 2], 1e-3 * k, 1e-3)
         if k % 2 == 0:
@@ -135,7 +135,7 @@ def test_the_memory_of_a_run_names_tick_reason_value_and_limit():
     u = standing(80)
     u[40, 2] += 100.0
     monitor = SafetyMonitor(BELIEF, LIMITS, sample_interval=2, period=2)
-    sampled = Sampled(monitor)
+    sampled = ComponentStepper(monitor)
     assert monitor.trip is None
     for k, row in enumerate(u):
         sampled(row, 2e-3 * k, 2e-3)
@@ -149,11 +149,11 @@ def test_the_memory_of_a_run_names_tick_reason_value_and_limit():
 def test_two_monitors_share_no_memory():
     one, two = SafetyMonitor(BELIEF, LIMITS), SafetyMonitor(BELIEF, LIMITS)
     u = standing(1)[0]
-    Sampled(one)(np.where(np.arange(10) == 0, np.nan, u))
+    ComponentStepper(one)(np.where(np.arange(10) == 0, np.nan, u))
     assert one.trip is not None
-    Sampled(two)(u)
+    ComponentStepper(two)(u)
     assert two.trip is None
 
 
 def test_ports_are_as_wide_as_the_step_expects():
-    assert (width(INPUTS), width(OUTPUTS)) == (10, 11)
+    assert (width(MONITOR_INPUTS), width(MONITOR_OUTPUTS)) == (10, 11)

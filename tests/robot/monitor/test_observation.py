@@ -11,9 +11,9 @@ from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, angles
 from tests.robot.plant.states import positions
 from twin.robot.mechanism.kinematics import position
 from twin.robot.mechanism.statics import dead_zone, end_effector_force, load_torque
-from twin.robot.monitor.component import BELIEF as BELIEF_RECORD
+from twin.robot.monitor.component import BELIEF_RECORD as BELIEF_RECORD
 from twin.robot.monitor.component import (
-    SEEN,
+    OBSERVATION_RECORD,
     low_pass_share,
     observe_joints,
     observe_platform,
@@ -59,7 +59,7 @@ PRESSING = np.array([[1.0, -2.0, -7.0]])
 
 def seen_at_rest(theta_m, theta_l) -> np.void:
     """A monitor that has seen nothing yet, with the joints that stand so."""
-    seen = np.zeros(1, dtype=SEEN)[0]
+    seen = np.zeros(1, dtype=OBSERVATION_RECORD)[0]
     seen["theta_m"], seen["theta_l"] = theta_m, theta_l
     deflection = np.array([dead_zone(d, BELIEF.backlash) for d in theta_m - BELIEF.N * theta_l])
     seen["tau_l"] = [load_torque(BELIEF.k_s, BELIEF.N, BELIEF.eta, d) for d in deflection]
@@ -87,7 +87,7 @@ def test_after_its_time_constant_a_low_pass_has_taken_over_all_but_one_part_in_e
 
 def test_speeds_of_shafts_that_start_to_turn_rise_as_a_first_order_lag():
     """Motor, joint on the motor's side, command: one low-pass for all, so that they can be compared."""
-    seen, belief = np.zeros(1, dtype=SEEN)[0], np.array([tuple(BELIEF)], dtype=BELIEF_RECORD)[0]
+    seen, belief = np.zeros(1, dtype=OBSERVATION_RECORD)[0], np.array([tuple(BELIEF)], dtype=BELIEF_RECORD)[0]
     share, counts, n = low_pass_share(20.0, DT), np.array([300.0, -200.0, 100.0]), 30
     sent = 2.0 * math.pi / BELIEF.motor_counts * counts / DT
     share_of_joint = BELIEF.joint_counts / (BELIEF.motor_counts * BELIEF.N)

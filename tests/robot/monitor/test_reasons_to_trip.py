@@ -19,7 +19,8 @@ from tests.robot.monitor.motions import (
     told,
     watched,
 )
-from twin.robot.monitor.checks import Limits, Reason
+from twin.robot.monitor.limits import Limits
+from twin.robot.monitor.reasons import Reason
 
 FAULT = 100
 """Row in which the fault first shows."""

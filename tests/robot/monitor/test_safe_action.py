@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.laws.runs import PARAMETERS, Sampled
+from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.checks import Limits, Reason
 from twin.robot.monitor.component import SafetyMonitor
-from twin.robot.monitor.safe_action import RETRACTION, Retreat, retraction_speed, retreat
-from twin.robot.plant.component import Plant, resting
+from twin.robot.monitor.limits import Limits
+from twin.robot.monitor.reasons import Reason
+from twin.robot.monitor.safe_action import RETRACTION_RECORD, Retreat, retraction_speed, retreat
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.encoder import Encoder, Shaft
 
 TICK = 1e-3
@@ -50,10 +51,13 @@ class Pressing:
         limits: Limits = LIMITS,
         lag: float = T_M,
     ):
-        x, theta_m = resting(PARAMETERS, p_B)
-        plant, encoder = Sampled(Plant(PARAMETERS, x, theta_m)), Sampled(Encoder(Shaft(4096), Shaft(16384)))
+        x, theta_m = rest_state(PARAMETERS, p_B)
+        plant, encoder = (
+            ComponentStepper(Plant(PARAMETERS, x, theta_m)),
+            ComponentStepper(Encoder(Shaft(4096), Shaft(16384))),
+        )
         self.monitor = SafetyMonitor(BELIEF, limits, sample_interval=2)
-        watching = Sampled(self.monitor)
+        watching = ComponentStepper(self.monitor)
         state = plant.component.initial_outputs
         omega, message, rows, truth = np.zeros(3), np.zeros(7), [], []
         for k in range(ticks):
@@ -138,7 +142,7 @@ def test_encoders_that_fail_do_not_stop_the_retraction(fault):
 @pytest.mark.parametrize("ticks", [1, 7, 300, 999])
 def test_a_retraction_of_whole_ticks_takes_just_as_many(ticks):
     limits = LIMITS._replace(retract=ticks * 1e-3 * LIMITS.retract_speed)
-    retraction = np.rec.array(np.zeros(1, RETRACTION))[0]
+    retraction = np.rec.array(np.zeros(1, RETRACTION_RECORD))[0]
     retraction.power = 1
     # the time since the trip is a multiple of the tick, give or take its last bits
     turning = [retraction_speed(limits, retraction, k * 1e-3) != 0.0 for k in range(ticks + 2)]

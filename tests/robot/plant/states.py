@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.laws.runs import PARAMETERS
-from twin.robot.plant.component import resting
+from twin.robot.plant.component import rest_state
 from twin.robot.plant.contact_law import ContactLaw
 from twin.robot.plant.dynamics import PlantParameters
 
@@ -31,7 +31,7 @@ def moving(
     draw: st.DrawFn, parameters: PlantParameters = PARAMETERS, lowest: float = -0.115, highest: float = -0.085
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """State x (8,) and motor angles theta_m (3,): off balance by up to 0.1 rad per motor, moving at up to 0.3 m/s."""
-    x, theta_m = resting(parameters, draw(positions(lowest, highest)))
+    x, theta_m = rest_state(parameters, draw(positions(lowest, highest)))
     x[3:6] = [0.3 * draw(share) for _ in range(3)]
     x[6:8] = [3e-4 * draw(share) for _ in range(2)]
     return x, theta_m + np.array([0.1 * draw(share) for _ in range(3)])

@@ -4,13 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
-from tests.laws.runs import PARAMETERS, Sampled
+from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.plant.states import share
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.robot.plant.component import Plant, resting
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.surface_motion import Body, Motion, MotionKind
 
 BREATHING, SHIFT = MotionKind.BREATHING, MotionKind.SHIFT
@@ -21,7 +21,7 @@ times = st.integers(0, 12_000).map(lambda milliseconds: milliseconds / 1000.0)
 
 def at(body, t):
     """Displacement and velocity, (3,) each."""
-    y = Sampled(body)(np.empty(0), t)
+    y = ComponentStepper(body)(np.empty(0), t)
     return y[:3], y[3:]
 
 
@@ -109,9 +109,12 @@ def on_body(parameters, x, theta_m, table, duration, tick=1e-3):
 
 
 def test_a_body_that_does_not_move_changes_no_bit():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.01, -0.103))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.01, -0.103))
     x[3:6] = [0.02, -0.05, -0.1]
-    moving, fixed = Sampled(Plant(PARAMETERS, x, theta_m, moving=True)), Sampled(Plant(PARAMETERS, x, theta_m))
+    moving, fixed = (
+        ComponentStepper(Plant(PARAMETERS, x, theta_m, moving=True)),
+        ComponentStepper(Plant(PARAMETERS, x, theta_m)),
+    )
     assert [port.name for port in moving.component.inputs] == ["theta_m", "s_B", "v_s_B"]
     assert [port.name for port in fixed.component.inputs] == ["theta_m"]
     for _ in range(200):
@@ -122,19 +125,19 @@ def test_a_body_that_does_not_move_changes_no_bit():
 
 def test_a_lifted_body_presses_like_one_that_was_higher_from_the_start():
     """After the shift, at rest: the springs and the contact share the 3 mm."""
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.103))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.103))
     rows = on_body(PARAMETERS, x, theta_m, [Motion(SHIFT, LIFT, 0.0, rise=0.3)], 1.5)
     p_B, F_n = rows["p_B"][-1], rows["F_n"][-1, 0]
     higher = PARAMETERS._replace(z_s=PARAMETERS.z_s + LIFT[2])
-    expected = Plant(higher, *resting(higher, p_B))
+    expected = Plant(higher, *rest_state(higher, p_B))
     assert F_n > rows["F_n"][0, 0] + 1.0
     # the springs are deflected as far as this position and force need: rad, at rest to 1e-9 m
-    np.testing.assert_allclose(resting(higher, p_B)[1], theta_m, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(rest_state(higher, p_B)[1], theta_m, rtol=0, atol=1e-7)
     assert expected.initial("F_n")[0] == pytest.approx(F_n, abs=1e-5)
 
 
 def test_a_body_that_is_pulled_sideways_takes_the_robot_along_until_it_slips():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.104))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.104))
     small = on_body(PARAMETERS, x, theta_m, [Motion(SHIFT, (2e-4, 0.0, 0.0), 0.0, rise=0.2)], 0.5)
     large = on_body(PARAMETERS, x, theta_m, [Motion(SHIFT, (1e-2, 0.0, 0.0), 0.0, rise=0.2)], 0.21)
     # the surface pulls towards +x, so the robot pulls the surface towards -x
@@ -146,21 +149,21 @@ def test_a_body_that_is_pulled_sideways_takes_the_robot_along_until_it_slips():
 
 def test_moving_together_is_resting_together():
     """Galilei: surface and platform at one velocity feel what they feel at rest."""
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.104))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.104))
     v = np.array([0.02, -0.03, 0.05])
     x[3:6] = v
     moving = Plant(PARAMETERS, x, theta_m, moving=True)
     # a step of no length shows the force at this instant
-    y = Sampled(moving).named(np.concatenate([theta_m, np.zeros(3), v]), 0.0, 0.0)
+    y = ComponentStepper(moving).outputs_by_port(np.concatenate([theta_m, np.zeros(3), v]), 0.0, 0.0)
     x[3:6] = 0.0
     np.testing.assert_array_equal(y["F_ee_B"], Plant(PARAMETERS, x, theta_m).initial("F_ee_B"))
 
 
 def test_within_a_step_the_surface_moves_on_at_constant_velocity():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.104))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.104))
     v = np.array([0.02, -0.01, 0.05])
-    whole = Sampled(Plant(PARAMETERS, x, theta_m, substeps=10, moving=True))
-    parts = Sampled(Plant(PARAMETERS, x, theta_m, moving=True))
+    whole = ComponentStepper(Plant(PARAMETERS, x, theta_m, substeps=10, moving=True))
+    parts = ComponentStepper(Plant(PARAMETERS, x, theta_m, moving=True))
     for k in range(10):
         y = parts(np.concatenate([theta_m, k * 1e-3 * v, v]), 0.0, 1e-3)
     # rounding of forces of 5 N
@@ -169,7 +172,7 @@ def test_within_a_step_the_surface_moves_on_at_constant_velocity():
 
 
 def test_breathing_under_the_robot_is_resolved_by_a_tick_of_a_millisecond():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.104))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.104))
     table = [Motion(BREATHING, (0.0, 0.0, 0.002), 0.0, rate=0.3)]
     coarse = on_body(PARAMETERS, x, theta_m, table, 4.0)["F_n"][:, 0]
     fine = on_body(PARAMETERS, x, theta_m, table, 4.0, 1e-4)["F_n"][::10, 0]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from tests.laws.runs import PARAMETERS, Sampled, shipped
+from tests.laws.runs import PARAMETERS, ComponentStepper, shipped
 from tests.robot.plant.kinetic import mass_matrix
 from tests.robot.plant.states import moving
 from twin.kernel.cosim.port import Port
@@ -12,7 +12,7 @@ from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.plant.component import LEFT_WORKSPACE, STILL, Plant, resting
+from twin.robot.plant.component import LEFT_WORKSPACE, NO_MOTION, Plant, rest_state
 from twin.robot.plant.dynamics import derivative
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
@@ -20,7 +20,7 @@ GEOMETRY = Geometry(*PARAMETERS[:4])
 
 def acceleration(parameters, x, theta_m):
     dx = np.empty(8)
-    derivative(parameters, x, theta_m, STILL, STILL, dx)
+    derivative(parameters, x, theta_m, NO_MOTION, NO_MOTION, dx)
     return dx[3:6]
 
 
@@ -52,11 +52,11 @@ def test_link_speeds_belong_to_the_platform_velocity(state):
 
 
 def test_integration_in_air_is_of_order_four():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.01, -0.090))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.01, -0.090))
     theta_m = theta_m + np.array([0.05, 0.04, 0.06])
 
     def end(substeps):
-        return Sampled(Plant(PARAMETERS._replace(backlash=0.0), x, theta_m, substeps))(theta_m, 0.0, 0.02)[:6]
+        return ComponentStepper(Plant(PARAMETERS._replace(backlash=0.0), x, theta_m, substeps))(theta_m, 0.0, 0.02)[:6]
 
     exact = end(2000)
     errors = [np.abs(end(n) - exact).max() for n in (8, 16, 32)]
@@ -71,18 +71,20 @@ def test_integration_in_air_is_of_order_four():
 )
 def test_in_a_ramp_the_motors_turn_and_the_surface_moves_within_the_step(substeps, rising):
     """As in a thousand short steps that hold each motor half-way, the surface taken anew in each."""
-    x, start = resting(PARAMETERS, (0.003, 0.01, -0.1045))
+    x, start = rest_state(PARAMETERS, (0.003, 0.01, -0.1045))
     turned, h, n = np.array([0.02, -0.01, 0.03]), 5e-3, 1000
     moving = rising is not None
 
     def surface(t):
         return [] if rising is None else [*(rising * t), *rising]
 
-    ramp = Sampled(Plant(PARAMETERS, x, start, substeps, moving, ramp=True))
-    end = ramp.named(np.array([*(start + turned), *surface(0.0), *start]), 0.0, h)
-    held = Sampled(Plant(PARAMETERS, x, start, 1, moving))
+    ramp = ComponentStepper(Plant(PARAMETERS, x, start, substeps, moving, ramp=True))
+    end = ramp.outputs_by_port(np.array([*(start + turned), *surface(0.0), *start]), 0.0, h)
+    held = ComponentStepper(Plant(PARAMETERS, x, start, 1, moving))
     for k in range(n):
-        short = held.named(np.array([*(start + (k + 0.5) / n * turned), *surface(k * h / n)]), k * h / n, h / n)
+        short = held.outputs_by_port(
+            np.array([*(start + (k + 0.5) / n * turned), *surface(k * h / n)]), k * h / n, h / n
+        )
     # a step of 5 ms is nearly 1 rad of the contact's mode, one of 1 ms a fifth of that: (1/5)^4 of the error
     tolerance = {1: 0.02, 5: 1e-4}[substeps]
     for name in ("v_B", "omega_l", "F_ee_B"):
@@ -94,10 +96,10 @@ def test_in_a_ramp_the_motors_turn_and_the_surface_moves_within_the_step(substep
 
 def test_a_bristle_is_on_the_cone_of_the_surface_where_that_is_at_the_end_of_the_step():
     """A surface that sinks away takes its normal force along, and with it what friction can hold."""
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.105))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.105))
     x[6] = PARAMETERS.mu * PARAMETERS.K * 0.004 / PARAMETERS.sigma_0
-    plant = Sampled(Plant(PARAMETERS, x, theta_m, moving=True))
-    end = plant.named(np.array([*theta_m, *STILL, 0.0, 0.0, -0.05]), 0.0, 1e-3)
+    plant = ComponentStepper(Plant(PARAMETERS, x, theta_m, moving=True))
+    end = plant.outputs_by_port(np.array([*theta_m, *NO_MOTION, 0.0, 0.0, -0.05]), 0.0, 1e-3)
     assert 0.0 < end["F_n"][0] < 0.99 * PARAMETERS.K * 0.004
     # rounding
     assert PARAMETERS.sigma_0 * end["z_b"][0] <= PARAMETERS.mu * end["F_n"][0] * (1.0 + 1e-12)
@@ -136,6 +138,6 @@ def test_leaving_the_workspace_ends_the_run_with_a_sentence_that_says_where():
 
 
 def test_the_sentence_says_in_millimetres_where_the_platform_was_before_the_step():
-    plant = Plant(PARAMETERS, *resting(PARAMETERS, (0.0123, -0.0056, -0.1)))
-    Sampled(plant)(resting(PARAMETERS, (0.0123, -0.0056, -0.1))[1], 0.0, 1e-3)
+    plant = Plant(PARAMETERS, *rest_state(PARAMETERS, (0.0123, -0.0056, -0.1)))
+    ComponentStepper(plant)(rest_state(PARAMETERS, (0.0123, -0.0056, -0.1))[1], 0.0, 1e-3)
     assert "near (12.3, -5.6, -100.0) mm" in plant.explain(LEFT_WORKSPACE)

@@ -7,15 +7,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tests.conftest import examples
-from tests.laws.runs import PARAMETERS, Sampled
+from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.plant.states import SURFACES, moving, positions, share
 from tests.robot.plant.test_energy import LOSSLESS, STEP, energy
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
-from twin.robot.plant.component import STILL, Plant, integrate, resting
+from twin.robot.plant.component import NO_MOTION, Plant, integrate, rest_state
 from twin.robot.plant.contact import (
-    GRIPPED,
-    HELD,
+    JOINT_ANCHOR,
+    SPRING_ANCHOR,
     Shape,
     apex_frame,
     bristle_rate,
@@ -26,8 +26,8 @@ from twin.robot.plant.contact import (
     surface_frame,
     touch,
 )
-from twin.robot.plant.dynamics import UNTOUCHED, joint_torque, loaded_deflection, settle_friction
-from twin.robot.plant.joints import drag, friction_torque, stop_torque, stopped, unstopped
+from twin.robot.plant.dynamics import INITIAL_ANCHORS, joint_torque, loaded_deflection, settle_friction
+from twin.robot.plant.joints import drag, friction_torque, inverse_stop_deflection, stop_deflection, stop_torque
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 TAU_C, A = 0.01, 2e-4
@@ -46,7 +46,7 @@ def there_and_back(amplitude: float, steps: int = 4000) -> np.ndarray:
 
 def torques(parameters, path: np.ndarray) -> np.ndarray:
     """Friction of joint 1 along the angles `path`, as a plant goes along them: evaluated, then dragged."""
-    anchors, found = UNTOUCHED.copy(), []
+    anchors, found = INITIAL_ANCHORS.copy(), []
     for theta in path:
         found.append(friction_torque(parameters, anchors, 0, theta))
         drag(parameters, anchors, 0, theta, 0.0)
@@ -67,30 +67,30 @@ def test_a_joint_that_goes_to_and_fro_loses_four_times_its_friction_times_the_am
 @given(st.floats(-0.45, 0.45))
 def test_a_joint_that_is_pulled_by_less_than_its_friction_stays_where_it_is(share: float):
     """In air, motors turned at once so far that springs pull by a share of the friction more: it swings to twice."""
-    x, theta_m = resting(RUBBED, AIR)
+    x, theta_m = rest_state(RUBBED, AIR)
     more = share * TAU_C / (PARAMETERS.k_s * PARAMETERS.N * PARAMETERS.eta)
-    step = Sampled(Plant(RUBBED, x, theta_m))
+    step = ComponentStepper(Plant(RUBBED, x, theta_m))
     for _ in range(400):
-        y = step.named(theta_m + more, 0.0, 1e-3)
+        y = step.outputs_by_port(theta_m + more, 0.0, 1e-3)
     away = y["theta_l"] - joint_angles(GEOMETRY, x[:3])
     # within the angle that it yields by; without friction it would go ten times as far
     assert np.abs(away).max() < 2.0 * abs(share) * A + 1e-9
 
 
 def test_a_joint_that_is_pulled_by_more_slides():
-    x, theta_m = resting(RUBBED, AIR)
-    step = Sampled(Plant(RUBBED, x, theta_m))
+    x, theta_m = rest_state(RUBBED, AIR)
+    step = ComponentStepper(Plant(RUBBED, x, theta_m))
     for _ in range(400):
-        y = step.named(theta_m + 3.0 * TAU_C / PARAMETERS.N, 0.0, 1e-3)
+        y = step.outputs_by_port(theta_m + 3.0 * TAU_C / PARAMETERS.N, 0.0, 1e-3)
     assert np.abs(y["theta_l"] - joint_angles(GEOMETRY, x[:3])).min() > 5.0 * A
 
 
 def kept(parameters, x, anchors, theta_m) -> np.ndarray:
     """Energy (J), (n,), with what is stored in what yields, of states (n, 8) and their anchors (n, 3, 2)."""
     theta_l = joint_angles(GEOMETRY, x[:, :3])
-    held = parameters.joint_friction / parameters.joint_presliding * (theta_l - anchors[..., HELD]) ** 2 / 2.0
+    held = parameters.joint_friction / parameters.joint_presliding * (theta_l - anchors[..., JOINT_ANCHOR]) ** 2 / 2.0
     d = theta_m - parameters.N * theta_l
-    grip = parameters.k_s * (d - anchors[..., GRIPPED]) ** 2 / 2.0 if parameters.spring_hysteresis else 0.0
+    grip = parameters.k_s * (d - anchors[..., SPRING_ANCHOR]) ** 2 / 2.0 if parameters.spring_hysteresis else 0.0
     over = np.maximum(np.abs(d) - parameters.spring_stop, 0.0)
     out = np.maximum(theta_l - parameters.joint_upper, 0.0) + np.maximum(parameters.joint_lower - theta_l, 0.0)
     yielding = np.sum(held + grip + parameters.stop * (over**2 + out**2) / 2.0, axis=-1)
@@ -99,12 +99,12 @@ def kept(parameters, x, anchors, theta_m) -> np.ndarray:
 
 def history(parameters, x, theta_m, duration: float = 0.05, counted=None) -> np.ndarray:
     """`kept` after each step with the motors held, of the robot `counted` if that is another."""
-    x, apex, anchors = x.copy(), apex_frame(parameters), UNTOUCHED.copy()
+    x, apex, anchors = x.copy(), apex_frame(parameters), INITIAL_ANCHORS.copy()
     x[6:8] = 0.0
     settle_friction(parameters, x, theta_m, anchors)
     found = [(x.copy(), anchors.copy())]
     for _ in range(round(duration / STEP)):
-        integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, apex, anchors)
+        integrate(parameters, x, theta_m, NO_MOTION, NO_MOTION, NO_MOTION, STEP, apex, anchors)
         found.append((x.copy(), anchors.copy()))
     states, held = map(np.array, zip(*found, strict=True))
     return kept(counted or parameters, states, held, theta_m)
@@ -122,7 +122,7 @@ def test_dry_friction_takes_energy_and_never_makes_any(state):
 
 
 def test_dry_friction_brings_a_robot_without_any_other_loss_to_rest():
-    x, theta_m = resting(ROUGH, AIR)
+    x, theta_m = rest_state(ROUGH, AIR)
     x[5] = -0.2
     E = history(ROUGH, x, theta_m, 1.0)
     # half of m v^2 with 0.2 kg is 4 mJ; what it swings with within the angle that it yields by is left
@@ -131,7 +131,7 @@ def test_dry_friction_brings_a_robot_without_any_other_loss_to_rest():
 
 def test_a_spring_with_hysteresis_carries_more_while_its_deflection_grows_and_less_while_it_shrinks():
     d = np.concatenate([np.linspace(0.0, 0.1, 2000), np.linspace(0.1, 0.0, 2000)])
-    anchors, deflection = UNTOUCHED.copy(), []
+    anchors, deflection = INITIAL_ANCHORS.copy(), []
     for one in d:
         deflection.append(loaded_deflection(GRIPPING, anchors, 0, one, 0.0))
         drag(GRIPPING, anchors, 0, 0.0, one)
@@ -151,9 +151,9 @@ def test_a_robot_with_all_of_them_starts_at_rest_and_stays(p_B, tilt):
         joint_friction=2e-3, spring_hysteresis=0.02, belt_compliance=0.004, spring_stop=0.05, joint_upper=0.3,
         mounting_tilt=tilt, mounting_tilt_x=0.3, head=(0.003, -0.002, -0.001),
     )  # fmt: skip
-    x, theta_m = resting(parameters, p_B)
+    x, theta_m = rest_state(parameters, p_B)
     plant = Plant(parameters, x, theta_m)
-    start, step = plant.initial_outputs.copy(), Sampled(plant)
+    start, step = plant.initial_outputs.copy(), ComponentStepper(plant)
     for _ in range(100):
         end = step(theta_m, 0.0, 1e-3)
     # m, m/s, rad, N m, N: rounding of the balance, under the 17 N of a joint at its stop
@@ -162,11 +162,11 @@ def test_a_robot_with_all_of_them_starts_at_rest_and_stays(p_B, tilt):
 
 @given(st.floats(-0.3, 0.3))
 def test_a_spring_at_its_stop_is_no_further_than_the_torque_over_the_stiffness(d: float):
-    torque = joint_torque(STOPS, 0, stopped(STOPS, d), 0.0) / (STOPS.N * STOPS.eta)
+    torque = joint_torque(STOPS, 0, stop_deflection(STOPS, d), 0.0) / (STOPS.N * STOPS.eta)
     over = max(abs(d) - STOPS.spring_stop, 0.0)
     assert over <= abs(torque) / STOPS.stop + 1e-15
     assert abs(torque) == pytest.approx(STOPS.k_s * abs(d) + STOPS.stop * over, rel=1e-12)
-    assert unstopped(STOPS, stopped(STOPS, d)) == pytest.approx(d, rel=1e-12, abs=1e-15)
+    assert inverse_stop_deflection(STOPS, stop_deflection(STOPS, d)) == pytest.approx(d, rel=1e-12, abs=1e-15)
 
 
 def test_a_joint_beyond_its_stop_is_pushed_back_by_the_stiffness_and_within_by_nothing():
@@ -177,7 +177,7 @@ def test_a_joint_beyond_its_stop_is_pushed_back_by_the_stiffness_and_within_by_n
 
 def test_stops_give_back_what_they_took_and_no_more():
     bouncing = LOSSLESS._replace(spring_stop=0.05, joint_lower=-0.1, joint_upper=0.3, stop=100.0)
-    x, theta_m = resting(bouncing, AIR)
+    x, theta_m = rest_state(bouncing, AIR)
     x[5] = -0.4
     E = history(bouncing, x, theta_m, 0.4)
     # a step across a corner, of the order of k (omega h)^2 with N^2 100 N m/rad and 5 rad/s
@@ -190,22 +190,22 @@ def test_a_belt_that_yields_is_a_second_spring_in_series():
     soft = PARAMETERS._replace(belt_compliance=0.1, backlash=0.0)
     stiff = soft._replace(belt_compliance=0.0)
     theta_l = joint_angles(GEOMETRY, AIR)
-    deflection_soft, deflection = (resting(p, AIR)[1] - p.N * theta_l for p in (soft, stiff))
+    deflection_soft, deflection = (rest_state(p, AIR)[1] - p.N * theta_l for p in (soft, stiff))
     # on the motor's side: 1/k = 1/k_s + N^2 c
     np.testing.assert_allclose(deflection_soft / deflection, 1.0 + stiff.k_s * stiff.N**2 * 0.1, rtol=1e-12)
     # the joint itself gives way by c per torque on it
-    tau = Plant(soft, *resting(soft, AIR)).initial("tau_l")
+    tau = Plant(soft, *rest_state(soft, AIR)).initial("tau_l")
     np.testing.assert_allclose((deflection_soft - deflection) / soft.N, 0.1 * tau / soft.eta, rtol=1e-9)
 
 
 def swung(parameters, step: float, duration: float = 0.1) -> np.ndarray:
     """Positions (m) every millisecond of a robot that swings on its springs, the motors held."""
-    x, theta_m = resting(parameters, AIR)
+    x, theta_m = rest_state(parameters, AIR)
     x[3:6], x[6:8] = (0.05, -0.1, -0.1), 0.0
-    apex, anchors, found = apex_frame(parameters), UNTOUCHED.copy(), []
+    apex, anchors, found = apex_frame(parameters), INITIAL_ANCHORS.copy(), []
     settle_friction(parameters, x, theta_m, anchors)
     for k in range(round(duration / step)):
-        integrate(parameters, x, theta_m, STILL, STILL, STILL, step, apex, anchors)
+        integrate(parameters, x, theta_m, NO_MOTION, NO_MOTION, NO_MOTION, step, apex, anchors)
         if (k + 1) % round(1e-3 / step) == 0:
             found.append(x[:3].copy())
     return np.array(found)

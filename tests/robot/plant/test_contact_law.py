@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from tests.laws.runs import PARAMETERS, Sampled
+from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.plant.states import SURFACES, share
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian
-from twin.robot.plant.component import Plant, resting
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.contact_law import ContactLaw, elastic_force, pressing_force
 
 over_every_law = pytest.mark.parametrize("name", sorted(SURFACES))
@@ -154,13 +154,13 @@ def test_kelvin_voigts_damper_is_whole_from_the_touch_depth_on():
 def test_one_millisecond_is_enough_for_an_impact_at_100_millimetres_per_second(name):
     parameters = SURFACES[name]
     # touches in the middle of a tick
-    x, theta_m = resting(parameters, (0.0, 0.0, parameters.z_s + 2.05e-3))
+    x, theta_m = rest_state(parameters, (0.0, 0.0, parameters.z_s + 2.05e-3))
     x[5] = -0.1
     omega_m = parameters.N * jacobian(Geometry(*parameters[:4]), x[:3]) @ x[3:6]
     motors = theta_m + np.minimum(np.arange(100), 60)[:, None] * 1e-3 * omega_m
 
     def pressed(substeps):
-        stepped = Sampled(Plant(parameters, x, theta_m, substeps))
+        stepped = ComponentStepper(Plant(parameters, x, theta_m, substeps))
         return np.array([stepped(held, 0.0, 1e-3)[21] for held in motors])
 
     fine = pressed(20)

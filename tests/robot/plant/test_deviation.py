@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.robot.plant.deviation import COLUMNS, DeviationSums
+from twin.robot.plant.deviation import COLUMN_COUNT, DeviationSums
 
 WIDTH = 12
 
@@ -13,11 +13,11 @@ WIDTH = 12
 def test_sums_are_those_of_the_rows_in_their_order_to_the_last_bit(seed: int, count: int, exponent: int):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(count, WIDTH)) * 10.0**exponent
-    columns = rng.permutation(WIDTH)[:COLUMNS]
+    columns = rng.permutation(WIDTH)[:COLUMN_COUNT]
     F_z, p_B, p_ref_B, on, F_z_ref = np.split(rows[:, columns].T, [1, 4, 7, 8])
     block = DeviationSums(40)
     touched = bool(seed % 2)
-    block.look(rows, columns, touched)
+    block.add_block(rows, columns, touched)
     assert (block.squares == np.cumsum(np.square(p_B - p_ref_B), axis=1)[:, -1]).all()
     pressed = np.logical_or.accumulate(F_z[0] < 0.0)
     controlled = (on[0] > 0.0) & (touched | pressed)
@@ -28,19 +28,19 @@ def test_sums_are_those_of_the_rows_in_their_order_to_the_last_bit(seed: int, co
 
 
 def test_of_two_equal_peaks_the_first_counts():
-    rows = np.zeros((5, COLUMNS))
+    rows = np.zeros((5, COLUMN_COUNT))
     rows[[1, 3], 0] = -2.0
     block = DeviationSums(5)
-    block.look(rows, np.arange(COLUMNS))
+    block.add_block(rows, np.arange(COLUMN_COUNT))
     assert (block.peak, block.place) == (2.0, 1)
 
 
 def test_what_is_nowhere_in_the_rows_is_not_a_number():
-    columns = np.arange(COLUMNS)
+    columns = np.arange(COLUMN_COUNT)
     columns[4:7] = -1
     block = DeviationSums(5)
-    block.look(np.ones((5, COLUMNS)), columns, touched=True)
+    block.add_block(np.ones((5, COLUMN_COUNT)), columns, touched=True)
     assert np.isnan(block.squares).all() and block.off.tolist() == [4.0] * 5
     columns[7] = -1
-    block.look(np.ones((5, COLUMNS)), columns, touched=True)
+    block.add_block(np.ones((5, COLUMN_COUNT)), columns, touched=True)
     assert len(block.off) == 0

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from tests.laws.runs import Sampled
+from tests.laws.runs import ComponentStepper
 from twin.kernel.errors import ComponentFailed
 from twin.robot.plant.encoder import Encoder, Shaft, normal, random_word, uniform
 
@@ -37,7 +37,7 @@ COUNTS_PER_RAD = np.repeat([MOTOR, JOINT], 3) / (2.0 * np.pi)
 
 @given(angles)
 def test_counts_are_whole_and_the_nearest(theta):
-    counts = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta)[:6]
+    counts = ComponentStepper(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta)[:6]
     np.testing.assert_array_equal(counts, np.round(counts))
     # half a count, and rounding of angles of 10 rad
     assert np.abs(counts - theta * COUNTS_PER_RAD).max() <= 0.5 + 1e-10
@@ -48,13 +48,13 @@ def test_whole_turns_are_counted(theta, turns):
     # away from the edge between two counts, where rounding of the angle decides
     theta = (np.floor(theta * COUNTS_PER_RAD) + 0.3) / COUNTS_PER_RAD
     more = theta + 2.0 * np.pi * turns
-    encoder = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))
+    encoder = ComponentStepper(Encoder(Shaft(MOTOR), Shaft(JOINT)))
     np.testing.assert_array_equal((encoder(more) - encoder(theta))[:6], np.repeat([MOTOR, JOINT], 3) * turns)
 
 
 def test_zero_error_is_added_to_the_true_angle():
     motor_zero, joint_zero = (0.1, 0.2, -0.3), (-0.01, 0.02, 0.03)
-    counts = Sampled(Encoder(Shaft(MOTOR, motor_zero), Shaft(JOINT, joint_zero)))(np.zeros(6))[:6]
+    counts = ComponentStepper(Encoder(Shaft(MOTOR, motor_zero), Shaft(JOINT, joint_zero)))(np.zeros(6))[:6]
     # half a count
     assert counts / COUNTS_PER_RAD == pytest.approx([*motor_zero, *joint_zero], abs=0.5 / COUNTS_PER_RAD[0])
     assert counts[5] == round(0.03 * COUNTS_PER_RAD[5])
@@ -63,7 +63,7 @@ def test_zero_error_is_added_to_the_true_angle():
 @pytest.mark.parametrize(("angle", "count"), [(0.5, 1), (0.499, 0), (-0.499, 0), (-0.501, -1), (1.5, 2)])
 def test_half_a_count_rounds_up(angle, count):
     # as many counts as 2 pi, so that an angle is its own number of counts
-    encoder = Sampled(Encoder(Shaft(2.0 * np.pi), Shaft(2.0 * np.pi)))
+    encoder = ComponentStepper(Encoder(Shaft(2.0 * np.pi), Shaft(2.0 * np.pi)))
     np.testing.assert_array_equal(encoder(np.full(6, angle))[:6], count)
 
 
@@ -73,20 +73,20 @@ def test_an_angle_that_no_integer_counts_has_no_count(shaft, angle):
     """What an integer becomes of it is another one on each kind of processor."""
     angles = np.zeros(6)
     angles[shaft] = angle
-    encoder = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))
+    encoder = ComponentStepper(Encoder(Shaft(MOTOR), Shaft(JOINT)))
     with pytest.raises(ComponentFailed, match="encoder got an angle that it cannot count"):
         encoder(angles)
 
 
 def test_samples_are_numbered_from_one():
-    encoder = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))
-    assert [encoder.named(np.zeros(6))["sample"][0] for _ in range(4)] == [1.0, 2.0, 3.0, 4.0]
+    encoder = ComponentStepper(Encoder(Shaft(MOTOR), Shaft(JOINT)))
+    assert [encoder.outputs_by_port(np.zeros(6))["sample"][0] for _ in range(4)] == [1.0, 2.0, 3.0, 4.0]
 
 
 def read_noise(seed, samples=4000, motor_noise=0.02, joint_noise=0.01):
     """Angles (samples, 6) that encoders of very many counts read at zero, rad."""
     fine = 2.0 * np.pi * 2.0**40
-    encoder = Sampled(Encoder(Shaft(fine, noise=motor_noise), Shaft(fine, noise=joint_noise), seed=seed))
+    encoder = ComponentStepper(Encoder(Shaft(fine, noise=motor_noise), Shaft(fine, noise=joint_noise), seed=seed))
     return np.array([encoder(np.zeros(6))[:6] for _ in range(samples)]) / 2.0**40
 
 
@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_noise_and_another_seed_another():
 
 
 def test_noise_is_on_the_angle_before_it_is_rounded():
-    encoder = Sampled(Encoder(Shaft(MOTOR, noise=1e-2), Shaft(JOINT, noise=1e-2)))
+    encoder = ComponentStepper(Encoder(Shaft(MOTOR, noise=1e-2), Shaft(JOINT, noise=1e-2)))
     counts = np.array([encoder(np.zeros(6))[:6] for _ in range(50)])
     np.testing.assert_array_equal(counts, np.round(counts))
     assert np.ptp(counts, axis=0).min() > 3
@@ -115,8 +115,8 @@ def test_noise_is_on_the_angle_before_it_is_rounded():
 @given(angles)
 def test_one_encoder_may_be_noisy_without_the_other(theta):
     clean, noisy = (
-        Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta),
-        Sampled(Encoder(Shaft(MOTOR, noise=0.1), Shaft(JOINT)))(theta),
+        ComponentStepper(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta),
+        ComponentStepper(Encoder(Shaft(MOTOR, noise=0.1), Shaft(JOINT)))(theta),
     )
     np.testing.assert_array_equal(noisy[3:6], clean[3:6])
 
@@ -124,7 +124,7 @@ def test_one_encoder_may_be_noisy_without_the_other(theta):
 @given(st.tuples(*[st.floats(-0.05, 0.05)] * 3), st.tuples(*[st.floats(-3.0, 3.0)] * 3))
 def test_an_encoder_off_its_axis_reads_wrong_once_a_turn_by_its_eccentricity(eccentricity, at):
     fine = Shaft(2.0 * np.pi * 2.0**40, eccentricity=eccentricity, eccentric_at=at)
-    encoder = Sampled(Encoder(fine, Shaft(MOTOR)))
+    encoder = ComponentStepper(Encoder(fine, Shaft(MOTOR)))
     turn = 2.0 * np.pi * np.arange(16) / 16
     error = np.array([encoder(np.full(6, angle))[:3] / 2.0**40 - angle for angle in turn])
     harmonics = np.fft.rfft(error, axis=0) / 8.0

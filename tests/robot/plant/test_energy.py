@@ -11,7 +11,7 @@ from tests.robot.plant.states import SURFACES, moving
 from twin.robot.mechanism.geometry import NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION, platform_weight
-from twin.robot.plant.component import STILL, integrate
+from twin.robot.plant.component import NO_MOTION, integrate
 from twin.robot.plant.contact import Shape, apex_frame, normal_force
 from twin.robot.plant.contact_law import ContactLaw
 from twin.robot.plant.dynamics import spring_deflection
@@ -52,10 +52,10 @@ def energies(parameters, x, theta_m, duration=0.05):
     """Energy (J) at each step of a free motion with the motors held, shape (steps + 1,)."""
     x, apex = x.copy(), apex_frame(parameters)
     # a bristle longer than the cone allows is no state the robot can be in
-    integrate(parameters, x, theta_m, STILL, STILL, STILL, 0.0, apex, NO_ANCHOR)
+    integrate(parameters, x, theta_m, NO_MOTION, NO_MOTION, NO_MOTION, 0.0, apex, NO_ANCHOR)
     states = [x.copy()]
     for _ in range(round(duration / STEP)):
-        integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, apex, NO_ANCHOR)
+        integrate(parameters, x, theta_m, NO_MOTION, NO_MOTION, NO_MOTION, STEP, apex, NO_ANCHOR)
         states.append(x.copy())
     return energy(parameters, np.array(states), theta_m)
 
@@ -124,7 +124,7 @@ def test_the_papers_constant_efficiency_gives_back_what_it_took():
     end, same = x.copy(), x.copy()
     scratch = apex_frame(soft), NO_ANCHOR
     for _ in range(1000):
-        integrate(soft, end, theta_m, STILL, STILL, STILL, STEP, *scratch)
-        integrate(equivalent, same, theta_m, STILL, STILL, STILL, STEP, *scratch)
+        integrate(soft, end, theta_m, NO_MOTION, NO_MOTION, NO_MOTION, STEP, *scratch)
+        integrate(equivalent, same, theta_m, NO_MOTION, NO_MOTION, NO_MOTION, STEP, *scratch)
     # rounding over 1000 steps
     np.testing.assert_allclose(end, same, rtol=0, atol=1e-12)

@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
-from tests.laws.runs import PARAMETERS, Sampled
+from tests.laws.runs import PARAMETERS, ComponentStepper
 from tests.robot.plant.kinetic import mass_matrix
 from tests.robot.plant.states import moving, positions, share
 from tests.robot.plant.test_energy import energies
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.plant.component import STILL, Plant, resting
+from twin.robot.plant.component import NO_MOTION, Plant, rest_state
 from twin.robot.plant.dynamics import Triple, derivative, joint_torque, spring_deflection
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
@@ -28,15 +28,15 @@ def scaled(factor, values) -> Triple:
 
 def acceleration(parameters, x, theta_m):
     dx = np.empty(8)
-    derivative(parameters, x, theta_m, STILL, STILL, dx)
+    derivative(parameters, x, theta_m, NO_MOTION, NO_MOTION, dx)
     return dx[3:6]
 
 
 @given(positions(highest=-0.102))
 def test_half_a_spring_winds_up_twice_as_far_under_the_same_load(p_B):
     stiff = PARAMETERS._replace(backlash=0.0)
-    deflection = resting(stiff, p_B)[1] - resting(stiff._replace(k_s=1e9), p_B)[1]
-    soft = resting(stiff._replace(k_s_share=(1.0, 0.5, 1.0)), p_B)[1] - resting(stiff._replace(k_s=1e9), p_B)[1]
+    deflection = rest_state(stiff, p_B)[1] - rest_state(stiff._replace(k_s=1e9), p_B)[1]
+    soft = rest_state(stiff._replace(k_s_share=(1.0, 0.5, 1.0)), p_B)[1] - rest_state(stiff._replace(k_s=1e9), p_B)[1]
     # rounding, and 1e-9 of a turn left by the stiffest spring
     np.testing.assert_allclose(soft, deflection * [1.0, 2.0, 1.0], rtol=0, atol=1e-8)
 
@@ -50,10 +50,10 @@ def test_a_broken_spring_carries_nothing_on_either_side(state):
 
 
 def test_a_broken_spring_drops_the_platform_on_that_side():
-    x, theta_m = resting(PARAMETERS, AIR)
-    broken = Sampled(Plant(PARAMETERS._replace(k_s_share=(0.0, 1.0, 1.0)), x, theta_m))
+    x, theta_m = rest_state(PARAMETERS, AIR)
+    broken = ComponentStepper(Plant(PARAMETERS._replace(k_s_share=(0.0, 1.0, 1.0)), x, theta_m))
     for _ in range(200):
-        y = broken.named(theta_m, 0.0, 1e-3)
+        y = broken.outputs_by_port(theta_m, 0.0, 1e-3)
     assert y["p_B"][2] < AIR[2] - 2e-3
     # positive theta_l lowers
     assert y["theta_l"][0] - Plant(PARAMETERS, x, theta_m).initial("theta_l")[0] > 0.05
@@ -63,9 +63,9 @@ def test_a_broken_spring_drops_the_platform_on_that_side():
 def test_a_slipped_belt_shifts_its_joint_by_the_slip_over_the_belt_ratio(p_B, shares):
     """The motor has to go on by the slip to hold the joint where it was; held still, it leaves it slip / N behind."""
     slip = scaled(0.2, shares)
-    theta_m = resting(PARAMETERS, p_B)[1]
+    theta_m = rest_state(PARAMETERS, p_B)[1]
     # rounding of angles near 1 rad
-    np.testing.assert_allclose(resting(PARAMETERS._replace(slip=slip), p_B)[1], theta_m + slip, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(rest_state(PARAMETERS._replace(slip=slip), p_B)[1], theta_m + slip, rtol=0, atol=1e-15)
     for leg in range(3):
         same = spring_deflection(PARAMETERS, leg, 1.0, 0.5)
         behind = spring_deflection(PARAMETERS._replace(slip=slip), leg, 1.0, 0.5 - slip[leg] / PARAMETERS.N)
@@ -81,7 +81,7 @@ def test_worn_joints_rest_too(p_B, springs, wear, slip):
         slip=scaled(0.1, slip),
     )
     # rounding of forces up to 20 N, on 0.2 kg, through angles of 10 rad
-    np.testing.assert_allclose(acceleration(worn, *resting(worn, p_B)), 0.0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(acceleration(worn, *rest_state(worn, p_B)), 0.0, rtol=0, atol=1e-11)
 
 
 @given(st.integers(0, 2), share)
@@ -106,7 +106,7 @@ def test_added_friction_brakes_its_joint(state, added):
 
 
 def test_the_most_friction_that_a_fault_may_add_is_stable_in_steps_of_1_ms():
-    b = np.diag([PARAMETERS.b_j + CATALOGUE["joint_friction"].bounds["le"], PARAMETERS.b_j, PARAMETERS.b_j])
+    b = np.diag([PARAMETERS.b_j + FAULT_KINDS["joint_friction"].bounds["le"], PARAMETERS.b_j, PARAMETERS.b_j])
     fastest = 0.0
     # the monitor's cylinder at its upper edge, where joints turn most per mm, and at its lower one
     for z in (-0.075, -0.135):

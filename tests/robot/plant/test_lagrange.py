@@ -16,7 +16,7 @@ from tests.robot.plant.kinetic import mass_matrix
 from tests.robot.plant.states import moving
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.plant.component import STILL
+from twin.robot.plant.component import NO_MOTION
 from twin.robot.plant.contact import contact_force
 from twin.robot.plant.dynamics import derivative
 
@@ -133,7 +133,7 @@ def lagrangian_acceleration(parameters, x, theta_m, force):
 
 def acceleration(parameters, x, theta_m):
     dx = np.empty(8)
-    derivative(parameters, x, theta_m, STILL, STILL, dx)
+    derivative(parameters, x, theta_m, NO_MOTION, NO_MOTION, dx)
     return dx[3:6]
 
 

@@ -11,7 +11,7 @@ from tests.robot.plant.states import moving, positions, share
 from twin.robot.mechanism.geometry import Geometry, skeleton
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION
-from twin.robot.plant.component import STILL, resting
+from twin.robot.plant.component import NO_MOTION, rest_state
 from twin.robot.plant.contact import Shape, contact_force, surface_frame
 from twin.robot.plant.dynamics import derivative
 from twin.robot.plant.joints import upward
@@ -48,7 +48,7 @@ def potential(parameters, p_B, up) -> float:
 def test_springs_at_rest_do_the_work_that_lifts_the_robot_in_a_tilted_room(p_B, tilt, tilt_x):
     parameters = PARAMETERS._replace(mounting_tilt=tilt, mounting_tilt_x=tilt_x, backlash=0.0)
     up = turned(tilt, tilt_x)[2]
-    _, theta_m = resting(parameters, p_B)
+    _, theta_m = rest_state(parameters, p_B)
     tau_l = parameters.k_s * parameters.N * (theta_m - parameters.N * joint_angles(GEOMETRY, p_B))
     step = 1e-6
     for axis in np.eye(3):
@@ -69,9 +69,9 @@ def test_a_third_of_a_turn_of_tilt_and_pose_is_the_same_robot_with_other_legs(st
     # the angles whose up is that
     other = base._replace(mounting_tilt_x=np.arctan2(up[1], up[2]), mounting_tilt=np.arcsin(-up[0]))
     dx, dy = np.empty(8), np.empty(8)
-    derivative(base, x, theta_m, STILL, STILL, dx)
+    derivative(base, x, theta_m, NO_MOTION, NO_MOTION, dx)
     y = np.concatenate([third @ x[:3], third @ x[3:6], np.zeros(2)])
-    derivative(other, y, np.roll(theta_m, 1), STILL, STILL, dy)
+    derivative(other, y, np.roll(theta_m, 1), NO_MOTION, NO_MOTION, dy)
     # rounding of up to 100 m/s2
     np.testing.assert_allclose(dy[3:6], third @ dx[3:6], rtol=0, atol=1e-9)
 
@@ -89,12 +89,12 @@ def test_a_head_elsewhere_is_the_same_as_a_surface_as_far_the_other_way(state, h
 
     def rates(parameters, s_B):
         dx = np.empty(8)
-        derivative(parameters, x, theta_m, s_B, STILL, dx)
+        derivative(parameters, x, theta_m, s_B, NO_MOTION, dx)
         return dx
 
     away = tuple(-value for value in head)
     # rounding, which 1250 N/m on 0.2 kg make larger
-    np.testing.assert_allclose(rates(with_head, STILL), rates(there, away), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(rates(with_head, NO_MOTION), rates(there, away), rtol=0, atol=1e-8)
 
 
 @given(positions(highest=-0.104), heads, st.tuples(*[st.floats(-0.3, 0.3)] * 3))

@@ -26,7 +26,7 @@ def made_up(signals: Mapping[str, NDArray[Any]], units: Mapping[str, str] | None
         rows[:, system.columns(name.replace("drive/", "drive_"))] = values
     trace = Trace()
     trace.begin(Simulation(system, len(rows) - 1))
-    trace.take(0, rows, [])
+    trace.on_rows(0, rows, [])
     return trace
 
 

@@ -14,7 +14,7 @@ from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import HEADLINE, MEASURES, NEXT, TABLE, shown, with_units
+from twin.robot.run.measures import HEADLINE_KEYS, MEASURE_ROWS, ROWS_BY_KEY, SECOND_KEYS, value_text, with_units
 from twin.robot.run.outcome import Tally
 from twin.robot.run.run import Run, execute
 from twin.robot.run.trace import run_in_memory
@@ -93,7 +93,7 @@ def test_a_held_force_has_the_numbers_that_were_computed_by_hand(
             # sums in another order round differently
             assert own == pytest.approx(value, rel=1e-9, abs=1e-12), key
     values = json.loads(recording.metadata["experiment"]["values"])
-    assert outcome_of(recording, HoldRequest.recorded(values)) == run.outcome
+    assert outcome_of(recording, HoldRequest.from_values(values)) == run.outcome
 
 
 @pytest.mark.parametrize(("experiment", "change"), SWINGS)
@@ -123,12 +123,12 @@ def test_the_stream_a_run_in_memory_a_recording_and_a_restored_state_give_the_sa
     one = loaded(root, experiment, change, "recording.state_every_s=3")
     whole = execute(one, tmp_path / "whole")
     assert all(whole.outcome.measures[key].value is not None for key in STATES[experiment, change, since])
-    assert outcome_of(run_in_memory(one), HoldRequest.of(one)) == whole.outcome
+    assert outcome_of(run_in_memory(one), HoldRequest.from_experiment(one)) == whole.outcome
     recording = read(whole.recording)
     values = json.loads(recording.metadata["experiment"]["values"])
-    assert outcome_of(recording, HoldRequest.recorded(values)) == whole.outcome
+    assert outcome_of(recording, HoldRequest.from_values(values)) == whole.outcome
     state = stored_state(whole.recording, since)
-    assert state is not None and state.saved.tick == round(1e3 * since)
+    assert state is not None and state.saved_state.tick == round(1e3 * since)
     assert execute(one, tmp_path / "rest", state=state).outcome == whole.outcome
 
 
@@ -136,11 +136,11 @@ def test_at_the_controller_s_rate_the_recorded_rows_count_and_the_text_says_so(r
     run = execute(load_experiment(root / FIG4, ['recording.rate="controller"']), tmp_path)
     recording = read(run.recording)
     values = json.loads(recording.metadata["experiment"]["values"])
-    again = outcome_of(recording, HoldRequest.recorded(values))
+    again = outcome_of(recording, HoldRequest.from_values(values))
     assert again is not None
     of_a_hold = [key for key in run.outcome.measures if key not in asdict(run.outcome)]
     assert {key: again.measures[key] for key in of_a_hold} == {key: run.outcome.measures[key] for key in of_a_hold}
-    assert "recorded rows, every 2 ms" in shown("hold_error", run.outcome.measures)
+    assert "recorded rows, every 2 ms" in value_text("hold_error", run.outcome.measures)
 
 
 REASONS = {
@@ -158,7 +158,7 @@ def test_where_nothing_is_held_there_is_no_number_but_a_reason(
 ):
     settings = [change] if change else []
     run = execute(load_experiment(root / experiment, settings), tmp_path)
-    for key in (*HEADLINE, "held_lateral_error", "felt_stiffness"):
+    for key in (*HEADLINE_KEYS, "held_lateral_error", "felt_stiffness"):
         assert run.outcome.measures[key].value is None
         assert run.outcome.measures[key].reason == REASONS[experiment, change]
     text = json.dumps(with_units(run.outcome.measures), allow_nan=False)
@@ -189,7 +189,7 @@ class Rows:
     def __init__(self, F: np.ndarray, on: np.ndarray, R: np.ndarray):
         self.rows = np.column_stack([np.zeros((len(F), 2)), -F, on, R])
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         return end in ("plant.F_ee_B", "controller.triggered", "controller.F_z_ref")
 
     def columns(self, end: str) -> slice:
@@ -198,7 +198,7 @@ class Rows:
     def measures(self, request: HoldRequest = FORCE_LOOP, size: int = 7) -> dict:
         tally = Tally(self, request)
         for first in range(0, len(self.rows), size):
-            tally.take(first, self.rows[first : first + size], [])
+            tally.on_rows(first, self.rows[first : first + size], [])
         return dict(tally.outcome.measures)
 
 
@@ -238,13 +238,13 @@ def test_a_reference_without_the_force_loop_is_none():
 
 
 def test_every_measure_has_one_key_one_column_and_a_sentence():
-    assert len(MEASURES) == len(TABLE) == len({measure.column for measure in TABLE})
-    assert list(MEASURES)[: len(HEADLINE)] == list(HEADLINE) and set(NEXT) < set(MEASURES)
-    assert all(measure.meaning and measure.interval for measure in TABLE)
+    assert len(ROWS_BY_KEY) == len(MEASURE_ROWS) == len({measure.column for measure in MEASURE_ROWS})
+    assert list(ROWS_BY_KEY)[: len(HEADLINE_KEYS)] == list(HEADLINE_KEYS) and set(SECOND_KEYS) < set(ROWS_BY_KEY)
+    assert all(measure.meaning and measure.interval for measure in MEASURE_ROWS)
 
 
 def test_a_difference_below_the_floor_is_none():
-    error, work = MEASURES["hold_error"], MEASURES["shaft_work"]
+    error, work = ROWS_BY_KEY["hold_error"], ROWS_BY_KEY["shaft_work"]
     assert not error.differs(0.10, 0.14) and error.differs(0.10, 0.16)
     assert not work.differs(1.00, 1.04) and work.differs(1.00, 1.06)
 
@@ -252,7 +252,7 @@ def test_a_difference_below_the_floor_is_none():
 def test_a_state_with_other_sums_is_refused(root: Path):
     experiment = load_experiment(root / PRESSING, [])
     rows = Rows(np.ones(10), np.ones(10), np.ones(10))
-    one, other = Tally(rows, HoldRequest(True)), Tally(rows, HoldRequest.of(experiment))
+    one, other = Tally(rows, HoldRequest(True)), Tally(rows, HoldRequest.from_experiment(experiment))
     with pytest.raises(InputRefused, match="other sums"):
         other._sums = one._sums
 
@@ -263,5 +263,5 @@ def test_a_controller_that_reports_no_reference_is_not_judged_and_the_text_says_
     assert (found.value, found.reason) == (None, "the controller reports no reference of the force")
     assert run.outcome.measures["torque"].value is not None
     values = json.loads(read(run.recording).metadata["experiment"]["values"])
-    again = outcome_of(read(run.recording), HoldRequest.recorded(values))
+    again = outcome_of(read(run.recording), HoldRequest.from_values(values))
     assert again is not None and again.measures["hold_error"] == found

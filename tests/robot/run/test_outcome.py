@@ -10,7 +10,7 @@ import pytest
 
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
-from twin.robot.controller.program import TASKS, PhaseKind, Press, Tap
+from twin.robot.controller.program import TASK_KINDS, PhaseKind, Press, Tap
 from twin.robot.experiment.schema import checked_tasks
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import HeldForces, Tally
@@ -34,7 +34,7 @@ class TaskSystem:
     def __init__(self, *without: str):
         self._without = without
 
-    def has(self, name: str) -> bool:
+    def has_output(self, name: str) -> bool:
         return name in TASK_COLUMNS and name not in self._without
 
     def columns(self, name: str) -> slice:
@@ -42,7 +42,7 @@ class TaskSystem:
 
 
 def tasks(*tables: dict[str, Any]) -> tuple[Press | Tap, ...]:
-    return cast(tuple[Press | Tap, ...], tuple(checked_tasks(TASKS, tables, []).values()))
+    return cast(tuple[Press | Tap, ...], tuple(checked_tasks(TASK_KINDS, tables, []).values()))
 
 
 def rows(*spans: tuple[int, PhaseKind, list[float]]) -> np.ndarray:
@@ -57,9 +57,9 @@ def held(
     request = HoldRequest(True, tuple(task.force for task in listed), tuple(task.kind for task in listed))
     tally = Tally(system or TaskSystem(), request)
     for first in range(0, len(table), size):
-        tally.take(first, table[first : first + size], [])
+        tally.on_rows(first, table[first : first + size], [])
     # the errors have tests of their own
-    return tuple(replace(one, error=None, mean_error=None, overshoot=None) for one in tally.held)
+    return tuple(replace(one, error=None, mean_error=None, overshoot=None) for one in tally.held_forces)
 
 
 @pytest.mark.parametrize("size", [1, 3, 100])
@@ -110,7 +110,7 @@ class System:
     def columns(self, name: str) -> slice:
         return COLUMNS[name]
 
-    def has(self, name: str) -> bool:
+    def has_output(self, name: str) -> bool:
         return name in COLUMNS
 
 
@@ -134,10 +134,10 @@ def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_po
     rows = rows_of(force_position)
     tally = Tally(System(), REQUEST)
     for start in range(0, len(rows), size):
-        tally.take(start, rows[start : start + size], [])
+        tally.on_rows(start, rows[start : start + size], [])
     found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
     whole = Tally(System(), REQUEST)
-    whole.take(0, rows, [])
+    whole.on_rows(0, rows, [])
     assert found == whole.outcome
     # sums in another order round differently
     assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)
@@ -166,7 +166,7 @@ def test_a_tilted_scale_is_seen_in_the_force_along_x(force_position: Recording, 
 
 def test_without_a_force_loop_there_is_no_force_error(position: Recording):
     tally = Tally(System(), REQUEST)
-    tally.take(0, rows_of(position), [])
+    tally.on_rows(0, rows_of(position), [])
     assert tally.outcome.force_error is None
 
 
@@ -176,7 +176,7 @@ def tallied(F_z: np.ndarray, on: np.ndarray, size: int = 3):
     rows[:, 2], rows[:, 9], rows[:, 10] = -F_z, on, 5.0
     tally = Tally(System(), REQUEST)
     for start in range(0, len(rows), size):
-        tally.take(start, rows[start : start + size], [])
+        tally.on_rows(start, rows[start : start + size], [])
     return tally.outcome
 
 

@@ -17,7 +17,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.run.run import STABLE, SUMMARY, execute, fastest_pole, too_fast
+from twin.robot.run.run import MAX_POLE_STEP, SUMMARY_FILE, execute, fast_pole_remedy, fastest_pole
 
 
 def stiff(root: Path, *settings: str) -> Experiment:
@@ -37,7 +37,7 @@ def test_the_pole_of_friction_alone_is_damping_over_inertia(root: Path):
 
 @pytest.mark.parametrize("settings", [[], ["contact.body=back", "contact.height_mm=-100"]])
 def test_the_shipped_plants_are_slow_enough(root: Path, settings: list[str]):
-    assert too_fast(stiff(root, *settings)) == ""
+    assert fast_pole_remedy(stiff(root, *settings)) == ""
 
 
 def test_friction_that_is_too_stiff_for_the_tick_names_the_substeps_that_help(root: Path, tmp_path: Path):
@@ -64,8 +64,8 @@ def test_the_limit_is_that_of_classical_runge_kutta():
     def growth(z: complex) -> float:
         return abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
 
-    assert growth(-STABLE) <= 1.0 and growth(1j * STABLE) <= 1.0
-    assert growth(-STABLE * 1.04) > 1.0 and growth(1j * STABLE * 1.05) > 1.0
+    assert growth(-MAX_POLE_STEP) <= 1.0 and growth(1j * MAX_POLE_STEP) <= 1.0
+    assert growth(-MAX_POLE_STEP * 1.04) > 1.0 and growth(1j * MAX_POLE_STEP * 1.05) > 1.0
     assert np.isclose(growth(-2.785293563), 1.0, atol=1e-6)
 
 
@@ -180,7 +180,7 @@ def test_a_delay_of_computation_or_bus_delays_the_motors_by_as_much(root: Path, 
 def test_the_summary_tells_cost_and_drives(root: Path, tmp_path: Path):
     experiment = load_experiment(root / "experiments/fig4_position.toml", SHORT)
     run = execute(experiment, str(tmp_path), timed=True)
-    summary = json.loads((tmp_path / SUMMARY).read_text())
+    summary = json.loads((tmp_path / SUMMARY_FILE).read_text())
     assert summary["real_time_factor"] == run.real_time_factor > 1
     assert summary["microseconds"].keys() >= {"plant", "drive_1", "estimator"}
     # the parts cannot take longer than the whole

@@ -15,8 +15,8 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.run import runs as runs_module
-from twin.robot.run.past import SharedPast
 from twin.robot.run.runs import Outcome, RunRequest, Runs
+from twin.robot.run.shared_prefix import SharedPrefix
 
 TICKS = 1200
 ONSET = 900
@@ -116,7 +116,7 @@ def test_a_failed_run_has_its_trace_and_no_numbers_and_raises_only_if_it_had_to_
     assert (outcome.status, outcome.numbers) == ("failed", None) and outcome.culprit
     assert outcome.trace is not None and ONSET < len(outcome.trace.t) < TICKS
     with pytest.raises(ComponentFailed) as raised:
-        outcome.completed()
+        outcome.require_success()
     assert raised.value is outcome.failure
 
 
@@ -136,7 +136,7 @@ def test_an_experiment_is_checked_before_its_first_tick():
     checked: list[tuple[Experiment, bool]] = []
 
     def check(experiment: Experiment, system: System) -> None:
-        checked.append((experiment, system.has("plant.F_ee_B")))
+        checked.append((experiment, system.has_output("plant.F_ee_B")))
         if experiment.faults == (MOVED,):
             raise InputRefused("cannot be measured")
 
@@ -151,13 +151,13 @@ def test_an_experiment_is_checked_before_its_first_tick():
 
 def test_a_past_is_run_once_after_so_many_runs_that_have_it(monkeypatch: pytest.MonkeyPatch):
     pasts: list[Experiment] = []
-    make = SharedPast._make
+    make = SharedPrefix._make
 
-    def counted(self: SharedPast, *observers: object) -> None:
+    def counted(self: SharedPrefix, *observers: object) -> None:
         pasts.append(self.experiment)
         make(self, *observers)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(SharedPast, "_make", counted)
+    monkeypatch.setattr(SharedPrefix, "_make", counted)
     with Runs(RunRequest(tally=True), after=2) as runs:
         for number, experiment in enumerate(broken(begun(), (ALIVE,) * 5)):
             runs.run(experiment)
@@ -182,7 +182,7 @@ def test_the_past_that_was_used_longest_ago_is_freed_beyond_the_most(monkeypatch
     freed: list[Experiment] = []
     free = runs_module._free
 
-    def noted(past: runs_module._Past) -> None:
+    def noted(past: runs_module._PrefixEntry) -> None:
         freed.append(past.key)
         free(past)
 

@@ -19,8 +19,8 @@ from twin.kernel.cosim.state import MEDIA_TYPE, SavedState
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.states import StoredState, split_time, stored_state
 from twin.kernel.recording.reader import attachments, read
-from twin.robot.live.runs import continued
-from twin.robot.run.run import SUMMARY, execute
+from twin.robot.live.runs import load_continuation
+from twin.robot.run.run import SUMMARY_FILE, execute
 
 SHORT = ("duration_s=1.5", "recording.state_every_s=0.5")
 TIMED = ("stepping", "writing", "microseconds", "real_time_factor", "simulated", "recording", "typed")
@@ -46,7 +46,7 @@ def same_from(whole: Path, part: Path) -> float:
 
 
 def outcome(recording: Path) -> dict[str, Any]:
-    return {k: v for k, v in json.loads((recording.parent / SUMMARY).read_text()).items() if k not in TIMED}
+    return {k: v for k, v in json.loads((recording.parent / SUMMARY_FILE).read_text()).items() if k not in TIMED}
 
 
 @pytest.mark.slow
@@ -91,18 +91,18 @@ def test_a_run_with_a_drive_without_a_state_says_so_and_runs(tmp_path: Path):
 def test_what_is_left_of_a_run_is_worked_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     made(tmp_path / "run")
-    experiment, state, how = continued("run@0.7", ())
+    experiment, state, how = load_continuation("run@0.7", ())
     assert state is not None and state.time == 0.5 and experiment.duration_ticks == 1500
     assert how == "goes on from the state at 0.5 s of run"
-    _, none, how = continued("run@0.2", ())
+    _, none, how = load_continuation("run@0.2", ())
     assert none is None and how == "run again from the start: run.mcap has no state at 0.2 s or before"
-    later, none, how = continued("run", ("duration_s=2",))
+    later, none, how = load_continuation("run", ("duration_s=2",))
     assert none is None and later.duration_ticks == 2000
     assert how == "run again from the start: its FMUs know that it ends at 1.5 s"
     with pytest.raises(InputRefused, match=r"it has come to its end at 1\.5 s, nothing is left to run"):
-        continued("run", ())
+        load_continuation("run", ())
     with pytest.raises(InputRefused, match="with --from only duration_s can be another one; twin branch changes more"):
-        continued("run@1", ("controller.force.kp_mm_per_N=3",))
+        load_continuation("run@1", ("controller.force.kp_mm_per_N=3",))
     with pytest.raises(InputRefused, match="'soon' behind the @ is no time"):
         split_time("run@soon")
 
@@ -121,7 +121,7 @@ def test_a_state_of_another_run_is_refused_with_what_differs(tmp_path: Path, par
     recording = made(tmp_path / "run")
     found = stored_state(recording, 0.5)
     assert found is not None
-    saved = found.saved
+    saved = found.saved_state
     other = {"files": {"drive_1": "other"}, "versions": {"numpy": "0.1"}}.get(part, "other")
     of = saved.about["of"] | {part: saved.about["of"][part] | other if isinstance(other, dict) else other}
     forged = SavedState(saved.tick, saved.pieces, saved.inside, saved.about | {"of": of})

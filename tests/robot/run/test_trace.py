@@ -12,7 +12,7 @@ from twin.kernel.errors import ComponentFailed, UnknownSeries
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.experiment import shortened
+from twin.robot.experiment.experiment import shorten
 from twin.robot.run.run import execute
 from twin.robot.run.trace import Trace, run_in_memory
 
@@ -39,7 +39,7 @@ def assert_same(run: Trace, recording: Recording) -> None:
 def test_a_run_in_memory_is_its_recording_read_back(
     tmp_path: Path, name: str, overrides: tuple[str, ...], drive: str | None
 ):
-    experiment = shortened(load_experiment(EXPERIMENTS / f"{name}.toml", overrides, drive), 0.5)
+    experiment = shorten(load_experiment(EXPERIMENTS / f"{name}.toml", overrides, drive), 0.5)
     assert_same(run_in_memory(experiment), read(execute(experiment, tmp_path).recording))
 
 
@@ -114,4 +114,4 @@ def test_of_a_run_that_failed_there_is_what_its_recording_holds(root: Path, tmp_
     assert done.failure is not None and done.simulation.culprit == "drive_2"
     assert_same(run, read(tmp_path / "run" / "run.mcap.partial"))
     with pytest.raises(ComponentFailed, match="fmi2Error"):
-        run_in_memory(shortened(experiment, 1.5))
+        run_in_memory(shorten(experiment, 1.5))

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from twin.kernel.cosim.deadlines import callbacks
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run import viewer as pacing
-from twin.robot.run.run import SLICE_TICKS, SUMMARY, execute
-from twin.robot.run.viewer import SLICE, Pace
+from twin.robot.run.run import SLICE_TICKS, SUMMARY_FILE, execute
+from twin.robot.run.viewer import SLICE_TIME, Pace
 
 FIG4 = "experiments/fig4_force_position.toml"
 
@@ -48,7 +48,7 @@ def kept(pace: Pace, clock: Clock, work: list[float]) -> None:
         clock.now += sum(left[first : first + count])
         return count
 
-    step = pace.deadlines.before(worked, 0)
+    step = pace.deadlines.paced_advance(worked, 0)
     for first in range(0, len(left), 7):
         count = min(7, len(left) - first)
         assert step(pace.deadlines.address, first, count, 0) == count
@@ -59,7 +59,7 @@ def test_slices_end_where_blocks_do_and_last_ten_milliseconds_at_most_or_one_tic
     ticks = Pace(factor, tick).slice_ticks(SLICE_TICKS)
     assert SLICE_TICKS % ticks == 0
     # 1e-6: the quotient of two decimal fractions may be just below the whole number that it means
-    assert ticks == 1 or ticks * tick / factor <= SLICE * (1 + 1e-6)
+    assert ticks == 1 or ticks * tick / factor <= SLICE_TIME * (1 + 1e-6)
 
 
 def test_simulated_time_follows_the_clock_by_the_factor(clock: Clock):
@@ -122,7 +122,7 @@ def test_a_second_ctrl_c_does_not_wait_for_a_tick_that_is_far_away(root: Path, t
 
 def test_pacing_leaves_no_trace_in_a_recording(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     # slices of 10 ticks at ten times real time, so that a block is made of ten
-    monkeypatch.setattr(pacing, "SLICE", 1e-3)
+    monkeypatch.setattr(pacing, "SLICE_TIME", 1e-3)
     fault = "fault=[{kind='breathing', onset_s=0.333, magnitude_mm=0.5}]"
     experiment = load_experiment(root / FIG4, ["duration_s=1.987", fault, "contact.height_mm=-85.5"])
     recordings = []
@@ -143,4 +143,4 @@ def test_a_paced_run_takes_its_time_and_says_how_it_went(root: Path, tmp_path: P
     assert told.deadlines == 200
     # never early; how late depends on what else this machine does
     assert 0.0 < told.achieved <= 0.5
-    assert json.loads((tmp_path / SUMMARY).read_text())["punctuality"]["misses"] == told.misses
+    assert json.loads((tmp_path / SUMMARY_FILE).read_text())["punctuality"]["misses"] == told.misses

@@ -16,7 +16,7 @@ from twin.kernel.recording.reader import Recording, read
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
-from twin.robot.run.cost import LARGE, estimate, refuse_endless
+from twin.robot.run.cost import MAX_DISK_BYTES, estimate, refuse_endless
 from twin.robot.run.run import SLICE_TICKS, Run, execute
 from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
@@ -233,7 +233,7 @@ def test_several_runs_count_together_and_pacing_counts_too(fig4: Path):
     refuse_endless([hour], factor=1.0)
     with pytest.raises(InputRefused, match="60 minutes and 1 GB"):
         refuse_endless([hour], factor=0.499)
-    count = int(LARGE / estimate(hour)[1]) + 1
+    count = int(MAX_DISK_BYTES / estimate(hour)[1]) + 1
     with pytest.raises(InputRefused, match="5 GB"):
         refuse_endless([hour] * count)
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from tests.studies.analyse.simulated import fig4
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.limit_check import LimitCheck, lasting_nudges, narrowed
-from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.limit_check import LimitCheck, bisect_limit, lasting_nudges
+from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import operating_points
-from twin.studies.analyse.stability import Stability, judged_point, limit_checks
-from twin.studies.qualify.shelf import shelved_drives
+from twin.studies.analyse.stability import Stability, judge_point, limit_checks
+from twin.studies.qualify.drive_list import listed_drives
 
 HEAD = ("drive", "off (%)", "kp in air (1/s)", "verdict", "kp pressing (1/s)", "verdict", "force kp (mm/N)", "verdict")
 
@@ -19,8 +19,8 @@ HEAD = ("drive", "off (%)", "kp in air (1/s)", "verdict", "kp pressing (1/s)", "
 def tried(experiment: Experiment, points: slice = slice(None)) -> Stability:
     """Its loops at some of its operating points with their limits tried; without maps, which take long."""
     everywhere, problems = operating_points(experiment)
-    shared = Linearised(experiment, everywhere)
-    judged = [judged_point(shared.at(point)) for point in everywhere[points]]
+    shared = Linearisation(experiment, everywhere)
+    judged = [judge_point(shared.linear_point(point)) for point in everywhere[points]]
     return Stability(experiment, shared, judged, problems, [], limit_checks(shared, judged))
 
 
@@ -45,7 +45,7 @@ def cells(done: Stability, check: LimitCheck) -> tuple[str, str]:
         def lasts(factor: float) -> bool:
             return bool(lasting_nudges(done.experiment, check.point, check.law, factor))
 
-        low, high = narrowed(lasts, low, high)
+        low, high = bisect_limit(lasts, low, high)
         simulated = digits((low * high) ** 0.5 * as_set)
     return f"{predicted} / {simulated}", "holds" if check.holds else "not predicted"
 
@@ -56,7 +56,7 @@ def digits(value: float) -> str:
 
 def main() -> None:
     print(f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
-    for shelved in shelved_drives(Path.cwd()):
+    for shelved in listed_drives(Path.cwd()):
         print("| " + " | ".join(row(shelved.name)) + " |", flush=True)
 
 

@@ -15,9 +15,9 @@ from tests.studies.analyse.simulated import (
 )
 from twin.studies.analyse.linear.loops import closed_loops
 from twin.studies.analyse.linear.margins import gain_limit
-from twin.studies.analyse.linearised import Linearised, LinearPoint
+from twin.studies.analyse.linearised import Linearisation, LinearPoint
 from twin.studies.analyse.operating_point import operating_points
-from twin.studies.analyse.stability import FORCE, POSITION
+from twin.studies.analyse.stability import FORCE_LOOPS, POSITION_LOOPS
 
 CLOSE = 0.02
 """Of the largest deflection: what a linear prediction of a small step may miss."""
@@ -32,8 +32,10 @@ def linear(overrides, in_contact: bool) -> LinearPoint:
     experiment = fig4(overrides)
     points, problems = operating_points(experiment)
     assert not problems
-    shared = Linearised(experiment, points)
-    return shared.at(next(point for point in points if point.in_contact == in_contact and point.force_on == in_contact))
+    shared = Linearisation(experiment, points)
+    return shared.linear_point(
+        next(point for point in points if point.in_contact == in_contact and point.force_on == in_contact)
+    )
 
 
 def step_response(point: LinearPoint, reference: str, size: float, output: str, count: int) -> np.ndarray:
@@ -71,7 +73,7 @@ def test_a_small_step_of_the_force_reference_goes_as_predicted():
 
 def test_the_gain_limit_of_the_position_law_in_air_is_the_simulated_one():
     point = linear(AIR, False)
-    predicted = gain_limit(point.loops, point.gains, POSITION)
+    predicted = gain_limit(point.loops, point.gains, POSITION_LOOPS)
     assert predicted is not None
     assert simulated_limit(AIR, POSITION_GAIN, predicted) == pytest.approx(predicted, rel=LIMIT)
 
@@ -79,7 +81,7 @@ def test_the_gain_limit_of_the_position_law_in_air_is_the_simulated_one():
 def test_the_gain_limits_while_pressing_are_the_simulated_ones():
     pressing = pressing_with_force_loop()
     point = linear(pressing, True)
-    for names, gains in ((FORCE, FORCE_GAINS), (POSITION, POSITION_GAIN)):
+    for names, gains in ((FORCE_LOOPS, FORCE_GAINS), (POSITION_LOOPS, POSITION_GAIN)):
         predicted = gain_limit(point.loops, point.gains, names)
         assert predicted is not None
         assert simulated_limit(pressing, gains, predicted) == pytest.approx(predicted, rel=LIMIT)

@@ -6,15 +6,15 @@ import pytest
 from tests.laws.runs import PARAMETERS, shipped
 from tests.studies.analyse.simulated import fig4
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.drives import planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.plant.dynamics import derivative
-from twin.studies.analyse.drive_response import identified, sum_of_sines
-from twin.studies.analyse.nudge import Aftermath, aftermaths, swing
+from twin.studies.analyse.drive_response import identify_drive, sum_of_sines
+from twin.studies.analyse.nudge import ResidualSwing, residual_swings, swing
 from twin.studies.analyse.operating_point import (
-    CLEARANCE,
-    on_stiffness,
+    AIR_CLEARANCE,
     operating_points,
+    point_on_stiffness,
     pressing_height,
     resting_point,
     surface_height,
@@ -37,7 +37,7 @@ NUDGE = 1e-4
     ],
 )
 def test_a_nudge_lasts_if_much_of_it_is_left_that_was_no_hum(hum, left, lasts):
-    assert Aftermath(hum, left).lasts(NUDGE) == lasts
+    assert ResidualSwing(hum, left).lasts(NUDGE) == lasts
 
 
 def test_a_swing_is_told_without_the_creeping_below_it():
@@ -50,10 +50,10 @@ def test_a_swing_is_told_without_the_creeping_below_it():
 def test_a_run_that_fails_or_goes_far_off_leaves_a_lasting_swing():
     experiment = fig4(())
     air = operating_points(experiment)[0][1]
-    assert aftermaths(experiment, air, "position", 40.0, [NUDGE]) == [Aftermath(0.0, np.inf)]
-    (still,) = aftermaths(experiment, air, "position", 1.0, [NUDGE])
+    assert residual_swings(experiment, air, "position", 40.0, [NUDGE]) == [ResidualSwing(0.0, np.inf)]
+    (still,) = residual_swings(experiment, air, "position", 1.0, [NUDGE])
     # nothing hums in the default drive, and a tenth of the limit lets a nudge die out at once
-    assert still.hum < 0.1 * NUDGE and still.left < 0.1 * NUDGE
+    assert still.before < 0.1 * NUDGE and still.after < 0.1 * NUDGE
 
 
 def test_fig4_is_looked_at_at_its_start_and_at_both_ends_of_its_line():
@@ -93,13 +93,13 @@ def test_a_tilted_surface_is_found_where_it_is():
 
 def test_above_is_one_millimetre_over_the_surface():
     above = operating_points(shipped())[0][1]
-    assert above.p_B[2] == pytest.approx(PARAMETERS.z_s + CLEARANCE, abs=1e-11)
+    assert above.p_B[2] == pytest.approx(PARAMETERS.z_s + AIR_CLEARANCE, abs=1e-11)
 
 
 @pytest.mark.parametrize("K", [100.0, 1250.0, 50_000.0])
 def test_on_another_stiffness_pose_and_force_stay(K):
     point = operating_points(shipped())[0][2]
-    moved = on_stiffness(point, K)
+    moved = point_on_stiffness(point, K)
     assert moved.p_B == point.p_B
     assert moved.F_z == pytest.approx(point.F_z, abs=1e-6)
     # the force is K times the depth
@@ -130,7 +130,7 @@ TICK = 1e-3
 
 
 def test_the_default_drive_is_its_own_equation(root):
-    drive = identified(planned(lone_drive("velocity_servo", root)), TICK, 0.05)
+    drive = identify_drive(plan_drive(load_drive("velocity_servo", root)), TICK, 0.05)
     # T_m d omega / dt = omega_ref - droop tau_load - omega, solved exactly over a tick with inputs held
     assert drive.A == pytest.approx(np.array([[np.exp(-TICK / 0.02)]]), rel=1e-9)
     # advance per tick of a speed command, and of a load with a droop of 0.6 rad/s per N m; a fit by least squares
@@ -139,14 +139,14 @@ def test_the_default_drive_is_its_own_equation(root):
 
 @pytest.mark.parametrize("name", ["brushed_dc", "pmsm_foc", "torque_motor_fmi3"])
 def test_drives_of_other_kinds_follow_their_command_at_rest(root, name):
-    drive = identified(planned(lone_drive(name, root)), TICK, 0.05)
+    drive = identify_drive(plan_drive(load_drive(name, root)), TICK, 0.05)
     # 5 %: ripple and friction of the nonlinear ones
     np.testing.assert_allclose(drive.steady_gain, [TICK, 0.0], atol=0.05 * TICK)
 
 
 def test_the_same_drive_gives_the_same_model_twice(root):
-    plan = planned(lone_drive("pmsm_foc", root))
-    one, two = identified(plan, TICK, 0.05), identified(plan, TICK, 0.05)
+    plan = plan_drive(load_drive("pmsm_foc", root))
+    one, two = identify_drive(plan, TICK, 0.05), identify_drive(plan, TICK, 0.05)
     np.testing.assert_array_equal(one.A, two.A)
     np.testing.assert_array_equal(one.B, two.B)
 
@@ -164,8 +164,8 @@ def test_a_sum_of_sines_has_its_lines_and_nothing_else():
 @pytest.mark.parametrize("name", ["smart_servo", "xl330"])
 def test_a_drive_that_swallows_small_signals_is_measured_while_it_turns(root, name):
     """Registers do so, and friction that sticks."""
-    assert identified(planned(lone_drive(name, root)), TICK, -0.002).turning
+    assert identify_drive(plan_drive(load_drive(name, root)), TICK, -0.002).turning
 
 
 def test_a_drive_that_answers_small_signals_is_measured_at_rest(root):
-    assert not identified(planned(lone_drive("velocity_servo", root)), TICK, 0.05).turning
+    assert not identify_drive(plan_drive(load_drive("velocity_servo", root)), TICK, 0.05).turning

@@ -10,12 +10,12 @@ from tests.laws.runs import shipped
 from twin.robot.assembly.assemble import Assembly, assemble
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.controller.pid import Gains
-from twin.robot.controller.task_controller import hold_at
+from twin.robot.controller.task_controller import set_hold_point
 from twin.robot.experiment.experiment import with_model, with_plant
-from twin.robot.run.past import forked
+from twin.robot.run.shared_prefix import simulate_variants
 from twin.studies.analyse.linear.hand import (
-    DRIFT,
-    NOTHING,
+    DRIFT_RATE,
+    EMPTY_HAND,
     FreePlant,
     Hand,
     hand_of,
@@ -25,18 +25,18 @@ from twin.studies.analyse.linear.hand import (
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
-from twin.studies.analyse.linearised import Linearised
-from twin.studies.analyse.nudge import NUDGED, held
-from twin.studies.analyse.operating_point import OperatingPoint, resting_point, undisturbed
+from twin.studies.analyse.linearised import Linearisation
+from twin.studies.analyse.nudge import NUDGE_TIME, holding_experiment
+from twin.studies.analyse.operating_point import OperatingPoint, resting_point, undisturbed_experiment
 from twin.studies.analyse.passivity import Passivity, passivity
-from twin.studies.analyse.rendering import RENDERED, WIDTH_FREQUENCIES, largest_passive
+from twin.studies.analyse.rendering import VIRTUAL_STIFFNESS, WIDTH_FREQUENCIES, largest_passive
 from twin.studies.analyse.text import passivity_result
-from twin.studies.command import silent
+from twin.studies.command import ignore_progress
 
 
 @pytest.fixture(scope="module")
 def fig4() -> Passivity:
-    return passivity(shipped(), True, silent)
+    return passivity(shipped(), True, ignore_progress)
 
 
 @pytest.mark.slow
@@ -66,9 +66,9 @@ def test_soft_and_damped_is_passive_and_stiff_with_little_damping_unstable(fig4:
 
 
 def test_it_swings_with_a_mass_and_the_co_simulation_agrees_just_inside_and_just_outside(fig4: Passivity):
-    assert all(point.worst.growth > DRIFT and point.worst.mass > 1.0 for point in fig4.points)
+    assert all(point.worst.growth > DRIFT_RATE and point.worst.mass > 1.0 for point in fig4.points)
     trial = fig4.trial
-    assert trial is not None and trial.confirmed
+    assert trial is not None and trial.agrees
     assert trial.predicted[0] < 0.0 < trial.predicted[1]
     # encoders, drives and coupling are the same; the nudge is not infinitely small
     np.testing.assert_allclose(trial.simulated, trial.predicted, atol=0.04)
@@ -93,7 +93,7 @@ DAMPING, MASS = 100.0, 0.5
 INSIDE, OUTSIDE = 0.95, 1.05
 NUDGE, LONG = 3e-4, 20.0
 """m, s."""
-AIR = undisturbed(shipped(), height=-0.15)
+AIR = undisturbed_experiment(shipped(), height=-0.15)
 """Fig. 4 with its scale far below."""
 PRESSED_B = (0.0, 0.02, -0.105)
 """m. Where Fig. 4 presses."""
@@ -106,16 +106,16 @@ def at_rest(mass: float) -> OperatingPoint:
 
 
 @pytest.fixture(scope="module")
-def shared() -> Linearised:
-    return Linearised(AIR, [at_rest(0.0)])
+def shared() -> Linearisation:
+    return Linearisation(AIR, [at_rest(0.0)])
 
 
-def rendering(shared: Linearised, stiffness: float, mass: float) -> Hand:
+def rendering(shared: Linearisation, stiffness: float, mass: float) -> Hand:
     """What a hand feels that holds the platform, with `mass` (kg) on it of which the controller knows."""
     point = at_rest(mass)
-    of_it = shared.of(loaded(mass))
+    of_it = shared.with_experiment(loaded(mass))
     robot = robot_with(
-        FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), NOTHING, of_it.drives, of_it.stepping
+        FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), EMPTY_HAND, of_it.drives, of_it.stepping
     )
     kp = stiffness / DAMPING
     law = linear_law(
@@ -129,15 +129,15 @@ def loaded(mass: float):
     return with_model(heavy, m_p=AIR.controller.model.m_p + mass)
 
 
-def edge(shared: Linearised) -> float:
+def edge(shared: Linearisation) -> float:
     """Largest virtual stiffness (N/m) that is rendered passively along z with `DAMPING`."""
 
     def least(stiffness: float) -> float:
         hand = rendering(shared, stiffness, 0.0)
         omega = 2.0 * np.pi * hertz(hand.period, WIDTH_FREQUENCIES)
-        return float(power_share(hand.admittance(omega)[:, 2:, 2:]).min()) if hand.growth < DRIFT else np.nan
+        return float(power_share(hand.admittance(omega)[:, 2:, 2:]).min()) if hand.growth < DRIFT_RATE else np.nan
 
-    return largest_passive(least, np.array([least(stiffness) for stiffness in RENDERED]))
+    return largest_passive(least, np.array([least(stiffness) for stiffness in VIRTUAL_STIFFNESS]))
 
 
 def simulated(stiffness: float) -> float:
@@ -148,7 +148,7 @@ def simulated(stiffness: float) -> float:
         "position": c.position.model_copy(update={"kp": stiffness / DAMPING}),
         "force": c.force.model_copy(update={"kp": 1.0 / stiffness, "ki": 0.0}),
     }
-    experiment = held(replace(experiment, controller=c.model_copy(update=gains)), at_rest(MASS))
+    experiment = holding_experiment(replace(experiment, controller=c.model_copy(update=gains)), at_rest(MASS))
     nudged = [p + NUDGE for p in at_rest(MASS).p_B]
 
     def made() -> Assembly:
@@ -156,14 +156,14 @@ def simulated(stiffness: float) -> float:
         assembly.system.component("controller").memory["position"]["kp"][0, :2] = KP  # type: ignore[attr-defined]
         return assembly
 
-    ways = [partial(hold_at, p_B=nudged)]
-    ((_, path),) = forked(made, round(NUDGED / tick), round(LONG / tick), ["plant.p_B"], ways)
+    ways = [partial(set_hold_point, p_B=nudged)]
+    ((_, path),) = simulate_variants(made, round(NUDGE_TIME / tick), round(LONG / tick), ["plant.p_B"], ways)
     z, width = path["plant.p_B"][:, 2], round(1.0 / tick)
-    begin = round((NUDGED + 0.3 * (LONG - NUDGED)) / tick)
+    begin = round((NUDGE_TIME + 0.3 * (LONG - NUDGE_TIME)) / tick)
     return float(np.log(np.std(z[-width:]) / np.std(z[begin : begin + width])) / ((len(z) - width - begin) * tick))
 
 
-def test_just_inside_the_edge_a_mass_comes_to_rest_and_just_outside_it_swings(shared: Linearised):
+def test_just_inside_the_edge_a_mass_comes_to_rest_and_just_outside_it_swings(shared: Linearisation):
     stiffness = edge(shared)
     assert 0.3 * 2137.0 < stiffness < 2137.0
     inside, outside = (simulated(share * stiffness) for share in (INSIDE, OUTSIDE))
@@ -173,8 +173,8 @@ def test_just_inside_the_edge_a_mass_comes_to_rest_and_just_outside_it_swings(sh
     np.testing.assert_allclose([inside, outside], predicted, atol=0.02)
 
 
-def test_what_is_passive_is_stable_with_every_mass_and_what_is_not_with_some_not(shared: Linearised):
+def test_what_is_passive_is_stable_with_every_mass_and_what_is_not_with_some_not(shared: Linearisation):
     stiffness = edge(shared)
     masses = (0.1, 0.3, 0.5, 0.7, 1.0)
-    assert all(rendering(shared, 0.9 * stiffness, mass).growth < DRIFT for mass in masses)
-    assert any(rendering(shared, OUTSIDE * stiffness, mass).growth > DRIFT for mass in masses)
+    assert all(rendering(shared, 0.9 * stiffness, mass).growth < DRIFT_RATE for mass in masses)
+    assert any(rendering(shared, OUTSIDE * stiffness, mass).growth > DRIFT_RATE for mass in masses)

@@ -6,9 +6,9 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import operating_points
-from twin.studies.analyse.stability import FACTORS, STIFFNESSES, Stability, judged_point, stability
+from twin.studies.analyse.stability import MAP_FACTORS, MAP_STIFFNESSES, Stability, judge_point, stability
 from twin.studies.analyse.text import analysis_result
 
 
@@ -64,11 +64,11 @@ def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):
 def test_waiting_for_the_computer_costs_gain(fig4):
     experiment = shipped("fig4_force_position", "controller.delay_ticks=20")
     points, _ = operating_points(experiment)
-    late = judged_point(Linearised(experiment, points).at(points[2]))
+    late = judge_point(Linearisation(experiment, points).linear_point(points[2]))
     assert late.limits["force"] < 0.6 * fig4.points[2].limits["force"]
     # in a loop it is the same where it waits
     encoders = shipped("fig4_force_position", "plant.encoder_latency_ms=20")
-    assert judged_point(Linearised(encoders, points).at(points[2])).limits == late.limits
+    assert judge_point(Linearisation(encoders, points).linear_point(points[2])).limits == late.limits
 
 
 def test_dry_friction_is_told_to_be_left_out(fig4):
@@ -81,11 +81,11 @@ def test_dry_friction_is_told_to_be_left_out(fig4):
 def test_the_map_meets_the_limit_at_the_experiment_s_own_stiffness(fig4):
     for chart in fig4.maps:
         column = np.argmin(np.abs(np.log(chart.stiffness / 1250.0)))
-        stable = FACTORS[np.flatnonzero(chart.zeta[:, column] < 0.0)[0] - 1]
+        stable = MAP_FACTORS[np.flatnonzero(chart.zeta[:, column] < 0.0)[0] - 1]
         limit = next(p for p in fig4.points if p.linear is chart.at).limits[chart.law]
         # half a step of either grid on a limit that varies with the root of the stiffness
         assert stable == pytest.approx(limit, rel=0.25)
-        assert chart.zeta.shape == (len(FACTORS), len(STIFFNESSES))
+        assert chart.zeta.shape == (len(MAP_FACTORS), len(MAP_STIFFNESSES))
 
 
 def test_facts_are_json_without_nan(fig4, too_much):
@@ -100,7 +100,7 @@ def test_a_monitor_that_passes_commands_on_late_is_refused():
 
 def test_a_delay_behind_the_monitor_is_as_long_whatever_the_monitor_samples():
     experiment = shipped("massage", "controller.bus_delay_ticks=1", "monitor.period_ms=2")
-    assert Linearised(experiment, operating_points(experiment)[0]).stepping.delay == 1
+    assert Linearisation(experiment, operating_points(experiment)[0]).stepping.delay == 1
 
 
 def test_the_text_says_the_verdict_first_in_80_columns(fig4, too_much):

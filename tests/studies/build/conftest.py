@@ -8,7 +8,7 @@ import pytest
 from twin.kernel.compiled.machine import Module
 from twin.studies.build import linking as emission
 from twin.studies.build.fmu import build_fmu
-from twin.studies.build.linking import Emitted, Form, Platform, emitted
+from twin.studies.build.linking import EmittedStep, Platform, ProcessorForm, emit_step
 
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"
@@ -34,12 +34,12 @@ def silent(what: str) -> None:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Builds a part: `built("plant")`, once for each; steps that parts share are emitted once."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
-    steps: dict[tuple[Module, str, str], Emitted] = {}
+    steps: dict[tuple[Module, str, str], EmittedStep] = {}
 
-    def kept(step: Module, platform: Platform, form: Form) -> Emitted:
+    def kept(step: Module, platform: Platform, form: ProcessorForm) -> EmittedStep:
         key = step, platform.name, form.suffix
         if key not in steps:
-            steps[key] = emitted(step, platform, form)
+            steps[key] = emit_step(step, platform, form)
         MODULES[steps[key].symbol, platform.name] = steps[key].text
         return steps[key]
 
@@ -55,7 +55,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
             file = folder / f"{len(done)}" / f"{part}.fmu"
             file.parent.mkdir()
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(emission, "emitted", kept)
+                patch.setattr(emission, "emit_step", kept)
                 build_fmu(Path(experiment), part, fmi, platforms, file, settings, silent)
             done[key] = file
         return done[key]

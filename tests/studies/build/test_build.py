@@ -18,10 +18,10 @@ from twin.kernel.errors import InputRefused, NotWritten
 from twin.robot.assembly.load import load_experiment
 from twin.studies.build import linking
 from twin.studies.build.fmu import build_fmu
-from twin.studies.build.layout import laid_out
+from twin.studies.build.layout import layout_of
 from twin.studies.build.library import build_c
-from twin.studies.build.linking import HERE, emitted
-from twin.studies.build.part import parameters, part_of
+from twin.studies.build.linking import HOST_PLATFORM, emit_step
+from twin.studies.build.part import open_parameters, part_of
 from twin.studies.build.system import build_ssp
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'
@@ -60,7 +60,7 @@ def test_a_step_that_allocates_cannot_leave_python() -> None:
         return 0
 
     with pytest.raises(InputRefused, match=r"its compiled step needs .*NRT_"):
-        emitted(step.module("step_of_mine"), HERE, HERE.forms[0])
+        emit_step(step.module("step_of_mine"), HOST_PLATFORM, HOST_PLATFORM.forms[0])
 
 
 def test_it_is_small_and_brings_no_file_beside_its_library(built: Callable[..., Path]) -> None:
@@ -132,7 +132,7 @@ def test_without_a_compiler_nothing_is_compiled_or_written(tmp_path: Path, monke
 
 
 def test_a_compiler_that_refuses_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(linking, "FLAGS", (*linking.FLAGS, "-Dint=nonsense"))
+    monkeypatch.setattr(linking, "COMPILER_FLAGS", (*linking.COMPILER_FLAGS, "-Dint=nonsense"))
     with pytest.raises(InputRefused, match=r"it\.fmu: does not compile with cc: .*error"):
         build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "it.fmu", [], silent)
     assert list(tmp_path.iterdir()) == []
@@ -165,7 +165,7 @@ def test_a_place_that_cannot_be_written_is_said_before_anything_is_compiled(tmp_
 
 def test_no_address_of_this_process_leaves_it() -> None:
     part = part_of(load_experiment(FIG4, ["controller.delay_ticks=2"]), "computer")
-    layout = laid_out(part, parameters(part))
+    layout = layout_of(part, open_parameters(part))
     assert len(layout.pointers) == 3
     for field, target in layout.pointers:
         assert layout.image[field : field + 8] == bytes(8)

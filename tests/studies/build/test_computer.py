@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from tests.studies.build.test_open_parameters import another
-from twin.kernel.compiled.machine import MATHEMATICS
-from twin.kernel.fmi.unpacked import compiler
+from twin.kernel.compiled.machine import MATH_SYMBOLS
+from twin.kernel.fmi.unpacked import compiler_command
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.build.library import COMMANDS, COUNTS, PART, build_c
-from twin.studies.build.part import parameters, part_of
+from twin.studies.build.library import COMMAND_PORTS, COUNT_PORTS, LIBRARY_PART, build_c
+from twin.studies.build.part import open_parameters, part_of
 
 MASSAGE = ROOT / "experiments" / "massage.toml"
 LIFE = Path(__file__).with_name("life.c")
@@ -47,7 +47,7 @@ def program(folder: Path, source: Path, name: str) -> str:
     # warnings are mistakes: it is the header that they would be about
     strict = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run(
-        [*compiler(target), *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)],
+        [*compiler_command(target), *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)],
         check=True,
     )
     return str(target)
@@ -55,15 +55,15 @@ def program(folder: Path, source: Path, name: str) -> str:
 
 def sizes(experiment: Path, settings: Sequence[str] = ()) -> dict[str, int]:
     """The outputs of the C by their names, and how many values each has."""
-    part = part_of(load_experiment(experiment, settings), PART)
-    found = {port.name: port.size for port in COMMANDS.values()}
+    part = part_of(load_experiment(experiment, settings), LIBRARY_PART)
+    found = {port.name: port.size for port in COMMAND_PORTS.values()}
     return found | {f"{c.name}.{port.name}": port.size for c in part.components for port in c.outputs}
 
 
 def recorder(outputs: Mapping[str, int], assigned: Mapping[str, Sequence[float]]) -> str:
     """A program that feeds it the counts of standard input and gives all its outputs, both as doubles."""
     told = [f"told.{name}" + (f"[{n}]" if size > 1 else "") for name, size in outputs.items() for n in range(size)]
-    counts = [f"counts.{p.name}" + (f"[{n}]" if p.size > 1 else "") for p in COUNTS for n in range(p.size)]
+    counts = [f"counts.{p.name}" + (f"[{n}]" if p.size > 1 else "") for p in COUNT_PORTS for n in range(p.size)]
     lines = [
         f"all.{key}{f'[{n}]' if len(values) > 1 else ''} = {float(value).hex()};"
         for key, values in assigned.items()
@@ -101,7 +101,7 @@ int main(void)
 
 def counted(run: Trace) -> NDArray[np.float64]:
     """The encoder messages of a run, (messages, 7)."""
-    return np.column_stack([run[f"encoder.{port.name}"] for port in COUNTS]).astype(float)
+    return np.column_stack([run[f"encoder.{port.name}"] for port in COUNT_PORTS]).astype(float)
 
 
 def fed(
@@ -156,7 +156,7 @@ def test_every_output_is_that_of_the_recording_bit_for_bit(
 @pytest.mark.slow
 def test_all_parameters_at_once_do_what_the_experiment_with_them_does(written: Callable[..., Path]) -> None:
     settings = ("controller.delay_ticks=1", "controller.energy_tank={size_J=0.15,release_s=0.5}")
-    open_ones = parameters(part_of(load_experiment(MASSAGE, settings), PART))
+    open_ones = open_parameters(part_of(load_experiment(MASSAGE, settings), LIBRARY_PART))
     assigned = {p.key: another(p, n) for n, p in enumerate(open_ones)}
     said = [f"{key}={value if len(value) > 1 else value[0]}" for key, value in assigned.items()]
     run = run_in_memory(replace(load_experiment(MASSAGE, [*settings, *said]), duration_ticks=TICKS))
@@ -164,7 +164,7 @@ def test_all_parameters_at_once_do_what_the_experiment_with_them_does(written: C
     source = folder / "recorder.c"
     source.write_text(recorder(outputs, assigned))
     # a step of 1 ms, as the delay has: every message is there twice
-    rows = np.column_stack([run.held(f"encoder.{port.name}") for port in COUNTS]).astype(float)
+    rows = np.column_stack([run.held(f"encoder.{port.name}") for port in COUNT_PORTS]).astype(float)
     told = fed(program(folder, source, "recorder"), outputs, rows)
     watched = {"omega_ref": "monitor.omega_ref", "power": "monitor.power"}
     for name, values in told.items():
@@ -243,7 +243,7 @@ def test_the_library_needs_mathematics_alone_and_no_name_of_it_is_in_the_way(wri
     assert all(name.startswith("computer_") for name in given)
     needed = names("-u") - given
     assert {"sincos", "exp"} <= needed
-    assert all(MATHEMATICS.fullmatch(name) for name in needed)
+    assert all(MATH_SYMBOLS.fullmatch(name) for name in needed)
 
 
 def test_it_brings_what_it_takes_to_call_it(tmp_path: Path) -> None:

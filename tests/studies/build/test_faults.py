@@ -11,10 +11,10 @@ from tests.studies.build.conftest import FIG4, MASSAGE
 from tests.studies.build.slaves import Kept, Slave
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import run_in_memory
-from twin.studies.build.layout import laid_out, tables
-from twin.studies.build.part import fixed, parameters, part_of
+from twin.studies.build.layout import layout_of, tables_source
+from twin.studies.build.part import fixed_keys, open_parameters, part_of
 
 TICKS = 600
 WIRES = {
@@ -57,32 +57,32 @@ def test_a_fault_in_an_fmu_is_the_twins_own_bit_for_bit(built: Callable[..., Pat
 
 def test_every_kind_of_fault_is_a_part_or_is_refused_in_words() -> None:
     faults = []
-    for kind, known in CATALOGUE.items():
+    for kind, known in FAULT_KINDS.items():
         magnitude = {f"magnitude_{known.unit}": known.magnitudes[0]} if known.magnitudes else {}
         faults.append({"kind": kind, "onset_s": 1.0} | magnitude | ({"share": 0.1} if known.has_share else {}))
     texts = (", ".join(f"{k} = {v!r}" for k, v in table.items()) for table in faults)
     experiment = load_experiment(MASSAGE, [f"fault=[{', '.join(f'{{{text}}}' for text in texts)}]"])
-    for number, (kind, known) in enumerate(CATALOGUE.items(), start=1):
+    for number, (kind, known) in enumerate(FAULT_KINDS.items(), start=1):
         name = f"fault_{number}"
         if known.mechanism in ("parameter", "body"):
             with pytest.raises(InputRefused, match=f"{name}: {kind} "):
                 part_of(experiment, name)
             continue
         part = part_of(experiment, name)
-        offered = parameters(part)
+        offered = open_parameters(part)
         # at the start all that is open is put where it was already
         for parameter in offered:
             (to,) = parameter.destinations
             assert parameter.unit.in_si(parameter.start[0]) / to.divisor * to.times == to.memory[0], parameter.key
-        assert {f"{name}.kind", f"{name}.onset_s"} <= set(fixed(part, offered))
+        assert {f"{name}.kind", f"{name}.onset_s"} <= set(fixed_keys(part, offered))
 
 
 def test_a_drive_that_fails_says_in_the_fmu_what_it_says_in_the_twin() -> None:
     part = part_of(
         load_experiment(MASSAGE, ['fault=[{kind="drive_failure", target="drive_3", onset_s=1.0}]']), "fault_1"
     )
-    layout = laid_out(part, parameters(part))
-    assert '"made drive_3 fail (drive_failure)"' in tables(layout, layout.variables)
+    layout = layout_of(part, open_parameters(part))
+    assert '"made drive_3 fail (drive_failure)"' in tables_source(layout, layout.variables)
 
 
 def test_what_breaks_outside_a_part_leaves_it_as_it_is() -> None:
@@ -90,7 +90,7 @@ def test_what_breaks_outside_a_part_leaves_it_as_it_is() -> None:
     for name in ("plant", "computer", "encoder"):
         one, other = part_of(sound, name), part_of(hit, name)
         assert [c.name for c in one.components] == [c.name for c in other.components]
-        assert laid_out(one, parameters(one)).image == laid_out(other, parameters(other)).image
+        assert layout_of(one, open_parameters(one)).image == layout_of(other, open_parameters(other)).image
         assert {port: values.tolist() for port, (_, values) in one.starts.items()} == {
             port: values.tolist() for port, (_, values) in other.starts.items()
         }

@@ -10,12 +10,12 @@ import pytest
 
 from tests.studies.build.binaries import Binary, binary, slices
 from tests.studies.build.conftest import FIG4, MODULES, silent
-from twin.kernel.compiled.machine import MATHEMATICS
+from twin.kernel.compiled.machine import MATH_SYMBOLS
 from twin.kernel.compiled.native import Native
 from twin.kernel.errors import InputRefused
 from twin.studies.build.fmu import build_fmu
-from twin.studies.build.linking import HERE, PLATFORMS
-from twin.studies.build.part import PARTS
+from twin.studies.build.linking import HOST_PLATFORM, PLATFORMS
+from twin.studies.build.part import PART_COMPONENTS
 
 KINDS = {"so": "ELF", "dll": "PE", "dylib": "Mach-O"}
 # what an instance needs beside mathematics
@@ -27,7 +27,7 @@ ADDED = {"__dso_handle", "_mh_dylib_header"}
 
 # ziglang makes its library for Windows once, which takes more than a minute
 WITHOUT_WINDOWS = tuple(name for name in PLATFORMS if "windows" not in name)
-ALL_PARTS = [pytest.param((part, tuple(PLATFORMS)), marks=pytest.mark.endurance) for part in PARTS]
+ALL_PARTS = [pytest.param((part, tuple(PLATFORMS)), marks=pytest.mark.endurance) for part in PART_COMPONENTS]
 
 
 @pytest.fixture(
@@ -37,7 +37,11 @@ def everywhere(built: Callable[..., Path], request: pytest.FixtureRequest) -> di
     """The libraries of a part of Fig. 4, FMI 3.0, by platform."""
     pytest.importorskip("ziglang")
     part, platforms = request.param
-    asked = ("all",) if set(platforms) == set(PLATFORMS) else tuple(name for name in platforms if name != HERE.name)
+    asked = (
+        ("all",)
+        if set(platforms) == set(PLATFORMS)
+        else tuple(name for name in platforms if name != HOST_PLATFORM.name)
+    )
     with zipfile.ZipFile(built(part, "3.0", platforms=asked)) as archive:
         names = [Path(name) for name in archive.namelist() if name.startswith("binaries/")]
         assert all(entry.compress_size < 100_000 for entry in archive.infolist())
@@ -71,7 +75,7 @@ def test_a_library_needs_the_systems_own_libraries_and_of_them_mathematics(every
             continue
         system = {"libm.so.6", "libc.so.6"} if found.kind == "ELF" else {"/usr/lib/libSystem.B.dylib"}
         assert found.libraries == system, name
-        needed = {symbol for symbol in found.imports if not MATHEMATICS.fullmatch(symbol)}
+        needed = {symbol for symbol in found.imports if not MATH_SYMBOLS.fullmatch(symbol)}
         assert needed <= C_LIBRARY | (MACOS if found.kind == "Mach-O" else set()), name
 
 

@@ -11,7 +11,7 @@ from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, ROOT
 from tests.studies.build.slaves import Kept, Slave
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.build.part import START, OpenParameter, parameters, part_of
+from twin.studies.build.part import START_KEY, OpenParameter, open_parameters, part_of
 
 TICKS = 1500
 BREATHING = ROOT / "experiments" / "track_breathing.toml"
@@ -51,8 +51,8 @@ def another(parameter: OpenParameter, n: int) -> list[float]:
 def test_all_parameters_at_once_do_what_the_experiment_with_them_does(
     built: Callable[..., Path], experiment: Path, part: str, settings: tuple[str, ...]
 ) -> None:
-    found = parameters(part_of(load_experiment(experiment, settings), part))
-    values = {p.key: another(p, n) for n, p in enumerate(found) if p.key != START}
+    found = open_parameters(part_of(load_experiment(experiment, settings), part))
+    values = {p.key: another(p, n) for n, p in enumerate(found) if p.key != START_KEY}
     said = [f"{key}={value if len(value) > 1 else value[0]}" for key, value in values.items()]
     run = run_in_memory(replace(load_experiment(experiment, [*settings, *said]), duration_ticks=TICKS))
     theta_m, theta_l = run.of_drives("theta_m"), run.held("plant.theta_l")

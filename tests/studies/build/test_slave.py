@@ -14,10 +14,10 @@ from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, silent
 from tests.studies.build.slaves import Slave
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
-from twin.robot.plant.component import Plant, resting
+from twin.robot.plant.component import Plant, rest_state
 from twin.studies.build import linking
 from twin.studies.build.fmu import build_fmu
-from twin.studies.build.linking import HERE, c_files
+from twin.studies.build.linking import HOST_PLATFORM, c_files
 
 FORCE = "plant.F_ee_B"
 
@@ -235,7 +235,7 @@ def test_it_rests_where_the_twin_does_wherever_it_starts(built: Callable[..., Pa
     rng = np.random.default_rng(7)
     for _ in range(20):
         p_B = [*rng.uniform(-0.02, 0.02, 2), rng.uniform(-0.11, -0.08)]
-        x, theta_m = resting(parameters, p_B)
+        x, theta_m = rest_state(parameters, p_B)
         slave = Slave(built("plant"), {"start.p_B": p_B})
         # Cramer's rule instead of LAPACK, angles near 1 rad
         assert np.allclose(slave.get("plant.theta_m_rest"), theta_m, rtol=0.0, atol=1e-14)
@@ -262,7 +262,7 @@ def test_every_form_of_a_step_gives_the_same_bits(
     expected = moved(richest, 0, 300)
     richest.close()
     flags = Path("/proc/cpuinfo").read_text().split()
-    for n, form in enumerate(HERE.forms):
+    for n, form in enumerate(HOST_PLATFORM.forms):
         if not all(feature in flags for feature in form.features.replace("+", "").split(",") if feature):
             continue
 

@@ -27,7 +27,7 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.build import joint_drive, linking
 from twin.studies.build.joint_drive import travelling_drives
 from twin.studies.build.system import build_ssp
-from twin.studies.systems.recorded import recorded_system
+from twin.studies.systems.recorded import record_system
 
 VELOCITY_SERVO = ROOT / "fmus" / "velocity_servo" / "velocity_servo.fmu"
 MASSAGE = ROOT / "experiments" / "massage.toml"
@@ -59,7 +59,7 @@ def differences(
     """How far what `twin cosim` makes of an archive is from the run of its experiment: by signal, of its range."""
     loaded = load_experiment(experiment, settings, drive)
     run = run_in_memory(loaded)
-    came = recorded_system(
+    came = record_system(
         DirectReporter(lambda note: None), file, MasterChoice(scheme=loaded.cosim.scheme), folder
     ).facts
     assert came["settled"] and came["tick_s"] == loaded.cosim.tick and not came["ignored"]
@@ -275,7 +275,7 @@ def test_files_and_arrays_do_not_travel(value: Any, size: int, told: str) -> Non
     (plan, *_) = planned_drives(load_experiment(FIG4))
     ((variable, _),) = plan.settings[""]
     with pytest.raises(InputRefused, match=told):
-        joint_drive._refuse_bound(replace(plan, settings={"": [(replace(variable, size=size), value)]}), 0.001)
+        joint_drive._refuse_unexportable(replace(plan, settings={"": [(replace(variable, size=size), value)]}), 0.001)
 
 
 def test_without_a_compiler_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

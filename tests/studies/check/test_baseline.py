@@ -20,11 +20,11 @@ from twin.studies.check.baseline import (
     read_baseline,
     write_baseline,
 )
-from twin.studies.check.measurement import Measured, Metric, SampledCurve, Sense
+from twin.studies.check.measurement import Measurement, Metric, SampledCurve, Sense
 from twin.studies.check.verdict import CheckVerdict, verdict
 
 FIRST = HistoryEntry(date="2026-01-01", reason='first, "as it is"')
-NOW = Measured(
+NOW = Measurement(
     {"z.rise_time": Metric(1.0, "s", 2e-3), "z.peak": Metric(-0.09, "m", 2e-6, "none", scale=0.005)},
     {"z": SampledCurve("plant.p_B[2]", "m", t, np.sin(t), 0.05, 0.004)},
     {"x.fmu": "0" * 64},
@@ -114,9 +114,9 @@ def test_a_baseline_is_of_its_pair_and_another_file_of_the_drive_is_the_same_dri
 SINE = np.sin(t)
 
 
-def coming_to(value: float, sense: Sense = "less", curve: np.ndarray = SINE, unit: str = "s") -> Measured:
+def coming_to(value: float, sense: Sense = "less", curve: np.ndarray = SINE, unit: str = "s") -> Measurement:
     sampled = SampledCurve("plant.p_B[2]", "m", t, curve, 0.05, 0.004)
-    return Measured({"z.number": Metric(value, unit, 0.0, sense)}, {"z": sampled}, {"x.fmu": "0" * 64})
+    return Measurement({"z.number": Metric(value, unit, 0.0, sense)}, {"z": sampled}, {"x.fmu": "0" * 64})
 
 
 def baseline(value: float = 1.0, sense: Sense = "less") -> Baseline:

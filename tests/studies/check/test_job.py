@@ -10,7 +10,7 @@ from twin import check
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.studies.check.baseline import HistoryEntry, baseline_file, read_baseline, write_baseline
-from twin.studies.check.job import CheckOutcome, Pair, checked, pairs
+from twin.studies.check.job import CheckOutcome, Pair, check_pairs, pairs
 
 STIFFER = "[controller.position]\nkp_per_s = 2.0"
 DRIVE = "ideal_velocity"
@@ -20,8 +20,8 @@ def outcomes(folder: Path, *files: Path, reason: str = "") -> list[CheckOutcome]
     """Of `files` with one drive; what an update would write is written."""
     notes: list[dict[str, Any]] = []
     work = [Pair(str(file), DRIVE, str(folder)) for file in files]
-    checked(DirectReporter(notes.append), work, "2026-01-02", reason)
-    found = [CheckOutcome.of(note) for note in notes]
+    check_pairs(DirectReporter(notes.append), work, "2026-01-02", reason)
+    found = [CheckOutcome.from_note(note) for note in notes]
     for outcome in found:
         if outcome.text:
             write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, DRIVE), outcome.text)

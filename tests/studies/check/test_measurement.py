@@ -7,11 +7,11 @@ from tests.laws.runs import shipped
 from tests.studies.check.traces import EXPERIMENT, measuring, t, trace
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.assemble import assemble
-from twin.robot.experiment.experiment import Experiment, shortened
+from twin.robot.experiment.experiment import Experiment, shorten
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.run.trace import run_in_memory
-from twin.studies.check.measurement import REFERENCE_THETA_L, Signals, measured, refuse_unknown
+from twin.studies.check.measurement import REFERENCE_THETA_L, Signals, measure_signals, refuse_unknown
 
 FAULT = "fault=[{kind='belief_eta', onset_s=0.2, magnitude_factor=0.9}]"
 
@@ -29,7 +29,7 @@ def test_an_index_picks_a_component_and_a_minus_turns_it_round():
 
 
 def test_of_a_sampled_component_there_is_what_held_at_every_tick_as_a_number():
-    experiment = shortened(shipped("step_z_air"), 0.2)
+    experiment = shorten(shipped("step_z_air"), 0.2)
     run = run_in_memory(experiment)
     signals = Signals(run, geometry_of(experiment.controller.model))
     assert signals["controller.triggered"].dtype == float
@@ -69,7 +69,7 @@ SAMPLED = 2e-3
 
 
 def numbers(experiment: Experiment, run: Signals) -> dict[str, float]:
-    return {name: metric.value for name, metric in measured(experiment, run).metrics.items()}
+    return {name: metric.value for name, metric in measure_signals(experiment, run).metrics.items()}
 
 
 def step_at_1() -> np.ndarray:
@@ -168,15 +168,15 @@ def test_work_is_torque_times_angle_and_travel_the_integral_of_the_commanded_spe
 )
 def test_a_step_that_means_nothing_is_refused_with_the_name_of_its_measure(y, reference, units, said):
     with pytest.raises(InputRefused, match=rf'\[\[measure\]\] "z": .*{said}'):
-        measured(measuring(STEP), trace({"plant.z": y, "controller.z": reference}, units))
+        measure_signals(measuring(STEP), trace({"plant.z": y, "controller.z": reference}, units))
 
 
 def test_a_step_looked_for_when_it_is_over_is_refused_rather_than_measured_from_there():
     run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
     with pytest.raises(InputRefused, match=r"controller.z makes no step at 1.2 s; set begin_s to when it does"):
-        measured(measuring({**STEP, "begin_s": 1.2}), run)
+        measure_signals(measuring({**STEP, "begin_s": 1.2}), run)
     with pytest.raises(InputRefused, match=r"controller.z still moves after the step at 0.9 s"):
-        measured(measuring({**STEP, "begin_s": 0.9}), run)
+        measure_signals(measuring({**STEP, "begin_s": 0.9}), run)
 
 
 @pytest.mark.parametrize(
@@ -189,28 +189,28 @@ def test_a_step_looked_for_when_it_is_over_is_refused_rather_than_measured_from_
 def test_a_window_too_short_for_its_measure_is_refused(measure: dict, said: str):
     run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
     with pytest.raises(InputRefused, match=said):
-        measured(measuring(measure), run)
+        measure_signals(measuring(measure), run)
 
 
 def test_without_excitation_there_is_no_lag_and_no_path_and_both_are_told():
     run = trace({"plant.z": np.sin(t), "controller.z": 0.0 * t, "controller.p_ref_B": np.zeros((len(t), 3))}, METRES)
     lag = {"kind": "lag", "name": "l", "signal": "plant.z", "reference": "controller.z"}
     with pytest.raises(InputRefused, match=r"(?s)controller.z does not move.*does not move, so it has no path"):
-        measured(measuring(lag, {"kind": "path", "name": "p"}), run)
+        measure_signals(measuring(lag, {"kind": "path", "name": "p"}), run)
 
 
 def test_a_lag_of_the_longest_or_more_and_an_onset_that_never_comes_are_refused():
     run = trace({"plant.z": np.sin(t - 0.5), "controller.z": np.sin(t)}, METRES)
     lag = {"kind": "lag", "name": "l", "signal": "plant.z", "reference": "controller.z", "longest_s": 0.2}
     with pytest.raises(InputRefused, match="lags by longest_s"):
-        measured(measuring(lag), run)
+        measure_signals(measuring(lag), run)
     with pytest.raises(InputRefused, match="never true"):
-        measured(measuring({"kind": "onset", "name": "o", "signal": "plant.z", "until_s": 0.1}), run)
+        measure_signals(measuring({"kind": "onset", "name": "o", "signal": "plant.z", "until_s": 0.1}), run)
 
 
 def test_an_experiment_without_measures_says_so():
     with pytest.raises(InputRefused, match=r"step_z_air: has no \[\[measure\]\] tables"):
-        measured(measuring(), trace({}, {}))
+        measure_signals(measuring(), trace({}, {}))
     assert EXPERIMENT.measures
 
 

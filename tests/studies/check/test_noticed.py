@@ -6,7 +6,7 @@ from tests.conftest import ROOT
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.assembly.load import load_experiment
 from twin.studies.check.baseline import read_baseline
-from twin.studies.check.measurement import measured, run_for_measures
+from twin.studies.check.measurement import measure_signals, run_for_measures
 from twin.studies.check.verdict import CheckRow, verdict
 
 
@@ -16,7 +16,9 @@ def broken(name: str, drive: str, override: str) -> dict[str, CheckRow]:
     baseline = read_baseline(ROOT / f"tests/baselines/{name}/{drive}.toml")
     return {
         row.name: row
-        for row in verdict(experiment, drive, baseline, measured(experiment, run_for_measures(experiment))).deviations
+        for row in verdict(
+            experiment, drive, baseline, measure_signals(experiment, run_for_measures(experiment))
+        ).deviations
     }
 
 

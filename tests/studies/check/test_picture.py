@@ -7,15 +7,15 @@ import pytest
 from PIL import Image
 
 from twin.kernel.errors import InputRefused
-from twin.studies.check.text import MOST, check_pictures
-from twin.studies.check.verdict import CheckVerdict, Outside
+from twin.studies.check.text import MAX_SHOWN, check_pictures
+from twin.studies.check.verdict import CheckVerdict, TubeDeparture
 
 t = np.linspace(0.5, 4.0, 40)
 NOW = np.where(t > 3.0, np.nan, -1.05 * t)
-CURVE = Outside("z.tube", "plant.p_B[2]", "m", *(line.tolist() for line in (t, -t, -t - 0.1, -t + 0.1, NOW)))
+CURVE = TubeDeparture("z.tube", "plant.p_B[2]", "m", *(line.tolist() for line in (t, -t, -t - 0.1, -t + 0.1, NOW)))
 
 
-def outside(drive: str, *curves: Outside) -> CheckVerdict:
+def outside(drive: str, *curves: TubeDeparture) -> CheckVerdict:
     return CheckVerdict("step_z_air", drive, (), (), curves)
 
 
@@ -29,7 +29,7 @@ def test_each_check_has_a_picture_with_a_panel_per_curve_and_it_is_the_same_ever
 
 
 def test_of_many_checks_only_some_have_pictures(tmp_path: Path):
-    assert len(check_pictures([outside(f"d{k}", CURVE) for k in range(MOST + 1)], tmp_path)) == MOST
+    assert len(check_pictures([outside(f"d{k}", CURVE) for k in range(MAX_SHOWN + 1)], tmp_path)) == MAX_SHOWN
 
 
 def test_a_disk_that_refuses_is_told(tmp_path: Path):

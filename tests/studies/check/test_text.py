@@ -1,6 +1,6 @@
 import pytest
 
-from twin.studies.check.text import MOST, check_result
+from twin.studies.check.text import MAX_SHOWN, check_result
 from twin.studies.check.verdict import CheckRow, CheckVerdict
 
 OK = CheckRow("z.rise_time", "s", 1.4, 1.41, 0.028, None, "ok")
@@ -38,8 +38,8 @@ def test_of_many_checks_only_what_deviates_is_shown_in_units_people_read():
 
 
 def test_beyond_a_few_checks_are_told_by_what_they_come_to():
-    lines = check_result([verdict(WORSE, drive=f"d{k}") for k in range(MOST + 1)], []).text.splitlines()
-    assert lines[-1] == f"step_force_scale, d{MOST}: 1 worse"
+    lines = check_result([verdict(WORSE, drive=f"d{k}") for k in range(MAX_SHOWN + 1)], []).text.splitlines()
+    assert lines[-1] == f"step_force_scale, d{MAX_SHOWN}: 1 worse"
 
 
 def test_first_baselines_are_counted_only():

@@ -11,10 +11,10 @@ from tests.command_line import twin
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.reader import Recording
 from twin.kernel.serialise import to_dict
-from twin.studies.compare.comparison import Comparison, compared, experiments_differ
+from twin.studies.compare.comparison import Comparison, compare_logs, experiments_differ
 from twin.studies.compare.signal_row import coverage
 from twin.studies.compare.text import differences_lines
-from twin.studies.compare.tolerance import ComparisonRefused, alignment, rules
+from twin.studies.compare.tolerance import ComparisonError, alignment, rules
 
 from .logs import log_of
 
@@ -54,7 +54,7 @@ pytestmark = pytest.mark.usefixtures("files")
 
 
 def against(a: Log, b: Log, *texts: str, **others) -> Comparison:
-    return compared(a, replace(b, path=Path("b.csv")), rules(texts), **others)
+    return compare_logs(a, replace(b, path=Path("b.csv")), rules(texts), **others)
 
 
 def test_errors_of_a_late_sine_are_those_of_the_formula():
@@ -72,8 +72,8 @@ def test_a_delay_is_inside_when_time_allows_it_and_outside_when_not():
     # not from the very start, where the reference would have to be known earlier
     within = T[50:-50]
     a, b = log_of(T, F=np.sin(SPEED * T)), log_of(within, F=np.sin(SPEED * (within - 0.02)))
-    assert not against(a, b, "0.1%@20ms").outside
-    assert against(a, b, "0.1%@19ms").outside
+    assert not against(a, b, "0.1%@20ms").outside_rows
+    assert against(a, b, "0.1%@19ms").outside_rows
 
 
 def test_a_value_is_inside_up_to_the_tolerance_and_named_from_the_first_beyond():
@@ -90,7 +90,7 @@ def test_the_first_to_leave_is_the_first_outside_and_rows_are_worst_first():
     b = {"late": np.where(T > 8.0, 5.0, 0.0), "early": np.where(T > 2.0, 1.0, 0.0), "never": 0.0 * T}
     found = against(log_of(T, late=0.0 * T, early=0.0 * T, never=0.0 * T), log_of(T, b), "0.5N")
     assert [row.signal for row in found.rows] == ["late", "early", "never"]
-    assert [row.signal for row in found.outside] == ["early", "late"]
+    assert [row.signal for row in found.outside_rows] == ["early", "late"]
 
 
 def test_what_is_sampled_more_sparsely_sets_the_instants():
@@ -160,7 +160,7 @@ def test_only_what_both_cover_is_compared():
     half = T[T < 5.0]
     found = against(log_of(T, F=T), log_of(half, F=half))
     row = found.rows[0]
-    assert found.least_covered == ("F", row.covered)
+    assert found.least_coverage == ("F", row.covered)
     assert row.n == len(half)
     assert row.covered == pytest.approx(0.5, abs=2e-4)  # a period
 
@@ -168,21 +168,21 @@ def test_only_what_both_cover_is_compared():
 def test_a_component_that_is_only_noise_is_measured_by_its_vector():
     noise = 1e-15 * np.sin(T)
     a = {"F[0]": noise, "F[1]": 5.0 * np.sin(T), "F[2]": noise}
-    assert not against(log_of(T, a), log_of(T, {**a, "F[0]": -noise, "F[2]": -noise})).outside
+    assert not against(log_of(T, a), log_of(T, {**a, "F[0]": -noise, "F[2]": -noise})).outside_rows
 
 
 def test_a_shift_that_was_found_is_told_and_undone():
     a, b = log_of(T, F=np.sin(SPEED * T)), log_of(T + 100.0, F=np.sin(SPEED * T))
     found = against(a, b, how=alignment("start"))
     assert found.shift.seconds == -100.0
-    assert not found.outside
+    assert not found.outside_rows
 
 
 def test_a_value_that_is_not_a_number_is_outside_and_the_facts_are_json():
     b = np.zeros_like(T)
     b[7] = np.nan
     found = against(log_of(T, F=np.sin(T)), log_of(T, F=np.sin(T) + b))
-    assert [row.first_exit.t for row in found.outside if row.first_exit] == [T[7]]
+    assert [row.first_exit.t for row in found.outside_rows if row.first_exit] == [T[7]]
     assert json.loads(json.dumps(to_dict(found), allow_nan=False))["rows"][0]["max_error"] is None
 
 
@@ -202,8 +202,8 @@ def test_units_of_one_dimension_are_one_and_others_are_refused_with_the_remedy()
     t = T[:3]
     a = log_of(t, F=t, p=t)
     b = Log(Path("b.csv"), {"F": LogSeries(t, t, "1"), "p": LogSeries(t, t, "m")})
-    with pytest.raises(ComparisonRefused) as refused:
-        compared(a, b)
+    with pytest.raises(ComparisonError) as refused:
+        compare_logs(a, b)
     assert str(refused.value) == (
         "F is in N in a.csv but in 1 in b.csv; b.csv states no unit; --map F=COLUMN[UNIT]\n"
         "p is in N in a.csv but in m in b.csv; correct it with --map"
@@ -219,13 +219,13 @@ def test_units_of_one_dimension_are_one_and_others_are_refused_with_the_remedy()
     ],
 )
 def test_what_does_not_fit_is_refused(b: dict, others: dict, expected: str):
-    with pytest.raises(ComparisonRefused) as refused:
-        compared(log_of(T, F=T), log_of(T, b, "b.csv"), **others)
+    with pytest.raises(ComparisonError) as refused:
+        compare_logs(log_of(T, F=T), log_of(T, b, "b.csv"), **others)
     assert str(refused.value).startswith(expected)
 
 
 def test_a_short_name_leads_to_the_long_ones():
-    with pytest.raises(ComparisonRefused) as refused:
+    with pytest.raises(ComparisonError) as refused:
         against(log_of(T, {"controller.F_z": T, "scale.F_z": T}), log_of(T, F_z=T))
     assert str(refused.value) == (
         "b.csv: 'F_z' could be controller.F_z or scale.F_z; say which with --map controller.F_z=COLUMN[UNIT]"
@@ -233,5 +233,5 @@ def test_a_short_name_leads_to_the_long_ones():
 
 
 def test_logs_of_different_times_are_refused_with_the_remedy():
-    with pytest.raises(ComparisonRefused, match=r"a.csv has 0 .. 9.999 s, b.csv has 50 .. 59.999 s; align them with"):
+    with pytest.raises(ComparisonError, match=r"a.csv has 0 .. 9.999 s, b.csv has 50 .. 59.999 s; align them with"):
         against(log_of(T, F=T), log_of(T + 50.0, F=T))

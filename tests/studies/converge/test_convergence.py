@@ -14,15 +14,15 @@ from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.experiment import Experiment, exactly_measured, shortened
+from twin.robot.experiment.experiment import Experiment, shorten, with_exact_encoders
 from twin.robot.run.trace import run_in_memory
-from twin.studies.converge.coupling import FINEST, Coupling
-from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
+from twin.studies.converge.coupling import FINEST_COUPLING, Coupling
+from twin.studies.converge.monolith import has_monolithic_form, monolithic_rows, servos, within_limits
 from twin.studies.converge.order import OrderFinding, observed_order
 from twin.studies.converge.power import power_residuals
 from twin.studies.converge.reference import reference_of
-from twin.studies.converge.signals import chosen, largest_errors, sampled_run
-from twin.studies.converge.smooth import Smooth, comparable, smoothed
+from twin.studies.converge.signals import largest_errors, sampled_run, signal_samples
+from twin.studies.converge.smooth import SmoothExperiment, comparable_experiment, without_friction
 
 DURATION = 2.0
 
@@ -30,13 +30,13 @@ DURATION = 2.0
 @pytest.fixture(scope="module")
 def descent() -> Experiment:
     """Through the air, with nothing that snaps to a tick but the controller's own commands."""
-    return shortened(smoothed(Smooth(exactly_measured(shipped(FORCE)), ())).experiment, DURATION)
+    return shorten(without_friction(SmoothExperiment(with_exact_encoders(shipped(FORCE)), ())).experiment, DURATION)
 
 
 def created(experiment: Experiment, tick: float, scheme: str, inputs: str, iterations: int = 1) -> float:
     """Share of the energy through all three couplings that comes from nowhere."""
     coupling = Coupling(scheme, inputs, iterations)  # type: ignore[arg-type]
-    residuals = power_residuals(coupling.of(experiment, tick))
+    residuals = power_residuals(coupling.apply_to(experiment, tick))
     return sum(one.energy for one in residuals) / sum(one.throughput for one in residuals)
 
 
@@ -61,7 +61,7 @@ def test_interpolated_values_create_a_hundredth_of_that_and_iterated_ones_next_t
 
 def test_a_motor_end_that_is_turned_at_once_takes_half_of_k_s_times_the_turn_squared(descent: Experiment):
     # Gauss-Seidel: the drive turns against tau_load(t_k), the spring is deflected from there by the whole turn
-    held = Coupling("gauss_seidel", "hold").of(descent, descent.cosim.tick)
+    held = Coupling("gauss_seidel", "hold").apply_to(descent, descent.cosim.tick)
     rows = run_in_memory(held)
     for joint, residual in enumerate(power_residuals(held), start=1):
         turns = np.diff(rows[f"drive/{joint}.theta_m"])
@@ -73,7 +73,7 @@ def test_a_motor_end_that_is_turned_at_once_takes_half_of_k_s_times_the_turn_squ
 
 def test_energy_from_nowhere_is_energy_that_the_drives_have_to_brake(descent: Experiment):
     def works(tick: float) -> tuple[float, float]:
-        residuals = power_residuals(Coupling("gauss_seidel", "hold").of(descent, tick))
+        residuals = power_residuals(Coupling("gauss_seidel", "hold").apply_to(descent, tick))
         return sum(one.energy for one in residuals), sum(one.throughput for one in residuals)
 
     (much, coarse), (little, fine) = works(2e-3), works(2.5e-4)
@@ -88,17 +88,17 @@ CONVERGENCE_DURATION = 1.5
 
 def short(*overrides: str, drive: str | None = None) -> Experiment:
     loaded = load_experiment(EXPERIMENTS / f"{FORCE}.toml", overrides, drive)
-    return shortened(exactly_measured(loaded), CONVERGENCE_DURATION)
+    return shorten(with_exact_encoders(loaded), CONVERGENCE_DURATION)
 
 
 def finest_beside_the_monolith(experiment: Experiment) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """Rows of the monolithic run, and the largest errors of the finest co-simulation beside it."""
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
-    assert drives is not None and applies(experiment)
+    assert drives is not None and has_monolithic_form(experiment)
     rows = monolithic_rows(experiment, drives)
-    finest, _ = sampled_run(FINEST.of(experiment, experiment.cosim.tick / 8))
-    errors = largest_errors(finest, chosen(rows, rows["theta_m"]))
+    finest, _ = sampled_run(FINEST_COUPLING.apply_to(experiment, experiment.cosim.tick / 8))
+    errors = largest_errors(finest, signal_samples(rows, rows["theta_m"]))
     return rows, errors
 
 
@@ -112,7 +112,7 @@ def test_the_finest_run_tends_to_the_monolithic_one(root: Path, drive: str):
 
 
 def test_a_drive_whose_equations_are_not_known_is_compared_with_its_finest_run(root: Path):
-    reference = reference_of(shortened(short(drive=str(root / "fmus" / "pmsm_foc")), 0.2))
+    reference = reference_of(shorten(short(drive=str(root / "fmus" / "pmsm_foc")), 0.2))
     assert reference.meaning.startswith("the finest run: gauss_seidel, linear, 0.03125 ms")
     assert all(floor >= 0.0 for floor in reference.floor.values())
 
@@ -123,7 +123,7 @@ def test_a_servo_at_a_limit_is_not_the_equation_that_is_integrated():
         drives = servos(assembly.drives)
     assert drives is not None
     assert not within_limits(monolithic_rows(experiment, drives), drives)
-    assert reference_of(shortened(experiment, 0.2)).meaning.endswith("a drive reaches a limit")
+    assert reference_of(shorten(experiment, 0.2)).meaning.endswith("a drive reaches a limit")
 
 
 @pytest.mark.parametrize(
@@ -133,8 +133,8 @@ def test_a_servo_at_a_limit_is_not_the_equation_that_is_integrated():
     ],
 )  # fmt: skip
 def test_the_monolithic_run_knows_no_delays_and_no_dry_friction(key: str):
-    assert applies(short())
-    assert not applies(short(f"{key}=1"))
+    assert has_monolithic_form(short())
+    assert not has_monolithic_form(short(f"{key}=1"))
 
 
 def test_the_monolithic_run_has_belt_base_head_and_eccentric_encoders_of_the_plant():
@@ -142,7 +142,7 @@ def test_the_monolithic_run_has_belt_base_head_and_eccentric_encoders_of_the_pla
         "plant.belt_compliance_rad_per_Nm=0.05", "plant.mounting_tilt_deg=10", "plant.head_mm=[1,2,-17]",
         "plant.joint_eccentricity_deg=[0.5,0,0]",
     )  # fmt: skip
-    experiment = shortened(short(*told), 0.4)
+    experiment = shorten(short(*told), 0.4)
     rows, errors = finest_beside_the_monolith(experiment)
     assert errors["F_z"] < 1e-6 and errors["theta_m"] < 1e-8
     # the head is 1 mm in the scale
@@ -156,7 +156,7 @@ def test_a_drive_behind_a_gear_is_not_taken_for_ours():
 
 
 def test_the_force_loop_of_a_comparable_run_starts_when_it_did():
-    smooth = comparable(shortened(shipped(FORCE), 6.0))
+    smooth = comparable_experiment(shorten(shipped(FORCE), 6.0))
     assert smooth.changes == ("encoders exact", "force loop on at 5.606 s, not by force")
     assert smooth.experiment.controller.force.trigger_time == 5.606
 
@@ -165,13 +165,13 @@ def test_the_force_loop_of_a_comparable_run_starts_when_it_did():
 def test_what_no_two_runs_do_alike_is_refused(name: str, says: str):
     broken = 'fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'
     with pytest.raises(InputRefused, match=says):
-        comparable(shipped(name, *([broken] if name == FORCE else [])))
+        comparable_experiment(shipped(name, *([broken] if name == FORCE else [])))
 
 
 @pytest.mark.parametrize("setting", ["plant.spring_hysteresis=0.02", "plant.spring_stop_deg=15"])
 def test_springs_whose_energy_is_not_known_are_refused(setting: str):
     with pytest.raises(InputRefused, match=rf"\[plant\] {setting.partition('=')[0][6:]}: the energy that a coupling"):
-        comparable(shipped(FORCE, setting))
+        comparable_experiment(shipped(FORCE, setting))
 
 
 TICKS = 1e-3 * np.array([2.0, 1.0, 0.5, 0.25])

@@ -9,7 +9,7 @@ import pytest
 from tests.laws.runs import FORCE, shipped
 from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
-from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint, convergence, recommended
+from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint, convergence, recommend_coupling
 from twin.studies.converge.coupling import COUPLINGS
 from twin.studies.converge.picture import draw_convergence
 from twin.studies.converge.text import convergence_result
@@ -47,7 +47,7 @@ def test_the_text_is_for_80_columns_and_begins_with_what_can_be_said(study: Coup
 
 
 def test_nothing_is_recommended_in_the_air_and_nothing_is_amiss(study: CouplingStudy, tmp_path: Path, recwarn):
-    assert study.choice is None and study.judged.name == "p_B"
+    assert study.choice is None and study.judged_signal.name == "p_B"
     draw_convergence(study, tmp_path / "picture.png")
     assert not recwarn.list
 
@@ -55,7 +55,7 @@ def test_nothing_is_recommended_in_the_air_and_nothing_is_amiss(study: CouplingS
 def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
     down = ("reference.p_mm=[[0,0,-101],[0,0,-102],[0,0,-102]]", "reference.t_s=[0,0.2,1]", "duration_s=0.4")
     found = convergence(shipped("fig4_position", *down), tolerance=1e-3)
-    assert found.judged.name == "F_z" and found.choice is not None
+    assert found.judged_signal.name == "F_z" and found.choice is not None
     assert found.choice.point.errors["F_z"] <= 1e-3
     files = {"picture": "convergence.png"}
     text = convergence_result(found, files).text
@@ -84,17 +84,17 @@ def series(number: int, *errors: float) -> CouplingSeries:
 
 
 def test_the_longest_tick_that_is_good_enough_is_chosen_and_there_the_simplest_coupling():
-    found = recommended([series(0, 9e-3, 4e-3), series(2, 3e-3, 1e-3), series(3, 2e-3, 1e-3)], 5e-3)
+    found = recommend_coupling([series(0, 9e-3, 4e-3), series(2, 3e-3, 1e-3), series(3, 2e-3, 1e-3)], 5e-3)
     assert found is not None and (found.coupling, found.point.tick) == (COUPLINGS[2], 2e-3)
 
 
 def test_an_error_that_is_small_at_one_tick_only_is_no_reason_to_choose_it():
-    found = recommended([series(0, 3e-3, 9e-3), series(2, 9e-3, 3e-3)], 5e-3)
+    found = recommend_coupling([series(0, 3e-3, 9e-3), series(2, 9e-3, 3e-3)], 5e-3)
     assert found is not None and (found.coupling, found.point.tick) == (COUPLINGS[2], 1e-3)
 
 
 def test_a_run_that_failed_is_never_chosen_and_nothing_may_be_good_enough():
-    assert recommended([series(0, np.inf, 6e-3)], 5e-3) is None
+    assert recommend_coupling([series(0, np.inf, 6e-3)], 5e-3) is None
 
 
 def test_a_drive_that_cannot_repeat_steps_leaves_that_coupling_out(root):

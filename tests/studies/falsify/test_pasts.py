@@ -9,7 +9,7 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.falsify import search
-from twin.studies.falsify.search import judged
+from twin.studies.falsify.search import judge_run
 from twin.studies.falsify.space import Space, TriedFault
 
 SETTINGS = {"plant": {"motor_noise_deg": 0.001}}
@@ -27,7 +27,7 @@ def pasts(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[Runs]]:
             return made[-1]
 
         search._runs.cache_clear()
-        monkeypatch.setattr(search, "MOST_PASTS", most)
+        monkeypatch.setattr(search, "MAX_PASTS", most)
         monkeypatch.setattr(search, "Runs", runs)
         return made
 
@@ -46,7 +46,7 @@ def findings(folder: Path, tried: Sequence[TriedFault], base: dict[str, Any]) ->
     for wrong in tried:
         file = folder / "tried.toml"
         file.write_text(space.file(wrong, EXPERIMENTS / "pressing.toml"))
-        facts = judged(file, None, (str(file),)).facts
+        facts = judge_run(file, None, (str(file),)).row_fields
         found.append({key: value for key, value in facts.items() if key not in ("seconds", "stepping_s")})
     return found
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.together import common_names, ordered_names, pair_names
 from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, TriedFault
-from twin.studies.falsify.study import RUNS
+from twin.studies.falsify.study import DEFAULT_RUNS
 
 TICKS = 13_000
 WORST_ONSET = 9_000
@@ -18,7 +18,7 @@ ONSETS = (5_500, 500)
 
 
 def space(*kinds: str, bodies: Sequence[str | None] = (None,)) -> Space:
-    return Space({}, [], kinds or tuple(CATALOGUE), TICKS, 0.001, None, bodies, 0)
+    return Space({}, [], kinds or tuple(FAULT_KINDS), TICKS, 0.001, None, bodies, 0)
 
 
 def share(wrong: TriedFault) -> float:
@@ -35,7 +35,7 @@ def searched(
     runs: int, where: Space | None = None, of: Callable[[TriedFault], float] = share, onsets: Sequence[int] = ONSETS
 ) -> Search:
     search = Search(where or space(), lambda batch: [of(wrong) for wrong in batch], runs, onsets)
-    search.go()
+    search.spend_runs()
     return search
 
 
@@ -46,9 +46,9 @@ def test_a_search_makes_as_many_runs_as_it_may_and_none_twice():
 
 
 def test_every_kind_is_tried_before_any_is_tried_again():
-    first = list(searched(106).tried)[: len(CATALOGUE)]
-    assert [wrong.kind for wrong in first] == list(CATALOGUE)
-    assert all(wrong.magnitude == (CATALOGUE[wrong.kind].magnitudes or (None,))[-1] for wrong in first)
+    first = list(searched(106).tried)[: len(FAULT_KINDS)]
+    assert [wrong.kind for wrong in first] == list(FAULT_KINDS)
+    assert all(wrong.magnitude == (FAULT_KINDS[wrong.kind].magnitudes or (None,))[-1] for wrong in first)
 
 
 def test_what_violates_only_early_is_found_in_the_second_round():
@@ -69,10 +69,10 @@ def test_the_same_search_is_the_same():
 
 
 def test_by_default_every_kind_is_tried_at_each_target_and_with_each_sign():
-    search = searched(RUNS, of=lambda wrong: 1.0)
+    search = searched(DEFAULT_RUNS, of=lambda wrong: 1.0)
     been = {(wrong.kind, search.space.place(wrong)) for wrong in search.tried}
-    assert been == {(kind, place) for kind in CATALOGUE for place in search.space.places(kind)}
-    assert len(search.tried) <= RUNS
+    assert been == {(kind, place) for kind in FAULT_KINDS for place in search.space.places(kind)}
+    assert len(search.tried) <= DEFAULT_RUNS
 
 
 @pytest.mark.parametrize(
@@ -86,13 +86,13 @@ def test_a_fault_that_violates_at_one_target_or_with_one_sign_only_is_found(kind
         violates = wrong.kind == kind and wrong.target == target and where.place(wrong).ways == (way,)
         return -1.0 if violates else 1.0
 
-    found, nearest = searched(RUNS, of=of).worst[kind]
+    found, nearest = searched(DEFAULT_RUNS, of=of).worst[kind]
     assert nearest == -1.0 and (found.target, where.place(found).ways) == (target, (way,))
 
 
 def test_with_few_runs_every_kind_has_one_and_the_nearest_have_more():
     few = searched(40, of=lambda wrong: 0.1 if wrong.kind == "drive_dead" else 1.0)
-    assert {wrong.kind for wrong in few.tried} == set(CATALOGUE)
+    assert {wrong.kind for wrong in few.tried} == set(FAULT_KINDS)
     assert len({wrong.target for wrong in few.tried if wrong.kind == "drive_dead"}) > 1
 
 
@@ -137,7 +137,7 @@ def test_bodies_take_turns_and_the_worst_one_is_found():
         return [-1.0 if wrong.body == "back" else -0.5 for wrong in batch]
 
     search = Search(space("breathing", bodies=(None, "back")), on_body, 20, (5_500, 500))
-    search.go()
+    search.spend_runs()
     assert [wrong.body for wrong in search.tried][:2] == [None, "back"]
     assert search.worst["breathing"][0].body == "back"
 
@@ -158,9 +158,9 @@ def test_a_planted_pair_that_no_single_fault_shows_is_found_among_all_pairs_in_i
         drift, slip = wrong.shares
         return 0.5 + drift * slip
 
-    single = searched(RUNS, of=of)
+    single = searched(DEFAULT_RUNS, of=of)
     assert min(share for _, share in single.worst.values()) == 1.0
-    found, nearest = searched(RUNS, space(*pair_names()), of).worst["encoder_drift+belt_slip"]
+    found, nearest = searched(DEFAULT_RUNS, space(*pair_names()), of).worst["encoder_drift+belt_slip"]
     assert nearest < -0.4 and math.prod(found.shares) < -0.9
 
 

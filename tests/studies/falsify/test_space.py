@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.studies.falsify.search import judged
+from twin.robot.experiment.fault import FAULT_KINDS
+from twin.studies.falsify.search import judge_run
 from twin.studies.falsify.space import Space, TriedFault
 from twin.studies.faults.magnitudes import UPPER_ENDS
 
@@ -24,7 +24,7 @@ TICK = 0.001
 
 def space(base: Mapping[str, Any] | None = None, seed: int = 0) -> Space:
     quiet = [("quiet", "always (|plant.F_ee_B| <= 18 N)")]
-    return Space(base or {}, quiet, tuple(CATALOGUE), 13_000, TICK, None, (None,), seed)
+    return Space(base or {}, quiet, tuple(FAULT_KINDS), 13_000, TICK, None, (None,), seed)
 
 
 def written(folder: Path, where: Space, wrong: TriedFault) -> Path:
@@ -44,7 +44,9 @@ def test_what_is_drawn_as_seed_is_added_to_that_of_the_noise_and_is_that_of_the_
 def test_another_seed_is_another_run_of_a_noisy_robot_and_the_same_one_the_same(tmp_path: Path):
     noisy = {"plant": {"joint_noise_deg": 0.02}}
     files = [written(tmp_path, space(noisy), TriedFault("breathing", "contact", 1.0, 2000, seed=s)) for s in (1, 2)]
-    one, other, again = (judged(PRESSING, None, [str(file)]).metrics["quiet.distance"] for file in (*files, files[0]))
+    one, other, again = (
+        judge_run(PRESSING, None, [str(file)]).metrics["quiet.distance"] for file in (*files, files[0])
+    )
     assert one == again != other
 
 
@@ -58,19 +60,19 @@ def test_each_kind_at_its_largest_is_an_experiment_that_can_be_run_with_either_s
                 pass
 
 
-@given(st.sampled_from([kind for kind in CATALOGUE if CATALOGUE[kind].magnitudes]), st.floats(-2.0, 2.0))
+@given(st.sampled_from([kind for kind in FAULT_KINDS if FAULT_KINDS[kind].magnitudes]), st.floats(-2.0, 2.0))
 def test_a_magnitude_and_its_share_say_the_same(kind: str, share: float):
     where = space()
     if len({place.ways for place in where.places(kind)}) == 1:
         share = abs(share)
-    if UPPER_ENDS[kind].magnitude == (CATALOGUE[kind].magnitudes or (None,))[-1]:
+    if UPPER_ENDS[kind].magnitude == (FAULT_KINDS[kind].magnitudes or (None,))[-1]:
         share = min(1.0, max(-1.0, share))
     magnitude = where.magnitude(kind, share)
     assert magnitude is not None
     # four digits, over a range of 1.4 at least: belief_eta and encoder_bias; of delays whole ticks of at least 2
     (again,) = where.shares(TriedFault(kind, "", magnitude))
-    assert again == pytest.approx(share, abs=0.2 if CATALOGUE[kind].unit == "ms" else 2e-3)
-    if CATALOGUE[kind].unit == "ms":
+    assert again == pytest.approx(share, abs=0.2 if FAULT_KINDS[kind].unit == "ms" else 2e-3)
+    if FAULT_KINDS[kind].unit == "ms":
         assert magnitude == pytest.approx(round(magnitude), abs=1e-9)
 
 

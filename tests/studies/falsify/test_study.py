@@ -10,9 +10,9 @@ from tests.laws.runs import EXPERIMENTS
 from tests.studies.faults.pressing import pressing
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.studies.command import silent
-from twin.studies.falsify.search import judged
-from twin.studies.falsify.study import RUNS, falsify
+from twin.studies.command import ignore_progress
+from twin.studies.falsify.search import judge_run
+from twin.studies.falsify.study import DEFAULT_RUNS, falsify
 from twin.studies.result import Result
 from twin.studies.sweep.worker import trial
 
@@ -22,7 +22,8 @@ BOUND = "always (|plant.F_ee_B| <= 18 N)"
 def asked(folder: Path, **options) -> Result:
     told: dict[str, Any] = {
         "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "reach": 0.0,
-        "runs": RUNS, "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
+        "runs": DEFAULT_RUNS, "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder,
+        "say": ignore_progress,
     }  # fmt: skip
     return falsify(**told | options)
 
@@ -46,7 +47,7 @@ def answer(folder: Path) -> Result:
 def test_every_kind_that_the_matrix_shows_beyond_the_bound_is_found_in_a_third_of_its_runs(tmp_path: Path):
     answer = asked(tmp_path, runs=len(pressing()) * 2 // 3)
     found = {one["kind"] for one in answer.facts["found"] if one["share"] < 0.0}
-    assert found >= {row.kind for row in pressing() if not row.safe} == set(BROKEN)
+    assert found >= {row.kind for row in pressing() if not row.is_safe} == set(BROKEN)
     # the matrix makes two runs of each of its cases
     assert answer.facts["runs"] <= 2 * len(pressing()) / 3
     assert max(one["first_violating_run"] for one in answer.facts["found"] if one["share"] < 0.0) <= len(pressing()) / 3
@@ -176,5 +177,5 @@ def test_the_second_fault_of_a_found_experiment_begins_after_the_trip_of_the_fir
     first, second = (next(fault for fault in loaded.faults if fault.table == number) for number in (1, 2))
     # messages are off their time by 10 ms
     assert second.onset - first.onset == pytest.approx(1e3 * found["after_trip_s"] + 10, abs=4)
-    again = judged(EXPERIMENTS / "pressing.toml", None, [str(tmp_path / f"{kind}.toml")])
+    again = judge_run(EXPERIMENTS / "pressing.toml", None, [str(tmp_path / f"{kind}.toml")])
     assert again.metrics["requirement_1.distance"] == found["distances"]["requirement_1"] < 0.0

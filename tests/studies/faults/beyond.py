@@ -9,13 +9,13 @@ from functools import cache
 from typing import NamedTuple
 
 from tests.laws.runs import EXPERIMENTS
-from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.together import table
-from twin.studies.faults.magnitudes import BEYOND, CLAIMED, UPPER_ENDS, has_two_ways, magnitude_between
-from twin.studies.faults.matrix import healthy_trial, onsets_of
+from twin.robot.experiment.fault import FAULT_KINDS
+from twin.robot.experiment.together import fault_values
+from twin.studies.faults.cases import faults_of, with_share
+from twin.studies.faults.magnitudes import CLAIMED_SHARE, UPPER_ENDS, UPPER_SHARE, has_two_ways, magnitude_between
+from twin.studies.faults.reaction import Reaction
+from twin.studies.faults.stage import Stage, load_stage
 from twin.studies.faults.text import magnitude_text
-from twin.studies.faults.together import Felt, FeltRuns, faults_of, with_share
 
 BODIES = ("back", "shoulder")
 RATIO = 2.0
@@ -28,49 +28,53 @@ class Tried(NamedTuple):
     target: str
     magnitude: float
     onset: float
-    felt: Felt
+    felt: Reaction
 
 
 @cache
-def robot(body: str) -> tuple[FeltRuns, tuple[float, ...]]:
-    """Runs of pressing.toml, default drive, and onsets: in free motion, in contact, and the middle of both (s)."""
-    experiment = load_experiment(EXPERIMENTS / "pressing.toml", (), None, body)
-    free, contact = onsets_of(experiment, healthy_trial(experiment), ())
-    return FeltRuns(experiment), (free, round(0.5 * (free + contact), 3), contact)
+def stage(body: str) -> Stage:
+    """Return pressing.toml on a body, default drive, with onsets in free motion, in contact and midway."""
+    there = load_stage(EXPERIMENTS / "pressing.toml", body=body)
+    free, contact = there.onsets
+    there.onsets = (free, round(0.5 * (free + contact), 3), contact)
+    return there
 
 
 def targets(kind: str) -> tuple[str, ...]:
     """The first target of the kind and, where it has any, its groups."""
-    return (CATALOGUE[kind].targets[0], *CATALOGUE[kind].groups)
+    return (FAULT_KINDS[kind].targets[0], *FAULT_KINDS[kind].groups)
 
 
 def magnitudes(kind: str) -> list[float]:
     """From the catalogue's largest to the upper end, evenly by ratio, in either direction."""
-    largest, upper = (CATALOGUE[kind].magnitudes or (1.0,))[-1], UPPER_ENDS[kind].magnitude
+    largest, upper = (FAULT_KINDS[kind].magnitudes or (1.0,))[-1], UPPER_ENDS[kind].magnitude
     steps = math.ceil(abs(math.log(upper / largest)) / math.log(RATIO) - 1e-9)
-    shares = [CLAIMED + (BEYOND - CLAIMED) * step / steps for step in range(steps + 1)] if steps else [CLAIMED]
+    shares = (
+        [CLAIMED_SHARE + (UPPER_SHARE - CLAIMED_SHARE) * step / steps for step in range(steps + 1)]
+        if steps
+        else [CLAIMED_SHARE]
+    )
     ways = (1.0, -1.0) if has_two_ways(kind) else (1.0,)
     return [size for share in shares for way in ways if (size := magnitude_between(kind, way * share, 0.001))]
 
 
-def run(body: str, kind: str, target: str, magnitude: float, onset: float) -> Felt:
-    runs, _ = robot(body)
-    faults = faults_of(runs._experiment, [with_share(table(kind, target, magnitude, onset))])
-    return runs.felt(faults)
+def run(body: str, kind: str, target: str, magnitude: float, onset: float) -> Reaction:
+    there = stage(body)
+    return there.reaction(faults_of(there.experiment, [with_share(fault_values(kind, target, magnitude, onset))]))
 
 
 def ladder(body: str, kind: str) -> Iterator[Tried]:
     """Every magnitude, target and onset."""
     for target in targets(kind):
         for magnitude in magnitudes(kind):
-            for onset in robot(body)[1]:
+            for onset in stage(body).onsets:
                 yield Tried(target, magnitude, onset, run(body, kind, target, magnitude, onset))
 
 
 def ideal(body: str, kind: str, one: Tried) -> float | None:
-    runs, _ = robot(body)
-    faults = faults_of(runs._experiment, [with_share(table(kind, one.target, one.magnitude, one.onset))])
-    return None if one.felt.seen is None else runs.ideal_peak(faults, one.felt.seen)
+    there = stage(body)
+    faults = faults_of(there.experiment, [with_share(fault_values(kind, one.target, one.magnitude, one.onset))])
+    return None if one.felt.seen is None else there.ideal(faults, one.felt.seen).peak
 
 
 def row(body: str, kind: str) -> str:

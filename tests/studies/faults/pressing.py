@@ -4,15 +4,16 @@ from collections.abc import Sequence
 from functools import cache
 
 from tests.laws.runs import shipped
-from twin.studies.faults.matrix import FaultOutcome, FaultRow, cases, healthy_trial, known_kinds, matrix_rows, onsets_of
+from twin.studies.faults.cases import cases, known_kinds
+from twin.studies.faults.matrix import FaultRow, matrix_rows
+from twin.studies.faults.reaction import Reaction
+from twin.studies.faults.stage import Stage
 
 
 def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[FaultRow]:
     """Rows of an experiment of experiments/."""
-    experiment = shipped(name, *overrides)
-    healthy = healthy_trial(experiment)
-    onsets = onsets_of(experiment, healthy, ())
-    return list(matrix_rows(experiment, healthy, cases(experiment, known_kinds(kinds), onsets, None)))
+    stage = Stage(shipped(name, *overrides))
+    return list(matrix_rows(stage, cases(stage.experiment, known_kinds(kinds), stage.onsets, None)))
 
 
 @cache
@@ -20,10 +21,13 @@ def pressing() -> list[FaultRow]:
     return matrix("pressing")
 
 
-def outcome(peak=8.0, peak_delay=0.0, reason="", delay=None) -> FaultOutcome:
-    return FaultOutcome(peak, peak_delay, 0.0, reason, delay, None, "finished", "")
+def felt(peak=8.0, peak_delay=0.0, reason="", seen=None) -> Reaction:
+    return Reaction(
+        seen=seen, acted=seen, power_off=None, below=0.0, reason=reason, peak=peak, peak_delay=peak_delay, above=0.0,
+        impulse=0.0, energy=0.0, left=0.0, end="finished", failure="",
+    )  # fmt: skip
 
 
 def row(kind="breathing", magnitude: float | None = 5.0, watched=None, unwatched=None) -> FaultRow:
-    runs = watched or outcome(), unwatched or outcome()
+    runs = watched or felt(), unwatched or felt()
     return FaultRow(kind, "contact", magnitude, 5.5, True, 15.0, 8.0, *runs)

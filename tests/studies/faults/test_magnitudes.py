@@ -8,7 +8,7 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS
 from tests.studies.faults.beyond import BODIES, Tried, ideal, ladder, run
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.studies.faults.magnitudes import UPPER_ENDS, directions
 
 DOCS = EXPERIMENTS.parent / "docs"
@@ -30,9 +30,9 @@ WORST = "## Larger than the catalogue"
 
 
 def test_every_kind_with_a_magnitude_has_an_upper_end_no_smaller_than_the_catalogue():
-    assert UPPER_ENDS.keys() == {kind for kind, known in CATALOGUE.items() if known.magnitudes}
+    assert UPPER_ENDS.keys() == {kind for kind, known in FAULT_KINDS.items() if known.magnitudes}
     for kind, end in UPPER_ENDS.items():
-        magnitudes = CATALOGUE[kind].magnitudes
+        magnitudes = FAULT_KINDS[kind].magnitudes
         assert magnitudes is not None
         smallest, largest = magnitudes[0], magnitudes[-1]
         assert end.why and end.magnitude * largest > 0.0

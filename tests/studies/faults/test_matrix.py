@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,32 +9,27 @@ from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
 from twin.kernel.errors import InputRefused, SafetyTrip
 from twin.robot.experiment import fault
-from twin.robot.experiment.fault import CATALOGUE, UNSEEN
-from twin.studies.faults.matrix import (
-    GLITCH_SHARE,
-    FaultTrial,
-    cases,
-    default_onsets,
-    healthy_trial,
-    known_kinds,
-    matrix_rows,
-    touching,
-)
+from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, NEVER_DETECTED
+from twin.robot.run.runs import Outcome
+from twin.studies.faults.cases import cases, known_kinds
+from twin.studies.faults.matrix import matrix_rows
+from twin.studies.faults.onsets import checked_healthy_run, default_onsets, touching
+from twin.studies.faults.stage import Stage
 from twin.studies.faults.text import _cells, _worst, fault_matrix_result
 
 
 def test_there_is_a_case_for_every_kind_magnitude_and_onset():
     made = cases(shipped("pressing"), known_kinds(()), (0.5, 5.5), None)
-    assert {case.fault.kind for case in made} == set(CATALOGUE)
-    assert len(made) == 2 * sum(len(known.magnitudes or (None,)) for known in CATALOGUE.values())
-    assert all(case.fault.end == fault.NEVER for case in made)
+    assert {case.fault.kind for case in made} == set(FAULT_KINDS)
+    assert len(made) == 2 * sum(len(known.magnitudes or (None,)) for known in FAULT_KINDS.values())
+    assert all(case.fault.end == fault.NO_END_TICK for case in made)
 
 
 def test_a_case_is_in_si_and_ticks_and_lasts_as_long_as_asked():
     (*_, case) = cases(shipped("pressing"), ("surface_jump",), (2.0,), 0.5)
     assert case.magnitude == 10.0
     assert (case.fault.magnitude, case.fault.onset, case.fault.end) == (10e-3, 2000, 2500)
-    assert case.fault.target == CATALOGUE["surface_jump"].targets[0]
+    assert case.fault.target == FAULT_KINDS["surface_jump"].targets[0]
 
 
 def test_glitches_hit_the_share_that_the_documentation_states():
@@ -65,8 +61,13 @@ def test_a_time_that_cannot_be_is_one_sentence(onset, duration, told):
         cases(shipped("pressing"), ("surface_jump",), (onset,), duration)
 
 
-def healthy(force, z) -> FaultTrial:
-    return FaultTrial(np.array(force, dtype=float), np.array(z, dtype=float), None, None, "", "")
+def healthy(force, z) -> Outcome:
+    """A run with these forces along y (N) and heights."""
+    trace: Any = {
+        "plant.F_ee_B": np.outer(force, (0.0, -1.0, 0.0)),
+        "plant.p_B": np.outer(z, (0.0, 0.0, 1.0)),
+    }
+    return Outcome("done", "", trace, None, None, None, True, "", None, 0.0)
 
 
 def test_onsets_are_the_middles_of_the_descent_and_of_the_longest_contact():
@@ -97,7 +98,7 @@ def test_the_matrix_of_pressing_is_as_it_was_said_before():
 
 
 def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
-    broken = {(row.kind, row.magnitude) for row in pressing() if not row.safe}
+    broken = {(row.kind, row.magnitude) for row in pressing() if not row.is_safe}
     assert broken == {
         ("stiffness_change", 3.0),
         ("stiffness_change", 10.0),
@@ -106,13 +107,13 @@ def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
     }
 
 
-SAID = [kind for kind, known in CATALOGUE.items() if known.seen != UNSEEN and kind != "drive_failure"]
+SAID = [kind for kind, known in FAULT_KINDS.items() if known.threshold != NEVER_DETECTED and kind != "drive_failure"]
 """Of `drive_failure` no monitor is needed: the run ends."""
 
 
 @pytest.mark.parametrize("kind", SAID)
 def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(kind):
-    said = [row for row in pressing() if row.kind == kind and row.detection_expected]
+    said = [row for row in pressing() if row.kind == kind and row.expects_detection]
     assert said and all(replace(row, watched=row.unwatched).fails for row in said)
 
 
@@ -127,34 +128,34 @@ def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(
     ],
 )
 def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(kind, check):
-    assert any(row.missed for row in matrix("pressing", kind, overrides=check.split()))
+    assert any(row.misses_detection for row in matrix("pressing", kind, overrides=check.split()))
 
 
 @pytest.mark.parametrize("kind", ["stiffness_change", "surface_jump", "belt_slip"])
 def test_a_broken_bound_that_was_not_said_fails_unless_an_ideal_monitor_breaks_it_too(kind, monkeypatch):
-    monkeypatch.setitem(CATALOGUE, kind, replace(CATALOGUE[kind], beyond=None))
-    broken = [row for row in pressing() if row.kind == kind and not row.safe]
+    monkeypatch.setitem(FAULT_KINDS, kind, replace(FAULT_KINDS[kind], excess_from=None))
+    broken = [row for row in pressing() if row.kind == kind and not row.is_safe]
     # the peak is over before the motors could have done anything
-    assert broken and all(row.unavoidable and not row.fails for row in broken)
+    assert broken and all(row.is_unavoidable and not row.fails for row in broken)
     assert all(replace(row, ideal=0.8 * row.watched.peak).fails for row in broken)
 
 
 def test_an_ideal_monitor_betters_encoders_that_drift_unseen(monkeypatch):
     """Cut at 15 N that force stays; without the look for a hidden one it grows to half as much again."""
-    monkeypatch.setitem(CATALOGUE, "encoder_drift", replace(CATALOGUE["encoder_drift"], beyond=None))
+    monkeypatch.setitem(FAULT_KINDS, "encoder_drift", replace(FAULT_KINDS["encoder_drift"], excess_from=None))
     unseen = matrix("pressing", "encoder_drift", overrides=["monitor.hidden_force_limit_N=1000"])
-    (late,) = (row for row in unseen if not row.safe)
+    (late,) = (row for row in unseen if not row.is_safe)
     assert late.fails and late.ideal is not None and late.ideal < 15.5 < late.watched.peak
 
 
 def test_without_the_monitor_the_matrix_is_visibly_worse():
-    detectable = [row for row in pressing() if row.detection_expected and not row.expected_beyond]
+    detectable = [row for row in pressing() if row.expects_detection and not row.expects_excess]
     worst = max(row.watched.peak for row in detectable)
     worst_unwatched = max(row.unwatched.peak for row in detectable)
     # 64 N against 17.5 N were measured
     assert worst_unwatched > 2.0 * worst
     # 6 rows beyond the bound and 14 robots that break, against none
-    assert sum(not row.safe_unwatched for row in detectable) >= 4
+    assert sum(not row.is_safe_without_monitor for row in detectable) >= 4
     ended = [row for row in detectable if row.unwatched.end == "run ended" and row.watched.end != "run ended"]
     assert len(ended) >= 10
 
@@ -165,14 +166,14 @@ def test_the_monitor_makes_no_fault_worse():
 
 
 def test_the_catalogue_says_what_the_matrix_shows():
-    assert [row for row in pressing() if not row.as_stated] == []
+    assert [row for row in pressing() if not row.matches_statement] == []
 
 
 def test_a_trip_ends_retracted_held_or_without_power_and_nothing_else_does():
     for row in pressing():
         ends = (
             {"retracted", "held", "power off"}
-            if row.detected and not row.watched.failure
+            if row.is_detected and not row.watched.failure
             else {"finished", "run ended"}
         )
         assert row.watched.end in ends
@@ -184,10 +185,9 @@ def test_the_same_case_gives_the_same_row():
 
 
 def test_the_duration_ends_the_fault():
-    experiment = shipped("pressing")
-    healthy = healthy_trial(experiment)
+    stage = Stage(shipped("pressing"))
     short, forever = (
-        next(matrix_rows(experiment, healthy, cases(experiment, ("belief_eta",), (4.0,), duration)[-1:]))
+        next(matrix_rows(stage, cases(stage.experiment, ("belief_eta",), (4.0,), duration)[-1:]))
         for duration in (0.1, None)
     )
     assert short.watched.peak < forever.watched.peak - 1.0
@@ -195,17 +195,16 @@ def test_the_duration_ends_the_fault():
 
 @pytest.mark.parametrize(("kind", "delay"), [("drive_failure", 0.0), ("encoder_dropout_nan", None)])
 def test_a_fault_that_ends_the_run_in_its_very_first_step_has_touched_nobody(kind: str, delay: float | None):
-    experiment = shipped("pressing")
-    planned = cases(experiment, (kind,), (0.0,), None)[-1:]
-    (row,) = matrix_rows(experiment, healthy_trial(experiment), planned)
-    assert (row.watched.peak, row.watched.delay, row.watched.end) == (0.0, delay, "run ended")
+    stage = Stage(shipped("pressing"))
+    (row,) = matrix_rows(stage, cases(stage.experiment, (kind,), (0.0,), None)[-1:])
+    assert (row.watched.peak, row.watched.seen, row.watched.end) == (0.0, delay, "run ended")
 
 
 def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
     lines = fault_matrix_result("pressing", pressing(), Path("x.png")).text.splitlines()
     assert lines[0].startswith("pressing  as stated: 170 of 174 below 18 N")
     assert max(map(len, lines)) <= 80
-    assert set(CATALOGUE) <= {line.split()[0] for line in lines if line}
+    assert set(FAULT_KINDS) <= {line.split()[0] for line in lines if line}
 
 
 def documented(root: Path, title: str) -> dict[str, list[str]]:
@@ -236,15 +235,15 @@ def test_the_documented_matrix_is_the_measured_one(root: Path, title, measured):
 
 def test_an_experiment_that_nobody_watches_is_refused_with_what_to_add():
     with pytest.raises(InputRefused, match=r"no safety monitor .* add a table \[monitor\]"):
-        healthy_trial(shipped("fig4_force_position"))
+        checked_healthy_run(shipped("fig4_force_position"))
 
 
 def test_an_experiment_with_faults_of_its_own_is_refused():
     faulty = shipped("pressing", 'fault=[{kind="drive_dead", onset_s=1.0}]')
     with pytest.raises(InputRefused, match=r"has \[\[fault\]\] tables"):
-        healthy_trial(faulty)
+        checked_healthy_run(faulty)
 
 
 def test_a_monitor_that_trips_without_any_fault_ends_the_matrix():
     with pytest.raises(SafetyTrip, match="without any fault: safety monitor: the platform moves too fast"):
-        healthy_trial(shipped("pressing", "monitor.speed_limit_mm_per_s=50"))
+        checked_healthy_run(shipped("pressing", "monitor.speed_limit_mm_per_s=50"))

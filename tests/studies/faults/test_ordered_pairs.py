@@ -9,17 +9,10 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.together import table
-from twin.studies.faults.matrix import healthy_trial, onsets_of
-from twin.studies.faults.together import (
-    FeltRuns,
-    Stage,
-    TogetherRow,
-    faults_of,
-    felt,
-    ordered_pairs,
-    together_row,
-)
+from twin.robot.experiment.together import fault_values
+from twin.studies.faults.cases import faults_of
+from twin.studies.faults.stage import Stage
+from twin.studies.faults.together import CombinationRow, combination_row, ordered_pairs
 
 BODIES = ("scale", "back", "shoulder", "belly", "upper_arm", "forearm", "thigh", "calf")
 SEED = 50
@@ -36,19 +29,19 @@ def pressing(body: str, *settings: str) -> Experiment:
 @cache
 def onsets(body: str) -> tuple[float, ...]:
     """In free motion and in contact."""
-    return onsets_of(pressing(body), healthy_trial(pressing(body)), ())
+    return Stage(pressing(body)).onsets
 
 
-def drawn_rows(bodies: Sequence[str], count: int | None, seed: int) -> list[TogetherRow]:
+def drawn_rows(bodies: Sequence[str], count: int | None, seed: int) -> list[CombinationRow]:
     """Of each body `count` ordered pairs; None: all."""
     rows = []
     for body in bodies:
-        stage = Stage(body, pressing(body, LONG), tuple(zip(onsets(body), (False, True), strict=True)))
-        cases = [(*at, one) for at in stage.onsets for one in ordered_pairs(at[0])]
+        stage = Stage(pressing(body, LONG), body, onsets=onsets(body))
+        cases = [(at, one) for at in stage.onsets for one in ordered_pairs(at)]
         picked = cases if count is None else random.Random(f"{seed} {body}").sample(cases, count)
-        picked.sort(key=lambda case: (case[0], str(case[2].tables[0])))
-        with FeltRuns(stage.experiment) as runs:
-            rows += [together_row(stage, runs, one, onset, touches) for onset, touches, one in picked]
+        picked.sort(key=lambda case: (case[0], str(case[1].tables[0])))
+        with stage:
+            rows += [combination_row(stage, one, onset) for onset, one in picked]
     return rows
 
 
@@ -56,7 +49,7 @@ RETRACTION, RETRACT_SPEED = 0.262, 2.0
 """Duration (s) and speed (rad/s) of a retraction."""
 
 
-def unseen(row: TogetherRow) -> bool:
+def unseen(row: CombinationRow) -> bool:
     """Whether all drives run away during a retraction that no message shows, and come down past their angle at the trip
     before it is over: the exception that docs/safety.md states."""
     first, second = row.faults.tables
@@ -68,11 +61,11 @@ def unseen(row: TogetherRow) -> bool:
     return down > RETRACT_SPEED * row.faults.delay
 
 
-def beyond(rows: Sequence[TogetherRow]) -> list[tuple]:
+def beyond(rows: Sequence[CombinationRow]) -> list[tuple]:
     return [
-        (row.stage.body, row.faults.tables, row.watched.peak, row.bound)
+        (row.stage.body, row.faults.tables, row.watched.peak, row.force_bound)
         for row in rows
-        if row.beyond and not unseen(row)
+        if row.exceeds_bound and not unseen(row)
     ]
 
 
@@ -87,17 +80,17 @@ def test_every_pair_is_tried_in_both_orders_at_every_delay():
 
 
 def test_a_second_fault_begins_after_the_trip_of_the_first():
-    experiment = pressing("back")
     (one,) = (
         pair
         for pair in ordered_pairs(6.0, ("sample_loss", "drive_runaway"), [0.5])
-        if pair.tables[0]["kind"] == "sample_loss" and pair.tables[1] == table("drive_runaway", "all drives", 0.4, 6.0)
+        if pair.tables[0]["kind"] == "sample_loss"
+        and pair.tables[1] == fault_values("drive_runaway", "all drives", 0.4, 6.0)
     )
-    with FeltRuns(experiment) as runs:
-        row = together_row(Stage("back", experiment, ()), runs, one, 6.0, True)
+    with Stage(pressing("back")) as stage:
+        row = combination_row(stage, one, 6.0)
     assert row.watched.seen is not None
     assert row.faults.tables[1]["onset_s"] == pytest.approx(6.0 + row.watched.seen + 0.5)
-    assert row.facts()["after_trip_s"] == 0.5
+    assert row.to_dict()["after_trip_s"] == 0.5
 
 
 @pytest.mark.parametrize(("delay", "keeps"), [(0.0, False), (0.1, False), (0.2, True), (0.3, True)])
@@ -105,12 +98,12 @@ def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_
     (one,) = (
         pair
         for pair in ordered_pairs(5.5, ("sample_loss", "drive_runaway"), [delay])
-        if pair.tables[0]["kind"] == "sample_loss" and pair.tables[1] == table("drive_runaway", "all drives", 4.0, 5.5)
+        if pair.tables[0]["kind"] == "sample_loss"
+        and pair.tables[1] == fault_values("drive_runaway", "all drives", 4.0, 5.5)
     )
-    experiment = pressing("back")
-    with FeltRuns(experiment) as runs:
-        row = together_row(Stage("back", experiment, ()), runs, one, 5.5, True)
-    assert row.beyond is not keeps and unseen(row) is not keeps
+    with Stage(pressing("back")) as stage:
+        row = combination_row(stage, one, 5.5)
+    assert row.exceeds_bound is not keeps and unseen(row) is not keeps
 
 
 @pytest.mark.parametrize("body", ["back", "shoulder"])
@@ -118,22 +111,22 @@ def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_
     ("first", "speed", "onset"),
     [
         # messages of 20 ms are lost, then all drives creep
-        (table("sample_loss", "encoder", 1.0, 6.5) | {"duration_s": 0.02}, 0.4, 7.5),
+        (fault_values("sample_loss", "encoder", 1.0, 6.5) | {"duration_s": 0.02}, 0.4, 7.5),
         # one joint encoder is stuck at the instant at which all drives run away
-        (table("encoder_stuck", "joint_encoder_1", None, 5.53), 4.0, 5.53),
+        (fault_values("encoder_stuck", "joint_encoder_1", None, 5.53), 4.0, 5.53),
         # all joint encoders are stuck, which nothing shows until drives turn
-        (table("encoder_stuck", "all joint encoders", None, 1.0), 2.0, 7.0),
+        (fault_values("encoder_stuck", "all joint encoders", None, 1.0), 2.0, 7.0),
     ],
 )  # fmt: skip
 def test_the_force_after_a_trip_is_kept_as_an_ideal_monitor_keeps_it(
     body: str, first: dict, speed: float, onset: float
 ):
-    tables = [first, table("drive_runaway", "all drives", speed, onset)]
-    now, then = pressing(body), pressing(body, "monitor.disobeyed=wait")
-    faults = faults_of(now, tables)
-    new, old = felt(now, faults), felt(then, faults)
+    tables = [first, fault_values("drive_runaway", "all drives", speed, onset)]
+    now, then = (Stage(pressing(body, *more), share=False) for more in ((), ("monitor.disobeyed=wait",)))
+    faults = faults_of(now.experiment, tables)
+    new, old = now.reaction(faults), then.reaction(faults)
     assert new.seen is not None
-    bound = max(22.5, 1.2 * FeltRuns(now, share=False).ideal_peak(faults, new.seen))
+    bound = max(22.5, 1.2 * now.ideal(faults, new.seen).peak)
     assert new.peak < 17.0 < bound
     assert old.peak > (bound if onset < 7.0 else 3.0 * new.peak)
 

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from tests.studies.replay.logs import EXPERIMENTS, ran
 from twin.kernel.recording.logs.log import Log
-from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.logs.reader import recording_log
 from twin.robot.controller.controller import Belief
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import arm_gravity_torque, joint_torques, platform_weight
-from twin.studies.identify.identification import Identification, identified
-from twin.studies.identify.windows import (
+from twin.studies.identify.identification import Identification, identify_log
+from twin.studies.identify.parameters import (
     BACKLASH,
     COMPLIANCE,
     DAMPING,
@@ -22,11 +22,11 @@ from twin.studies.identify.windows import (
     JOINT_ZERO,
     KAPPA,
     OFFSET,
-    Windows,
     parameters,
     starts,
 )
-from twin.studies.replay.model import loaded_model, recorded_model
+from twin.studies.identify.windows import Windows
+from twin.studies.replay.model import load_model, recorded_model
 
 STEP = 0.005 * 9.81
 """N, of the scale."""
@@ -36,20 +36,20 @@ PLANE = -0.101
 @cache
 def belief() -> Belief:
     """That of the massage robot."""
-    return loaded_model(EXPERIMENTS / "calibration.toml").belief
+    return load_model(EXPERIMENTS / "calibration.toml").belief
 
 
 @cache
 def run(name: str = "calibration", *settings: str) -> Log:
     """The log of a run of experiments/NAME.toml."""
-    return recorded(ran(name, *settings))
+    return recording_log(ran(name, *settings))
 
 
 @cache
 def identification(name: str = "calibration", *settings: str, height: float | None = None) -> Identification:
     """What `twin identify` makes of that run, taken for what its controller believes."""
     recording = ran(name, *settings)
-    return identified(run(name, *settings), recorded_model(recording.metadata, recording.path), height)
+    return identify_log(run(name, *settings), recorded_model(recording.metadata, recording.path), height)
 
 
 def true_parameters() -> np.ndarray:

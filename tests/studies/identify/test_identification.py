@@ -20,19 +20,21 @@ from tests.studies.identify.calibrations import (
 )
 from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.kernel.errors import TwinError
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import Log, LogError, LogSeries
 from twin.studies.identify.clustered import line, sandwich, t_factor
-from twin.studies.identify.identification import Fit, NotIdentifiable, fit, identified
+from twin.studies.identify.fit import Fit, fit
+from twin.studies.identify.identification import NotIdentifiable, identify_log
+from twin.studies.identify.parameters import BACKLASH, COMPLIANCE, KAPPA, OFFSET, parameters
 from twin.studies.identify.text import truth
-from twin.studies.identify.windows import BACKLASH, COMPLIANCE, KAPPA, OFFSET, Windows, in_air, on_scale, parameters
-from twin.studies.replay.model import RobotModel, loaded_model
+from twin.studies.identify.windows import Windows, in_air, on_scale
+from twin.studies.replay.model import RobotModel, load_model
 
 NINE_PRESSES = "duration_s=55"
 LOSSES = (NINE_PRESSES, "plant.eta=0.85", "plant.eta_rate_rad_per_s=0.02", "contact.tilt_deg=1.0")
 
 
 def model() -> RobotModel:
-    return loaded_model(EXPERIMENTS / "calibration.toml")
+    return load_model(EXPERIMENTS / "calibration.toml")
 
 
 def changed(log: Log, name: str, change) -> Log:
@@ -83,7 +85,7 @@ def test_encoders_read_in_one_instant_see_the_friction_that_the_tick_leaves():
 def test_a_constant_efficiency_leaves_only_the_product():
     one = identification()
     assert one.quantities["k_s"].found is None and one.quantities["eta"].found is None
-    assert not one.apart
+    assert not one.separates_eta
 
 
 @pytest.mark.slow
@@ -98,7 +100,7 @@ def test_losses_by_direction_part_k_s_from_eta_on_a_tilted_scale_too():
 @pytest.mark.slow
 def test_motor_torque_parts_k_s_from_eta():
     settings = ("plant.eta=0.9", NINE_PRESSES)
-    one = identified(run("calibration", *settings), model(), motor_torque=True)
+    one = identify_log(run("calibration", *settings), model(), motor_torque=True)
     assert one.estimate("k_s_eta").value == pytest.approx(0.9 * 1.07, rel=2e-3)
     assert one.estimate("k_s").value == pytest.approx(1.07, rel=2e-3)
     assert one.estimate("eta").value == pytest.approx(0.9, rel=4e-3)
@@ -119,14 +121,12 @@ def test_the_papers_one_pose_is_off_by_forty_per_cent_and_ablation_says_why():
 def test_one_pose_cannot_say_where_the_joints_zeros_are():
     one = identification("calibration_one_pose")
     assert [one.quantities[f"joint_zero_{i}"].found for i in (1, 2, 3)] == [None] * 3
-    assert one.alike
+    assert one.inseparable
 
 
-def refused(
-    log: Log, kind: type[TwinError] = LogRefused, height: float | None = None, motor_torque: bool = False
-) -> str:
+def refused(log: Log, kind: type[TwinError] = LogError, height: float | None = None, motor_torque: bool = False) -> str:
     with pytest.raises(kind) as refusal:
-        identified(log, model(), height, motor_torque)
+        identify_log(log, model(), height, motor_torque)
     sentence = str(refusal.value)
     assert sentence.startswith(f"{log.path}: ") and "\n" not in sentence
     return sentence
@@ -135,8 +135,8 @@ def refused(
 @pytest.mark.slow
 def test_what_cannot_be_told_apart_is_named_and_nothing_else_is():
     # that a belt without losses does not say how fast they turn over is no news
-    assert identification().alike == ()
-    (zeros,) = identification("calibration", NINE_PRESSES).alike
+    assert identification().inseparable == ()
+    (zeros,) = identification("calibration", NINE_PRESSES).inseparable
     assert {"zero of joint 1", "slope of the scale along x"} <= set(zeros)
     assert "viscous friction of a joint" not in zeros
 
@@ -179,8 +179,8 @@ def test_a_scale_that_is_not_tared_is_refused():
 
 
 def test_another_transmission_than_that_of_the_log_is_refused():
-    with pytest.raises(LogRefused, match="are N and counts per turn those of this robot"):
-        identified(run("calibration", NINE_PRESSES), loaded_model(EXPERIMENTS / "calibration.toml", ["robot.N=2.2"]))
+    with pytest.raises(LogError, match="are N and counts per turn those of this robot"):
+        identify_log(run("calibration", NINE_PRESSES), load_model(EXPERIMENTS / "calibration.toml", ["robot.N=2.2"]))
 
 
 def test_a_force_that_is_no_number_is_left_out_or_is_no_force():
@@ -189,7 +189,7 @@ def test_a_force_that_is_no_number_is_left_out_or_is_no_force():
     def lost(F: np.ndarray) -> np.ndarray:
         return np.where(np.arange(len(F)) % 1000 < 20, np.nan, F)
 
-    k = identified(changed(log, "scale.F_z", lost), model()).estimate("k_s_eta")
+    k = identify_log(changed(log, "scale.F_z", lost), model()).estimate("k_s_eta")
     assert k.value == pytest.approx(1.07, abs=k.half_width)
     assert "never recorded at the same time" in refused(changed(log, "scale.F_z", lambda F: np.full_like(F, np.nan)))
 
@@ -242,7 +242,7 @@ def test_a_scale_that_shows_its_force_late_is_found_out():
     log = run()
     F = log.series["scale.F_z"]
     late = replace(log, series={**log.series, "scale.F_z": LogSeries(F.t + 0.04, F.values, F.unit)})
-    one = identified(late, model())
+    one = identify_log(late, model())
     assert one.estimate("delay").value == pytest.approx(0.04, abs=2e-3)
     # a line through each window replaces the force of 40 ms before
     assert one.estimate("k_s_eta").value == pytest.approx(1.07, rel=5e-3)
@@ -310,7 +310,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty():
     repetitions = 200
     for _ in range(repetitions):
         found = fitted(windows_of_statics(x, rng, noise=np.radians(0.03)), height=-0.1012)
-        inside += [abs(found.x[i] - x[i]) <= found.half_width(found.one(i)) for i in told]
+        inside += [abs(found.x[i] - x[i]) <= found.half_width(found.direction(i)) for i in told]
     # 200 draws of 95 % scatter by 1.5 %
     np.testing.assert_allclose(inside[:-1] / repetitions, 0.95, atol=0.04)
     # the scale's stiffness does not feel the motors' noise, and is right every time
@@ -323,8 +323,8 @@ def test_few_stretches_have_intervals_that_hold_as_well():
     inside, repetitions = 0, 100
     for _ in range(repetitions):
         seen = windows_of_statics(x, rng, noise=np.radians(0.03))
-        found = fitted(seen.where(seen.cluster < 9), height=-0.1012)
-        inside += abs(found.x[BACKLASH] - x[BACKLASH]) <= found.half_width(found.one(BACKLASH))
+        found = fitted(seen.select(seen.cluster < 9), height=-0.1012)
+        inside += abs(found.x[BACKLASH] - x[BACKLASH]) <= found.half_width(found.direction(BACKLASH))
     # 100 draws of 95 % scatter by 2.2 %
     assert inside >= 0.90 * repetitions
 
@@ -346,28 +346,28 @@ def test_a_wrong_length_moves_every_log_alike_and_their_mean_as_much():
 def test_a_search_that_is_cut_short_says_so(monkeypatch: pytest.MonkeyPatch):
     seen = windows_of_statics(true_parameters(), np.random.default_rng(8))
     assert fitted(seen).converged
-    monkeypatch.setattr("twin.studies.identify.identification.STEPS", 2)
+    monkeypatch.setattr("twin.studies.identify.fit.STEPS", 2)
     assert not fitted(seen).converged
 
 
 def test_free_air_alone_does_not_tell_backlash_from_zeros():
     seen = windows_of_statics(true_parameters(), np.random.default_rng(4))
-    found = fitted(seen.where(in_air(seen)))
+    found = fitted(seen.select(in_air(seen)))
     together = np.zeros(17)
     # every spring holds the platform up, on one side of its dead zone
     together[OFFSET : OFFSET + 3], together[BACKLASH] = 1.0, 2.0
     together /= np.linalg.norm(together)
     assert np.linalg.norm(found.unseen.T @ together) == pytest.approx(1.0, abs=1e-3)
-    assert not found.is_determined(found.one(BACKLASH), found.unknowns[BACKLASH].size)
+    assert not found.is_determined(found.direction(BACKLASH), found.unknowns[BACKLASH].size)
 
 
 def test_what_is_not_seen_stays_as_it_is_believed():
     seen = windows_of_statics(true_parameters(), np.random.default_rng(5))
-    found = fitted(seen.where(in_air(seen)))
+    found = fitted(seen.select(in_air(seen)))
     assert found.x[COMPLIANCE] == found.unknowns[COMPLIANCE].start
 
 
 def test_one_pose_repeated_ever_so_often_tells_nothing():
     seen = windows_of_statics(true_parameters(), np.random.default_rng(6))
-    found = fitted(seen.where(on_scale(seen)).where(np.arange(108) == 5).where(np.zeros(500, dtype=int)))
-    assert not any(found.is_determined(found.one(i), one.size) for i, one in enumerate(found.unknowns))
+    found = fitted(seen.select(on_scale(seen)).select(np.arange(108) == 5).select(np.zeros(500, dtype=int)))
+    assert not any(found.is_determined(found.direction(i), one.size) for i, one in enumerate(found.unknowns))

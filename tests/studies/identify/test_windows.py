@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from tests.studies.identify.calibrations import belief
-from twin.kernel.recording.logs.log import LogRefused, LogSeries
+from twin.kernel.recording.logs.log import LogError, LogSeries
 from twin.studies.identify.windows import windows
-from twin.studies.replay.replay import RobotLog
+from twin.studies.replay.samples import RobotSamples
 
 
-def log(joint: np.ndarray, t: np.ndarray, force: bool = True) -> RobotLog:
+def log(joint: np.ndarray, t: np.ndarray, force: bool = True) -> RobotSamples:
     """Encoders of joints that all stand at `joint` (n,), rad, and a scale that shows nothing."""
     robot = belief()
     count_l = np.floor(joint * robot.joint_counts / (2 * np.pi) + 0.5)
     count_m = np.floor(robot.N * joint * robot.motor_counts / (2 * np.pi) + 0.5)
     scale = LogSeries(t, np.zeros(len(t)), "N") if force else None
     count_m, count_l = (np.repeat(count[:, None], 3, axis=1) for count in (count_m, count_l))
-    return RobotLog(Path("robot.csv"), t, count_m, count_l, np.empty((0, 2)), 0, scale, ())
+    return RobotSamples(t, np.hstack([count_m, count_l]), scale, Path("robot.csv"))
 
 
 T = np.arange(0.0, 4.0, 0.002)
@@ -55,5 +55,5 @@ def test_windows_with_lost_samples_are_left_out():
 
 
 def test_without_a_scale_there_is_one_sentence():
-    with pytest.raises(LogRefused, match=r"no measured force: .* --map scale\.F_z=COLUMN\[N\], pressing positive$"):
+    with pytest.raises(LogError, match=r"no measured force: .* --map scale\.F_z=COLUMN\[N\], pressing positive$"):
         windows(log(0.2 + 0.07 * T, T, force=False), belief())

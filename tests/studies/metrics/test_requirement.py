@@ -10,14 +10,23 @@ from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.messages import Field
-from twin.robot.experiment.measure import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
+from twin.robot.experiment.measure import (
+    BooleanOp,
+    Formula,
+    Inequality,
+    Negation,
+    Temporal,
+    Term,
+    UntilFormula,
+    parse_requirement,
+)
 from twin.studies.metrics.requirement import checked_requirement, distance
 from validation.yardsticks.temporal_logic import Curves, formula
 
 
 def value(term: Term, run: Curves, at: int) -> float:
-    assert not isinstance(term.what, tuple)
-    return term.sign * (float(run.values[term.what][at]) if isinstance(term.what, str) else term.what)
+    assert not isinstance(term.value, tuple)
+    return term.sign * (float(run.values[term.value][at]) if isinstance(term.value, str) else term.value)
 
 
 def defined(formula: Formula, run: Curves, at: int) -> float:
@@ -28,17 +37,17 @@ def defined(formula: Formula, run: Curves, at: int) -> float:
         return range(at + int(begin), end if last is None else min(end, at + int(last) + 1))
 
     match formula:
-        case AtMost(smaller, larger):
+        case Inequality(smaller, larger):
             return sum(value(term, run, at) for term in larger) - sum(value(term, run, at) for term in smaller)
-        case Not(of):
+        case Negation(of):
             return -defined(of, run, at)
-        case Joined(how, left, right):
+        case BooleanOp(how, left, right):
             return (min if how == "and" else max)(defined(left, run, at), defined(right, run, at))
-        case Within("always", of, begin, last):
+        case Temporal("always", of, begin, last):
             return min((defined(of, run, then) for then in window(begin, last)), default=np.inf)
-        case Within(_, of, begin, last):
+        case Temporal(_, of, begin, last):
             return max((defined(of, run, then) for then in window(begin, last)), default=-np.inf)
-        case Until(hold, goal, begin, last):
+        case UntilFormula(hold, goal, begin, last):
             return max(
                 (
                     min([defined(goal, run, then), *(defined(hold, run, before) for before in range(at, then))])
@@ -53,33 +62,33 @@ def defined(formula: Formula, run: Curves, at: int) -> float:
 def test_a_distance_is_what_its_definition_says(seed: int, a: list[float]):
     draw = random.Random(seed)
     run = Curves(a=a, b=[draw.gauss(0.0, 2.0) for _ in a])
-    wanted = requirement(formula(draw, draw.randint(1, 2)))
+    wanted = parse_requirement(formula(draw, draw.randint(1, 2)))
     # the same minima and maxima of the same differences
     assert distance(wanted, run.tick, run.held) == defined(wanted, run, 0)
 
 
 def test_of_a_force_it_is_the_room_that_its_peak_leaves():
     run = Curves(a=[0.0, 3.0, 5.0, 4.0])
-    assert distance(requirement("always (x.a <= 18 m)"), run.tick, run.held) == 13.0
-    assert distance(requirement("always[0 s, 1 s] (x.a <= 18 m)"), run.tick, run.held) == 15.0
-    assert distance(requirement("eventually (x.a >= 6 m)"), run.tick, run.held) == -1.0
+    assert distance(parse_requirement("always (x.a <= 18 m)"), run.tick, run.held) == 13.0
+    assert distance(parse_requirement("always[0 s, 1 s] (x.a <= 18 m)"), run.tick, run.held) == 15.0
+    assert distance(parse_requirement("eventually (x.a >= 6 m)"), run.tick, run.held) == -1.0
 
 
 def test_a_vector_between_bars_is_its_length():
     force = np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 1.0]])
-    assert distance(requirement("always (|plant.F_ee_B| <= 18 N)"), 0.001, lambda key: force) == 13.0
+    assert distance(parse_requirement("always (|plant.F_ee_B| <= 18 N)"), 0.001, lambda key: force) == 13.0
 
 
 def test_what_is_true_or_false_limits_no_distance():
     signals = {"c.on": np.array([False, True]), "x.a": np.array([9.0, 4.0])}
-    assert distance(requirement("always (c.on implies x.a <= 5 N)"), 1.0, signals.__getitem__) == 1.0
-    assert distance(requirement("always (x.a <= 5 N)"), 1.0, signals.__getitem__) == -4.0
+    assert distance(parse_requirement("always (c.on implies x.a <= 5 N)"), 1.0, signals.__getitem__) == 1.0
+    assert distance(parse_requirement("always (x.a <= 5 N)"), 1.0, signals.__getitem__) == -4.0
 
 
 def test_a_minute_at_1_ms_is_judged_in_a_tenth_of_a_second():
     run = Curves(a=list(np.sin(np.arange(62_000))))
     run.tick = 0.001
-    wanted = requirement("always (x.a >= 0.9 m implies eventually[0 s, 3 s] (always[0 s, 1 s] x.a <= 0.5 m))")
+    wanted = parse_requirement("always (x.a >= 0.9 m implies eventually[0 s, 3 s] (always[0 s, 1 s] x.a <= 0.5 m))")
     began = time.process_time()
     distance(wanted, run.tick, run.held)
     # 10 ms were seen; a window looked at tick by tick takes minutes

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
 from twin.studies.metrics.response import (
-    PERIODS,
+    MIN_PERIODS,
     along_and_off,
     crossing_time,
     first_time,
@@ -25,7 +25,7 @@ from twin.studies.metrics.response import (
     travel,
     turns_about,
     variation,
-    within,
+    window_mask,
     work,
 )
 
@@ -73,12 +73,12 @@ def test_first_time_is_infinite_for_what_never_happens():
 
 
 def test_a_window_includes_its_ends():
-    assert t[within(t, 2.0, 3.0)][[0, -1]].tolist() == [2.0, 3.0]
+    assert t[window_mask(t, 2.0, 3.0)][[0, -1]].tolist() == [2.0, 3.0]
 
 
 def test_half_a_nanosecond_outside_a_window_is_still_inside_and_a_whole_one_is_not():
-    assert within(np.array([2.0 - 5e-10, 3.0 + 5e-10]), 2.0, 3.0).all()
-    assert not within(np.array([2.0 - 1e-9, 3.0 + 1e-9]), 2.0, 3.0).any()
+    assert window_mask(np.array([2.0 - 5e-10, 3.0 + 5e-10]), 2.0, 3.0).all()
+    assert not window_mask(np.array([2.0 - 1e-9, 3.0 + 1e-9]), 2.0, 3.0).any()
 
 
 def test_the_steepest_rise_of_a_ramp_is_its_slope_and_of_a_step_its_height_over_the_span():
@@ -266,7 +266,7 @@ T = np.arange(0.0, 5.0, 0.001)
 @given(f=st.floats(1.0, 200.0), a=st.floats(1e-4, 10.0), phase=st.floats(0.0, 6.28), slope=st.floats(-1.0, 1.0))
 def test_a_sine_on_a_slope_has_its_amplitude_and_frequency(f: float, a: float, phase: float, slope: float):
     y = a * np.sin(2.0 * np.pi * f * T + phase) + a * (3.0 + slope * T)
-    amplitude, frequency = strongest_swing(T, y, PERIODS / 5.0)
+    amplitude, frequency = strongest_swing(T, y, MIN_PERIODS / 5.0)
     # between two frequencies of the transform 0.3 %, and 1.5 % of the slow ones, a part of which is taken for the slope
     assert amplitude == pytest.approx(a, rel=0.02 if f < 2.0 else 0.004)
     # half a step of the padded transform, and what the slope takes of five periods

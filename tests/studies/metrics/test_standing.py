@@ -3,12 +3,19 @@
 import numpy as np
 import pytest
 
-from twin.robot.run.measures import MeasuredValue, Values, unmeasured
-from twin.studies.metrics.standing import TORN, one_run_each, overall, paired_differences, standing, standing_sentence
+from twin.robot.run.measures import MeasuredValue, Values, missing_measures
+from twin.studies.metrics.standing import (
+    MIXED_RANK,
+    compare_single_runs,
+    overall_ranks,
+    paired_differences,
+    standing,
+    standing_sentence,
+)
 
 
 def run(**found: float | MeasuredValue) -> Values:
-    values = unmeasured("not measured") | {"hold_begin": MeasuredValue(3.0), "hold_end": MeasuredValue(10.0)}
+    values = missing_measures("not measured") | {"hold_begin": MeasuredValue(3.0), "hold_end": MeasuredValue(10.0)}
     return values | {key: one if isinstance(one, MeasuredValue) else MeasuredValue(one) for key, one in found.items()}
 
 
@@ -50,8 +57,8 @@ def test_paired_runs_need_an_interval_without_zero_and_a_mean_beyond_the_floor()
 
 
 def test_over_several_experiments_it_is_torn_where_they_disagree():
-    found = overall([{"a": -1, "b": -1, "c": 1, "d": 0}, {"b": -1, "a": 1, "c": 0, "d": 0}])
-    assert found == {"a": TORN, "b": -1, "c": 1, "d": 0}
+    found = overall_ranks([{"a": -1, "b": -1, "c": 1, "d": 0}, {"b": -1, "a": 1, "c": 0, "d": 0}])
+    assert found == {"a": MIXED_RANK, "b": -1, "c": 1, "d": 0}
     assert standing_sentence("B", "A", found, {"b": "-1 N", "a": "0 N"}) == (
         "B beside A: better in b (-1 N); worse in c; the same in d; now better, now worse in a"
     )
@@ -73,4 +80,4 @@ def test_nothing_in_common_is_reported():
 def test_one_run_each_has_a_verdict_only_for_the_same_reference_task_and_body(change: dict, said: str):
     base = {"controller": {"mode": "force_position", "force": {"reference_N": 5.0}}, "contact": {"stiffness": 1.0}}
     values = run(hold_error=0.1)
-    assert one_run_each(("B", "A"), (values, values), (base | change, base)) == f"B beside A: {said}"
+    assert compare_single_runs(("B", "A"), (values, values), (base | change, base)) == f"B beside A: {said}"

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from twin.kernel.recording.messages import Field
 from twin.studies.metrics.response import Curve
-from twin.studies.paper.fig4_measures import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
+from twin.studies.paper.fig4_measures import BEFORE_SWEEP, CURVE_PARTS, FINAL_WINDOW, SWEEP_WINDOW, Fig4Run, Fig4Runs
 
 T = np.round(0.01 * np.arange(2001), 9)
-ON = (T >= SWEEP[0]) & (T <= SWEEP[1])
-AFTER = T > SWEEP[1]
-HELD = T >= PARTS[2][0]
-Z_REF = np.interp(T, PARTS[0], [-0.085, -0.105])
+ON = (T >= SWEEP_WINDOW[0]) & (T <= SWEEP_WINDOW[1])
+AFTER = T > SWEEP_WINDOW[1]
+HELD = T >= CURVE_PARTS[2][0]
+Z_REF = np.interp(T, CURVE_PARTS[0], [-0.085, -0.105])
 
 
 class WrittenSeries:
@@ -44,10 +44,15 @@ def written(
     flaws: dict[str, Any],
 ) -> Fig4Run:
     """One run. `friction`: F_x, F_y while sweeping (N). trigger: when (s)."""
-    z_ref, y = Z_REF, np.interp(T, PARTS[2], [0.020, -0.020])
-    y = y + flaws.get("y", 0.0) + flaws.get("y_before", 0.0) * (T <= BEFORE[1]) + flaws.get("y_after", 0.0) * AFTER
+    z_ref, y = Z_REF, np.interp(T, CURVE_PARTS[2], [0.020, -0.020])
+    y = (
+        y
+        + flaws.get("y", 0.0)
+        + flaws.get("y_before", 0.0) * (T <= BEFORE_SWEEP[1])
+        + flaws.get("y_after", 0.0) * AFTER
+    )
     # a wave of 1 s has no mean over 1 s; over 2 s it is fastest where it crosses zero: 1 s there goes 2 amplitudes
-    y = y + flaws.get("wave", 0.0) * np.sin(np.pi * (T - SWEEP[0])) * ON
+    y = y + flaws.get("wave", 0.0) * np.sin(np.pi * (T - SWEEP_WINDOW[0])) * ON
     if not flaws.get("sweeps", True):
         y = np.full_like(T, 0.020)
     x, zero = np.full_like(T, flaws.get("x", 0.0)), np.zeros_like(T)
@@ -111,7 +116,7 @@ def with_force(
     way = [last, last - 0.0004, last - 0.0004 * (1.0 + faster), -0.105]
     height = np.interp(T, [before, before + 0.2, before + 0.4, before + 1.1], way)
     height = np.where(HELD, -0.105 + z, np.where(before > T, Z_REF + above, height))
-    true_F_z = np.where(ON, 5.0 + true, np.where(FINAL[0] <= T, final, F_z - 0.1))
+    true_F_z = np.where(ON, 5.0 + true, np.where(FINAL_WINDOW[0] <= T, final, F_z - 0.1))
     true_F_z[1000] = 5.0 + peak
     true_F_z[touch > T] = 0.0
     return written(F_z, height, -shift, F_z - bias, true_F_z, friction, trigger, flaws)

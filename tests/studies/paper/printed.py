@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twin.robot.controller.controller import ESTIMATE, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, Belief, estimate
+from twin.robot.controller.controller import ESTIMATE_RECORD, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, Belief, estimate
 from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
 from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
 
@@ -26,7 +26,7 @@ class PrintedEstimator:
         self.belief = belief
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        found = np.zeros(1, dtype=ESTIMATE)
+        found = np.zeros(1, dtype=ESTIMATE_RECORD)
         e = found[0]
         estimate(self.belief, True, u[:3], u[3:], e)
         e["F_ee_B"] = printed_force(self.belief, e["theta_l"], e["p_B"], e["tau_l"])

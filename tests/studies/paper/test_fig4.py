@@ -18,12 +18,12 @@ from twin.robot.assembly.build import belief
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
-from twin.studies.metrics.required_series import FIG4
+from twin.studies.metrics.required_series import FIG4_SERIES
 from twin.studies.metrics.response import first_time, rms, settling_time
-from twin.studies.paper.claim import judged, tally
-from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score
+from twin.studies.paper.claim import judge_claim, tally
+from twin.studies.paper.fig4 import FIG4_CLAIMS, Fig4Score, fig4_score
 from twin.studies.paper.fig4_figure import draw_fig4
-from twin.studies.paper.fig4_measures import FINAL, SWEEP, Fig4Run, Fig4Runs, fig4_runs
+from twin.studies.paper.fig4_measures import FINAL_WINDOW, SWEEP_WINDOW, Fig4Run, Fig4Runs, fig4_runs
 from twin.studies.paper.study import fig4_result, score_fig4
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
@@ -35,7 +35,7 @@ def runs(force_position: Recording, position: Recording, imperfect: tuple[Record
     return fig4_runs(force_position, position, *imperfect)
 
 
-def sabotaged(root: Path, folder: Path, *overrides: str, printed: bool = False, count: int = 2) -> Score:
+def sabotaged(root: Path, folder: Path, *overrides: str, printed: bool = False, count: int = 2) -> Fig4Score:
     """The first `count` experiments with something wrong in them, scored."""
     recordings = []
     for name in EXPERIMENTS[:count]:
@@ -54,14 +54,14 @@ NOT_REPRODUCED = ["z_tracks_position", "z_lag", "z_place", "z_tracks", "z_same",
 
 def test_on_the_shipped_experiments_every_claim_holds_but_those_that_are_listed(runs: Fig4Runs):
     score = fig4_score(runs)
-    assert score.failed == score.reproduced_after_all == []
-    assert score.not_reproduced == NOT_REPRODUCED
+    assert score.failed_keys == score.reproduced_keys == []
+    assert score.not_reproduced_keys == NOT_REPRODUCED
     assert {f.verdict for f in score.claims if f.claim.key not in NOT_REPRODUCED} == {"holds"}
 
 
 def test_without_the_sweep_every_claim_of_it_fails_and_none_says_nothing(root: Path, tmp_path: Path):
     score = sabotaged(root, tmp_path, WITHOUT_SWEEP, count=4)
-    assert set(score.failed) == WHILE_SWEEPING
+    assert set(score.failed_keys) == WHILE_SWEEPING
     assert [f.claim.key for f in score.claims if f.verdict not in ("holds", "fails")] == NOT_REPRODUCED
 
 
@@ -75,12 +75,12 @@ def without(recording: Recording, *series: str) -> Recording:
 
 
 def test_claims_rest_on_the_named_series_and_on_no_other(force_position: Recording, position: Recording):
-    others = [name for name in force_position.fields() if name not in FIG4]
+    others = [name for name in force_position.fields() if name not in FIG4_SERIES]
     score = fig4_score(fig4_runs(*(without(run, *others) for run in (force_position, position))))
-    assert (score.unscored, score.failed, score.missing) == ([], [], {})
-    for name in FIG4:
+    assert (score.unscored_keys, score.failed_keys, score.missing) == ([], [], {})
+    for name in FIG4_SERIES:
         score = fig4_score(fig4_runs(*(without(run, name) for run in (force_position, position))))
-        assert score.unscored, name
+        assert score.unscored_keys, name
 
 
 def test_what_cannot_be_scored_is_said_first_with_all_that_is_missing_and_the_rest_is_scored(
@@ -90,12 +90,12 @@ def test_what_cannot_be_scored_is_said_first_with_all_that_is_missing_and_the_re
     runs = fig4_runs(without(force_position, *lacks), position)
     score = fig4_score(runs)
     assert score.missing == {str(force_position.path): list(lacks)}
-    assert score.failed == [] and 0 < len(score.unscored) < len(score.claims)
+    assert score.failed_keys == [] and 0 < len(score.unscored_keys) < len(score.claims)
     whole = {f.claim.key: f for f in fig4_score(fig4_runs(force_position, position)).claims}
     same = [f.claim.key for f in score.claims if f.verdict == whole[f.claim.key].verdict == "holds"]
-    assert set(same) == {key for key, f in whole.items() if f.verdict == "holds"} - set(score.unscored)
+    assert set(same) == {key for key, f in whole.items() if f.verdict == "holds"} - set(score.unscored_keys)
     first, *rest = fig4_result(score).text.splitlines()
-    assert first.startswith(f"Not scored: {len(score.unscored)} claims")
+    assert first.startswith(f"Not scored: {len(score.unscored_keys)} claims")
     assert "controller.triggered" in "".join(rest[:4])
     draw_fig4(runs, tmp_path / "fig4.png")
 
@@ -135,7 +135,7 @@ def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):
     ],
 )
 def test_a_sabotaged_run_fails_the_claims_it_should(root: Path, tmp_path: Path, override: str, expected: set[str]):
-    assert expected <= set(sabotaged(root, tmp_path, override).failed)
+    assert expected <= set(sabotaged(root, tmp_path, override).failed_keys)
 
 
 def test_without_gravity_compensation_neither_reading_of_the_trigger_gives_the_papers_run(root: Path, tmp_path: Path):
@@ -151,7 +151,7 @@ def test_without_gravity_compensation_neither_reading_of_the_trigger_gives_the_p
         recording = read(execute(load_experiment(path, asked), folder).recording)
         run = fig4_runs(recording, recording).force_position
         signed = first_time(run.t, run.F_z > 0.6)
-        return run.trigger_time, signed, float(run.true_F_z[run.truly_at(*FINAL)].mean())
+        return run.trigger_time, signed, float(run.true_F_z[run.plant_window(*FINAL_WINDOW)].mean())
 
     triggered, signed, pressed = final()
     assert triggered == signed == pytest.approx(6.27, abs=0.005)
@@ -169,7 +169,7 @@ def test_with_gravity_compensation_both_readings_of_the_trigger_are_one(runs: Fi
 
 @pytest.mark.slow
 def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
-    assert {"reference_returns", "true_force"} <= set(sabotaged(root, tmp_path, printed=True).failed)
+    assert {"reference_returns", "true_force"} <= set(sabotaged(root, tmp_path, printed=True).failed_keys)
 
 
 SIGNS = list(itertools.product((0.05, -0.05), repeat=6))
@@ -199,8 +199,8 @@ def test_over_all_signs_of_the_encoders_zeros_the_force_in_x_is_small_and_mostly
 def test_pages_state_the_count_and_the_reasons_of_the_scorecard(root: Path, runs: Fig4Runs):
     score = fig4_score(runs)
     held, judged_ = tally(score.claims)
-    missed = len(score.not_reproduced)
-    assert held + missed == judged_ == len(CLAIMS)
+    missed = len(score.not_reproduced_keys)
+    assert held + missed == judged_ == len(FIG4_CLAIMS)
     pages = {
         name: " ".join((root / name).read_text().split())
         for name in ("README.md", "docs/fig4.md", "docs/why_believe.md")
@@ -212,13 +212,13 @@ def test_pages_state_the_count_and_the_reasons_of_the_scorecard(root: Path, runs
     rows = re.findall(
         r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \|$", (root / "docs/fig4.md").read_text(), re.M
     )
-    assert [row[0] for row in rows] == score.not_reproduced
+    assert [row[0] for row in rows] == score.not_reproduced_keys
     found = {f.claim.key: f for f in score.claims}
     for key, measured, bound, known in rows:
         finding = found[key]
         if finding.claim.measure is None:
             continue
-        assert measured.split(",")[0] == finding.measured
+        assert measured.split(",")[0] == finding.measured_text
         assert finding.claim.miss is not None
         assert bound == f"{finding.claim.high:g} {finding.claim.unit}"
         assert known == f"{finding.claim.miss.high:g} {finding.claim.unit}"
@@ -229,16 +229,16 @@ def test_text_and_facts_of_the_scorecard_show_the_third_verdict_in_80_columns(ru
     lines = fig4_result(score).text.splitlines()
     assert lines[0].endswith("25 of 31 claims of the paper's text hold, 6 not reproduced")
     assert max(map(len, lines)) <= 80
-    assert sum(line.startswith("  miss ") for line in lines) == len(score.not_reproduced)
+    assert sum(line.startswith("  miss ") for line in lines) == len(score.not_reproduced_keys)
     assert "'ok !'" not in fig4_result(score).text
-    facts = score.facts()
+    facts = score.to_dict()
     assert (facts["claims_held"], facts["claims_judged"]) == (25, 31)
     assert facts["not_reproduced"] == NOT_REPRODUCED and facts["failed"] == facts["reproduced_after_all"] == []
 
 
 def test_a_claim_that_is_reproduced_after_all_is_said_and_counted_among_those_that_hold(root: Path, tmp_path: Path):
     score = sabotaged(root, tmp_path, "controller.position.kp_per_s=2")
-    assert (score.reproduced_after_all, score.failed) == (["z_lag"], [])
+    assert (score.reproduced_keys, score.failed_keys) == (["z_lag"], [])
     text = fig4_result(score).text
     assert "  ok ! ... lag in time" in text and "reproduced here: z_lag." in text
     assert "24 of 29 claims of the paper's text hold, 5 not reproduced" in text
@@ -246,10 +246,10 @@ def test_a_claim_that_is_reproduced_after_all_is_said_and_counted_among_those_th
 
 
 def test_a_contact_of_exponent_1_5_is_not_in_proportion(root: Path, tmp_path: Path):
-    claim = next(claim for claim in CLAIMS if claim.key == "scale_linear")
+    claim = next(claim for claim in FIG4_CLAIMS if claim.key == "scale_linear")
     stiffer = ["contact.exponent=1.5", "contact.reference_depth_mm=4"]
     run = read(execute(load_experiment(root / "experiments/fig4_position.toml", stiffer), tmp_path).recording)
-    finding = judged(claim, fig4_runs(run, run))
+    finding = judge_claim(claim, fig4_runs(run, run))
     # x - x^1.5 is largest at x = 4/9, 4/27 = 14.8 %; a step of the display is 1 % of the reading
     assert finding.verdict == "fails" and finding.value == pytest.approx(14.8, abs=1.5)
 
@@ -257,18 +257,18 @@ def test_a_contact_of_exponent_1_5_is_not_in_proportion(root: Path, tmp_path: Pa
 def test_forces_in_x_are_trivially_zero_on_a_level_scale_and_judged_on_imperfect_runs(
     runs: Fig4Runs, force_position: Recording, position: Recording
 ):
-    claim = next(claim for claim in CLAIMS if claim.key == "x_small")
-    assert judged(claim, fig4_runs(force_position, position)).verdict == "trivial"
-    assert judged(claim, fig4_runs(*[force_position, position] * 2)).verdict == "trivial"
-    assert judged(claim, runs).verdict == "holds"
+    claim = next(claim for claim in FIG4_CLAIMS if claim.key == "x_small")
+    assert judge_claim(claim, fig4_runs(force_position, position)).verdict == "trivial"
+    assert judge_claim(claim, fig4_runs(*[force_position, position] * 2)).verdict == "trivial"
+    assert judge_claim(claim, runs).verdict == "holds"
     assert runs.imperfect is not None
     for run in runs.imperfect:
-        on = run.truly_at(*SWEEP)
+        on = run.plant_window(*SWEEP_WINDOW)
         # a plane tilted by 1 degree pushes sideways with tan(1 deg) of what it carries; friction points along y, but
         # for the 0.002 N with which the spring of the tangent there holds against it
         assert run.true_F_ee_B[on, 0].mean() / run.true_F_z[on].mean() == pytest.approx(-np.tan(np.pi / 180), abs=1e-3)
         # six encoders off by 0.05 deg read up to 0.14 N more than that (measured), or less
-        assert np.abs(run.F_ee_B[run.at(*SWEEP), 0]).max() < 0.3
+        assert np.abs(run.F_ee_B[run.controller_window(*SWEEP_WINDOW), 0]).max() < 0.3
 
 
 # Reference values of an independent computation (docs/physics.md) with its tolerances.
@@ -276,21 +276,21 @@ def test_the_force_position_run_agrees_with_the_independent_computation(runs: Fi
     run = runs.force_position
     assert run.trigger_time == pytest.approx(5.61, abs=0.05)
     assert 1e3 * run.z_cmd.min() == pytest.approx(-113.0, abs=0.3)
-    assert 1e3 * (run.z_cmd - run.z_ref)[run.at(*FINAL)].mean() == pytest.approx(-0.43, abs=0.15)
-    until = run.at(0.0, 19.8)
+    assert 1e3 * (run.z_cmd - run.z_ref)[run.controller_window(*FINAL_WINDOW)].mean() == pytest.approx(-0.43, abs=0.15)
+    until = run.controller_window(0.0, 19.8)
     assert settling_time(run.t[until], run.F_z[until], 5.0, 0.25) == pytest.approx(6.3, abs=0.15)
     assert run.true_F_z.max() < 5.0
-    assert run.true_F_z[run.truly_at(*FINAL)].mean() == pytest.approx(4.88, abs=0.1)
-    assert rms(run.true_F_z[run.truly_at(*SWEEP)] - 5.0) == pytest.approx(0.09, rel=0.1)
-    assert 1e3 * rms(run.true_z_error[run.at(*SWEEP)]) == pytest.approx(0.07, rel=0.1)
+    assert run.true_F_z[run.plant_window(*FINAL_WINDOW)].mean() == pytest.approx(4.88, abs=0.1)
+    assert rms(run.true_F_z[run.plant_window(*SWEEP_WINDOW)] - 5.0) == pytest.approx(0.09, rel=0.1)
+    assert 1e3 * rms(run.true_z_error[run.controller_window(*SWEEP_WINDOW)]) == pytest.approx(0.07, rel=0.1)
     assert np.abs(run.true_F_ee_B[:, 1]).max() == pytest.approx(1.09, rel=0.05)
 
 
 def test_the_position_run_agrees_with_the_independent_computation(runs: Fig4Runs):
     run = runs.position
-    assert run.true_F_z[run.truly_at(*FINAL)].mean() == pytest.approx(4.48, abs=0.15)
-    assert rms(run.true_F_z[run.truly_at(*SWEEP)] - 5.0) == pytest.approx(0.56, rel=0.1)
-    assert 1e3 * rms(run.true_z_error[run.at(*SWEEP)]) == pytest.approx(0.45, rel=0.1)
+    assert run.true_F_z[run.plant_window(*FINAL_WINDOW)].mean() == pytest.approx(4.48, abs=0.15)
+    assert rms(run.true_F_z[run.plant_window(*SWEEP_WINDOW)] - 5.0) == pytest.approx(0.56, rel=0.1)
+    assert 1e3 * rms(run.true_z_error[run.controller_window(*SWEEP_WINDOW)]) == pytest.approx(0.45, rel=0.1)
     assert np.abs(run.true_F_ee_B[:, 1]).max() == pytest.approx(0.98, rel=0.05)
 
 
@@ -299,12 +299,12 @@ def test_without_droop_the_position_run_ends_near_5_newton(root: Path, tmp_path:
     experiment = load_experiment(root / "experiments/fig4_position.toml", drive="ideal_velocity")
     recording = read(execute(experiment, tmp_path).recording)
     run = fig4_runs(recording, recording).position
-    assert run.true_F_z[run.truly_at(*FINAL)].mean() == pytest.approx(4.98, abs=0.02)
+    assert run.true_F_z[run.plant_window(*FINAL_WINDOW)].mean() == pytest.approx(4.98, abs=0.02)
 
 
 def test_tuned_parameters_are_listed_with_their_reason(runs: Fig4Runs):
-    assert "contact.stiffness_N_per_m" in runs.tuned
-    assert all(reason.startswith("tuned: ") for reason in runs.tuned.values())
+    assert "contact.stiffness_N_per_m" in runs.tuned_parameters
+    assert all(reason.startswith("tuned: ") for reason in runs.tuned_parameters.values())
 
 
 def test_runs_in_the_wrong_order_are_refused(force_position: Recording, position: Recording):

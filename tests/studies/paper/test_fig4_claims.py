@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tests.studies.paper.fig4_series import T, runs
-from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import CLAIMS, QUALITY, fig4_score
-from twin.studies.paper.fig4_measures import SWEEP, Fig4Runs, disproportion, fluctuation, position_jump
-from twin.studies.paper.fig5 import CLAIMS as FIG5
+from twin.studies.paper.claim import ClaimFinding, judge_claim
+from twin.studies.paper.fig4 import FIG4_CLAIMS, QUALITY_CLAIMS, fig4_score
+from twin.studies.paper.fig4_measures import SWEEP_WINDOW, Fig4Runs, disproportion, fluctuation, position_jump
+from twin.studies.paper.fig5 import TASK_CLAIMS as FIG5
 
-BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
+BY_KEY = {claim.key: claim for claim in (*FIG4_CLAIMS, *QUALITY_CLAIMS)}
 WHILE_SWEEPING = {
     "sweep_ends", "sweep_speed", "sweep_line", "force_tracks",
     "position_error", "position_below", "estimate_bias", "force_unchanged", "x_small", "friction_smaller_x",
@@ -96,8 +96,8 @@ def test_runs_as_they_are_meant_to_be_hold_every_claim():
     score = fig4_score(runs())
     verdicts = {f.claim.key: f.verdict for f in (*score.claims, *score.quality)}
     after_all = {key for key, verdict in verdicts.items() if verdict == "reproduced after all"}
-    assert after_all == set(score.reproduced_after_all) == {key for key, *_ in KNOWN}
-    assert score.not_reproduced == ["backlash_offset"]
+    assert after_all == set(score.reproduced_keys) == {key for key, *_ in KNOWN}
+    assert score.not_reproduced_keys == ["backlash_offset"]
     assert {verdict for key, verdict in verdicts.items() if key not in after_all | {"backlash_offset"}} == {"holds"}
 
 
@@ -105,10 +105,10 @@ def test_runs_as_they_are_meant_to_be_hold_every_claim():
 def test_what_is_known_not_to_be_reproduced_fails_where_it_is_worse_than_its_reason_explains(
     key: str, holds: dict, missed: dict, beyond: dict, also: set[str]
 ):
-    verdicts = [judged(BY_KEY[key], runs(**flaws)).verdict for flaws in (holds, missed, beyond)]
+    verdicts = [judge_claim(BY_KEY[key], runs(**flaws)).verdict for flaws in (holds, missed, beyond)]
     assert verdicts == ["reproduced after all", "not reproduced", "fails"]
-    assert fig4_score(runs(**holds)).failed == fig4_score(runs(**missed)).failed == []
-    assert set(fig4_score(runs(**beyond)).failed) == {key} | also
+    assert fig4_score(runs(**holds)).failed_keys == fig4_score(runs(**missed)).failed_keys == []
+    assert set(fig4_score(runs(**beyond)).failed_keys) == {key} | also
 
 
 def test_every_claim_that_is_measured_and_known_to_be_missed_has_such_runs_and_a_reason():
@@ -121,9 +121,9 @@ def test_every_claim_that_is_measured_and_known_to_be_missed_has_such_runs_and_a
 
 @pytest.mark.parametrize(("key", "bound", "inside", "outside"), NEAR, ids=[f"{row[0]}-{row[1]}" for row in NEAR])
 def test_a_claim_holds_inside_its_bound_and_outside_fails_alone(key: str, bound: str, inside: dict, outside: dict):
-    assert set(fig4_score(runs(**inside)).failed) <= ALSO.get((key, bound), set())
-    assert set(fig4_score(runs(**outside)).failed) == {key} | ALSO.get((key, bound), set())
-    value, claim = judged(BY_KEY[key], runs(**outside)).value, BY_KEY[key]
+    assert set(fig4_score(runs(**inside)).failed_keys) <= ALSO.get((key, bound), set())
+    assert set(fig4_score(runs(**outside)).failed_keys) == {key} | ALSO.get((key, bound), set())
+    value, claim = judge_claim(BY_KEY[key], runs(**outside)).value, BY_KEY[key]
     assert value < claim.low if bound == "low" else value > claim.high
 
 
@@ -139,13 +139,13 @@ def test_no_bound_is_without_runs_on_both_sides_of_it():
 
 def test_without_a_sweep_every_claim_of_the_sweep_fails_and_none_says_nothing():
     score = fig4_score(runs(both={"sweeps": False}))
-    assert set(score.failed) == WHILE_SWEEPING
+    assert set(score.failed_keys) == WHILE_SWEEPING
     assert "trivial" not in {f.verdict for f in score.claims}
 
 
 @pytest.mark.parametrize("which", ["fp", "p"])
 def test_one_run_that_does_not_sweep_is_enough_to_fail(which: str):
-    assert set(fig4_score(runs(**{which: {"sweeps": False}})).failed) >= WHILE_SWEEPING - {
+    assert set(fig4_score(runs(**{which: {"sweeps": False}})).failed_keys) >= WHILE_SWEEPING - {
         "x_small",
         "friction_smaller_x",
     }
@@ -167,7 +167,7 @@ def test_a_fluctuation_is_seen_in_noise_an_eighth_of_its_size():
 
 @pytest.mark.parametrize("size", [0.0, 0.019])
 def test_no_fluctuation_fails_both_claims_of_it_and_no_other(size: float):
-    assert set(fig4_score(runs(fp={"fluctuation": (13.7, size)})).failed) == {"fluctuation", "fluctuation_small"}
+    assert set(fig4_score(runs(fp={"fluctuation": (13.7, size)})).failed_keys) == {"fluctuation", "fluctuation_small"}
 
 
 def test_a_drift_is_no_fluctuation():
@@ -185,7 +185,7 @@ def test_a_fluctuation_is_ten_times_what_the_force_does_anyway(times: float, fou
 
 def test_a_way_or_a_reading_that_ends_below_its_beginning_is_in_proportion_to_nothing():
     rising, unloaded = runs().position, runs().position
-    before = T < SWEEP[0]
+    before = T < SWEEP_WINDOW[0]
     rising.recording["estimator.p_B"][before, 2] *= -1.0
     unloaded.recording["scale.F_z"][np.flatnonzero(before)[-1]] = -0.1
     for position in (rising, unloaded):
@@ -195,7 +195,7 @@ def test_a_way_or_a_reading_that_ends_below_its_beginning_is_in_proportion_to_no
 def test_the_line_begins_where_the_scale_first_reads_a_press_if_it_does():
     whole, pulled, never, at_once = (runs().position for _ in range(4))
     pulled.recording["scale.F_z"][100] = -0.1
-    never.recording["scale.F_z"][T < SWEEP[0]] = 0.0
+    never.recording["scale.F_z"][T < SWEEP_WINDOW[0]] = 0.0
     at_once.recording["scale.F_z"][0] = 0.1
     found = [disproportion(Fig4Runs(runs().force_position, one)) for one in (whole, pulled, never, at_once)]
     assert found[0] == found[1] > 0.0 and np.isnan(found[2:]).all()
@@ -208,7 +208,7 @@ FINER = {"early_trigger", "trigger_time", "trigger_force", "fluctuation_small", 
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():
     for claim in BY_KEY.values():
         # a number without end, of which the claim says how much is printed
-        printed = ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured
+        printed = ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured_text
         digits = len(printed.partition(" ")[0].partition(".")[2])
         assert not printed or digits == (3 if claim.key in FINER else DIGITS[claim.unit]), claim.key
 
@@ -224,12 +224,12 @@ def test_what_is_measured_in_si_is_judged_in_the_unit_that_is_printed():
 def test_a_force_off_proportion_by_an_exponent_is_as_far_off_as_the_exponent_says():
     p = runs(p={"bend": 0.1})
     # 4 x (1 - x)/10 is largest in the middle; the line begins a sample before the first reading, 1/260 of the way
-    assert judged(BY_KEY["scale_linear"], p).value == pytest.approx(10.0, abs=0.5)
+    assert judge_claim(BY_KEY["scale_linear"], p).value == pytest.approx(10.0, abs=0.5)
 
 
 def test_where_the_height_is_no_constant_nothing_shows_that_the_force_is_one():
-    assert "force_unchanged" not in fig4_score(runs(p={"z_wobble": 0.19e-3})).failed
-    assert fig4_score(runs(p={"z_wobble": 0.21e-3})).failed == ["force_unchanged"]
+    assert "force_unchanged" not in fig4_score(runs(p={"z_wobble": 0.19e-3})).failed_keys
+    assert fig4_score(runs(p={"z_wobble": 0.21e-3})).failed_keys == ["force_unchanged"]
 
 
 @pytest.mark.parametrize("trigger", [0.0, 0.1, np.inf])
@@ -237,7 +237,7 @@ def test_a_force_loop_that_is_on_at_once_or_never_fails_what_the_trigger_does(tr
     run = runs(fp={"trigger": trigger}) if trigger < 1.0 else runs()
     if trigger > 1.0:
         run.force_position.recording["controller.triggered"][:] = False
-    assert {"trigger_time", "position_jumps"} <= set(fig4_score(run).failed)
+    assert {"trigger_time", "position_jumps"} <= set(fig4_score(run).failed_keys)
 
 
 @pytest.mark.parametrize(("trigger", "faster"), [(5.6, 1.0), (0.1, np.nan), (T[-1] - 0.1, np.nan)])
@@ -253,7 +253,7 @@ def test_without_imperfect_runs_nothing_is_said_of_x_and_which_are_missing_is():
     score = fig4_score(type(two)(two.force_position, two.position))
     x = {f.claim.key: f for f in score.claims if f.verdict == "trivial"}
     assert set(x) == {"x_small", "friction_smaller_x"}
-    assert all("fig4_imperfect_position.toml" in f.reason and not f.measured for f in x.values())
+    assert all("fig4_imperfect_position.toml" in f.reason and not f.measured_text for f in x.values())
 
 
 def test_imperfect_runs_without_a_force_in_x_say_nothing():

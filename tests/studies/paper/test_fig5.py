@@ -18,8 +18,8 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.run import Run, execute
 from twin.robot.run.view import outcome_of
-from twin.studies.paper.claim import ClaimFinding, bound_used, tally
-from twin.studies.paper.fig5 import CLAIMS, fig5_score
+from twin.studies.paper.claim import ClaimFinding, bound_usage, tally
+from twin.studies.paper.fig5 import TASK_CLAIMS, fig5_score
 from twin.studies.paper.fig5_measures import force_error, height_before, speed_of_touch
 from twin.studies.paper.task_run import body_of, drive_of, task_runs, trip_sentence
 
@@ -93,7 +93,7 @@ def test_no_claim_fails_on_the_shipped_massage(massage: Recording):
     score = fig5_score([massage])
     assert [task.kind for task in score.tasks] == ["press", "tap", "roll", "push"]
     assert [task.name for task in score.tasks] == ["press 1", "tap 2", "roll 3", "push 4"]
-    assert score.failed == [] and score.remarks == ()
+    assert score.failed_keys == [] and score.remarks == ()
     assert (drive_of(massage), body_of(massage)) == ("velocity_servo", "scale")
 
 
@@ -114,7 +114,7 @@ def test_every_claim_fails_where_it_should(kind: str, key: str, flaw: dict, tmp_
 
 def test_no_claim_is_without_a_flaw_that_fails_it():
     assert {kind: {key for key, _ in flaws} for kind, flaws in FLAWS.items()} == {
-        kind: {claim.key for claim in claims} for kind, claims in CLAIMS.items()
+        kind: {claim.key for claim in claims} for kind, claims in TASK_CLAIMS.items()
     }
 
 
@@ -159,18 +159,18 @@ BOUNDS = {
 
 @pytest.mark.parametrize("kind", BOUNDS)
 def test_no_bound_has_changed_unnoticed(kind: str):
-    assert [f"{claim.key} {claim.expected} {claim.unit}".rstrip() for claim in CLAIMS[kind]] == BOUNDS[kind]
+    assert [f"{claim.key} {claim.bounds_text} {claim.unit}".rstrip() for claim in TASK_CLAIMS[kind]] == BOUNDS[kind]
 
 
 DIGITS = {"mm/s": 1, "%": 1, "mm": 3, "N": 3, "": 2}
 ODD_DIGITS = {"excess": 2, "tripped": 0, "missing": 0}
 
 
-@pytest.mark.parametrize("kind", CLAIMS)
+@pytest.mark.parametrize("kind", TASK_CLAIMS)
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit(kind: str):
-    for claim in CLAIMS[kind]:
+    for claim in TASK_CLAIMS[kind]:
         # a number without end, of which the claim says how much is printed
-        digits = len(ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured.split()[0].partition(".")[2])
+        digits = len(ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured_text.split()[0].partition(".")[2])
         assert digits == ODD_DIGITS.get(claim.key, DIGITS[claim.unit]), claim.key
 
 
@@ -219,14 +219,14 @@ def test_a_trip_is_told_in_one_sentence_with_its_reason(tmp_path: Path):
 def test_a_task_that_the_run_never_came_to_fails(tmp_path: Path):
     recording = pressed(tmp_path)
     run = dataclasses.replace(task_runs(recording)[0], number=2)
-    values = [claim.measure(run) for claim in CLAIMS["press"] if claim.measure is not None]
-    assert all(value > claim.high for value, claim in zip(values, CLAIMS["press"], strict=True))
+    values = [claim.measure(run) for claim in TASK_CLAIMS["press"] if claim.measure is not None]
+    assert all(value > claim.high for value, claim in zip(values, TASK_CLAIMS["press"], strict=True))
 
 
 def hold_error(recording: Recording) -> float | None:
     """Of the one task of a recording, in the table of a run's measures (N)."""
     values = json.loads(recording.metadata["experiment"]["values"])
-    outcome = outcome_of(recording, HoldRequest.recorded(values))
+    outcome = outcome_of(recording, HoldRequest.from_values(values))
     assert outcome is not None
     return outcome.measures["hold_error"].value
 
@@ -237,12 +237,12 @@ def test_claims_on_the_force_are_the_run_s_own_measures_but_for_the_turns_that_s
     press, _, roll, push = massage_run.held
     scores = {task.kind: task.run for task in fig5_score([massage]).tasks}
     claims = {
-        kind: {claim.key: claim.measure(scores[kind]) for claim in CLAIMS[kind] if claim.measure is not None}
+        kind: {claim.key: claim.measure(scores[kind]) for claim in TASK_CLAIMS[kind] if claim.measure is not None}
         for kind in scores
     }
     # sums in another order round differently
-    held, pressing = scores["press"].during(PhaseKind.HOLD), scores["press"]
-    e = (pressing.F_z - pressing.commanded("F_z_ref"))[held]
+    held, pressing = scores["press"].phase_mask(PhaseKind.HOLD), scores["press"]
+    e = (pressing.F_z - pressing.controller_series("F_z_ref"))[held]
     assert (e.mean(), np.sqrt(np.mean(e**2))) == pytest.approx((press.mean_error, press.error), rel=1e-9)
     # of a press the reference still nears the task's force in the hold, by 1e-6 of it
     own = press.force * (claims["press"]["hold_mean"] - 1.0)
@@ -250,7 +250,7 @@ def test_claims_on_the_force_are_the_run_s_own_measures_but_for_the_turns_that_s
     assert np.hypot(own, claims["press"]["hold_std"]) == pytest.approx(press.error, abs=1e-5)
     assert claims["push"]["force_rms"] == pytest.approx(push.error, rel=1e-9)
     circling = scores["roll"]
-    assert force_error(circling, circling.during(PhaseKind.CIRCLE)) == pytest.approx(roll.error, rel=1e-9)
+    assert force_error(circling, circling.phase_mask(PhaseKind.CIRCLE)) == pytest.approx(roll.error, rel=1e-9)
     assert claims["roll"]["force_rms"] != pytest.approx(roll.error, rel=1e-3)
 
 
@@ -277,16 +277,16 @@ def test_a_run_without_tasks_is_refused(force_position: Recording):
 
 
 def test_every_claim_quotes_the_paper_or_says_that_it_is_ours_and_gives_the_reason_of_its_bound():
-    for claim in (claim for claims in CLAIMS.values() for claim in claims):
+    for claim in (claim for claims in TASK_CLAIMS.values() for claim in claims):
         assert claim.quote and claim.source.startswith("ours: "), claim.key
 
 
 def test_the_share_of_a_bound_is_one_at_the_bound(tmp_path: Path):
     found = findings(rolled(tmp_path, radius=0.0055, force=0.05))
     # 110 % where 90 .. 110 are allowed; 0.05 N of 0.1 N
-    assert bound_used(found["radius"]) == pytest.approx(1.0, abs=1e-9)
-    assert bound_used(found["force_rms"]) == pytest.approx(0.5, abs=1e-9)
-    assert bound_used(found["tripped"]) == 0.0
+    assert bound_usage(found["radius"]) == pytest.approx(1.0, abs=1e-9)
+    assert bound_usage(found["force_rms"]) == pytest.approx(0.5, abs=1e-9)
+    assert bound_usage(found["tripped"]) == 0.0
     assert tally(found.values()) == (len(found), len(found))
 
 

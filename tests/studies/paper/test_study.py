@@ -12,7 +12,15 @@ from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.kernel.recording.reader import Recording
 from twin.studies.paper import fig5_figure
 from twin.studies.paper.fig5 import Fig5Score, fig5_score, shown_tasks
-from twin.studies.paper.fig5_figure import ESTIMATE, MOVING, REFERENCE, SHIFTED, TRACE, TRUTH, draw_fig5
+from twin.studies.paper.fig5_figure import (
+    ESTIMATE_COLOR,
+    MOTION_COLOR,
+    REFERENCE_COLOR,
+    SHIFTED_COLOR,
+    TRACE_COLOR,
+    TRUTH_COLOR,
+    draw_fig5,
+)
 from twin.studies.paper.study import fig5_result
 
 MAKERS: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
@@ -29,7 +37,7 @@ def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5
     with Image.open(tmp_path / "fig5.png") as picture:
         assert picture.width >= 1500
         pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
-    for color in (TRUTH, ESTIMATE, SHIFTED, REFERENCE, TRACE, MOVING):
+    for color in (TRUTH_COLOR, ESTIMATE_COLOR, SHIFTED_COLOR, REFERENCE_COLOR, TRACE_COLOR, MOTION_COLOR):
         rgb = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
         # an arrow is some 40 pixels long, a curve hundreds; their cores are not blended with the background
         assert np.count_nonzero(np.all(pixels == rgb, axis=1)) > 30, color

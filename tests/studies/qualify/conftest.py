@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
-from twin.robot.experiment.drive_files import lone_drive
-from twin.studies.qualify.qualification import Qualification, qualified
+from twin.robot.experiment.drive_files import load_drive
+from twin.studies.qualify.qualification import Qualification, qualify_drive
 
 
 @cache
 def _done(drive: str) -> Qualification:
-    return qualified(lone_drive(drive, ROOT))
+    return qualify_drive(load_drive(drive, ROOT))
 
 
 @pytest.fixture(scope="session")

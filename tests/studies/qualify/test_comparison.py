@@ -14,20 +14,20 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run import runs
-from twin.robot.run.measures import MEASURES
+from twin.robot.run.measures import ROWS_BY_KEY
 from twin.robot.run.trace import run_in_memory
 from twin.studies.qualify.comparison import (
-    COMPARED,
+    COMPARED_MEASURES,
     DriveTrial,
     DriveTrials,
     TrueRun,
     comparison_facts,
-    disturbed,
+    disturb_encoders,
     trials,
     verdict,
 )
 from twin.studies.qualify.text import compare_blocks
-from twin.studies.result import laid_out
+from twin.studies.result import lay_out
 
 FIG4 = ROOT / "experiments/fig4_force_position.toml"
 PRESSING = ROOT / "experiments/pressing.toml"
@@ -63,7 +63,7 @@ def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[DriveTria
 
 
 def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTrial, ...]):
-    lines = laid_out(compare_blocks(DriveTrials("fig4", fig4))).splitlines()
+    lines = lay_out(compare_blocks(DriveTrials("fig4", fig4))).splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[2:5]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     head = " ".join(lines[0].split())
@@ -105,7 +105,9 @@ def test_eight_paired_runs_on_pressing_find_two_drives_the_same_and_one_worse():
     assert {name: one.verdict for name, one in found.items()} == {"pmsm_foc": "same", "mx106": "same", "xl330": "worse"}
     # computed from the traces of the same runs
     by_hand = {
-        drive: np.array([held_rms(disturbed(load_experiment(PRESSING, (), drive), seed)) for seed in range(1, 9)])
+        drive: np.array(
+            [held_rms(disturb_encoders(load_experiment(PRESSING, (), drive), seed)) for seed in range(1, 9)]
+        )
         for drive in drives
     }
     for name, one in found.items():
@@ -123,12 +125,12 @@ def test_eight_paired_runs_on_pressing_find_two_drives_the_same_and_one_worse():
 def test_every_drive_has_the_same_draws_and_the_file_keeps_its_own_noise():
     own = ["plant.motor_noise_deg=0.3", "plant.joint_zero_deg=[1,2,3]"]
     servo, foc = (load_experiment(PRESSING, own, drive) for drive in ("velocity_servo", "pmsm_foc"))
-    one, other = (disturbed(experiment, 3).plant for experiment in (servo, foc))
+    one, other = (disturb_encoders(experiment, 3).plant for experiment in (servo, foc))
     assert (one.motor_zero, one.joint_zero) == (other.motor_zero, other.joint_zero)
     assert np.degrees(one.motor_noise) == pytest.approx(0.3) and np.degrees(one.joint_noise) == pytest.approx(0.02)
     off = np.degrees(one.joint_zero) - [1.0, 2.0, 3.0]
     assert np.all(np.abs(off) <= 0.022) and np.any(off)
-    assert disturbed(servo, 4).plant.motor_zero != one.motor_zero and disturbed(servo, 3).seed == 3
+    assert disturb_encoders(servo, 4).plant.motor_zero != one.motor_zero and disturb_encoders(servo, 3).seed == 3
 
 
 def test_a_drive_that_trips_in_a_paired_run_is_not_judged(monkeypatch: pytest.MonkeyPatch):
@@ -142,8 +144,8 @@ def test_a_drive_that_trips_in_a_paired_run_is_not_judged(monkeypatch: pytest.Mo
 def test_facts_name_every_measure_of_every_drive(fig4: tuple[DriveTrial, ...]):
     facts = comparison_facts(DriveTrials("fig4", fig4))
     assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
-    assert all(list(drive["measures"]) == list(COMPARED) for drive in facts["drives"])
-    assert all(list(drive["run_measures"]) == list(MEASURES) for drive in facts["drives"])
+    assert all(list(drive["measures"]) == list(COMPARED_MEASURES) for drive in facts["drives"])
+    assert all(list(drive["run_measures"]) == list(ROWS_BY_KEY) for drive in facts["drives"])
     assert facts["drives"][1]["run_measures"]["current"]["value"] == values(fig4[1])["peak_current"]
 
 
@@ -156,7 +158,7 @@ def test_a_drive_that_fails_keeps_its_place_and_the_others_run(tmp_path: Path):
     failed, servo = done.trials
     assert "NaN" in failed.failure and all(measure.value is None for measure in failed.measures)
     assert servo.failure == ""
-    assert "FAILED" in laid_out(compare_blocks(done))
+    assert "FAILED" in lay_out(compare_blocks(done))
     assert verdict([done]) == [f"{folder} failed in fig4_force_position, and is not judged there"]
 
 

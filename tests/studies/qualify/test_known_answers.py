@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from twin.robot.assembly.drives import planned
-from twin.robot.experiment.drive_files import lone_drive
-from twin.studies.qualify.definitions import CHECKS, MEASURES
+from twin.robot.assembly.drives import plan_drive
+from twin.robot.experiment.drive_files import load_drive
+from twin.studies.qualify.definitions import CHECK_MEANINGS, MEASURE_DEFINITIONS
 from twin.studies.qualify.motion import overload, ramped_torque, stall_torque
 from twin.studies.qualify.qualification import Qualification
 
@@ -73,8 +73,8 @@ def test_pmsm_foc_is_as_fast_as_its_readme_says_and_has_no_droop(done: Done):
 
 
 def test_a_heavy_rotor_does_not_raise_the_stall_torque():
-    table = lone_drive("brushed_dc", ROOT)
-    plan = planned(table.model_copy(update={"parameters": {**table.parameters, "J_m": 7e-5}}))
+    table = load_drive("brushed_dc", ROOT)
+    plan = plan_drive(table.model_copy(update={"parameters": {**table.parameters, "J_m": 7e-5}}))
     growing, inertia = overload(plan), 7e-5 * 19.7**2
     # sqrt(2 J omega r) too high when it has braked the shaft; half of that at least, with some friction
     assert ramped_torque(growing) > BRUSHED_STALL + 0.5 * np.sqrt(2.0 * inertia * 0.45 * 0.25)
@@ -102,9 +102,9 @@ def test_quantised_and_stepping_drives_are_measured_or_say_why_not(done: Done):
 @pytest.mark.parametrize("drive", DRIVES)
 def test_every_drive_of_the_shelf_qualifies_and_answers_everything(done: Done, drive: str):
     judged = done(drive)
-    assert judged.failed == ()
-    assert [check.name for check in judged.checks] == list(CHECKS)
-    assert [measure.name for measure in judged.measures] == list(MEASURES)
+    assert judged.failed_checks == ()
+    assert [check.name for check in judged.checks] == list(CHECK_MEANINGS)
+    assert [measure.name for measure in judged.measures] == list(MEASURE_DEFINITIONS)
     for measure in judged.measures:
         assert (measure.value is None) <= bool(measure.remark), f"{measure.name} has neither value nor reason"
         assert measure.value is None or np.isfinite(measure.value)

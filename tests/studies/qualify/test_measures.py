@@ -9,10 +9,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.definitions import COMMANDED, TICK, Check, work_cycle
+from twin.studies.qualify.definitions import COMMAND_TIME, TICK, Check, work_cycle
 from twin.studies.qualify.motion import (
-    LOAD_MOST,
-    UNCERTAINTY,
+    MAX_LOAD,
+    STALL_UNCERTAINTY,
     bandwidth,
     held_torque,
     ramped_torque,
@@ -85,12 +85,12 @@ def test_a_growing_load_finds_the_one_at_which_the_shaft_stops(limit: float):
 @example(1.5, 2.720703125)
 def test_held_loads_find_the_stall_torque_whatever_a_growing_one_said(limit: float, wrong: float):
     # half of what lies between a load that is carried and one that is not, of which the latter is larger by as much
-    close = max(UNCERTAINTY * limit / (1.0 - 2.0 * UNCERTAINTY), 0.5 * 0.0125)
+    close = max(STALL_UNCERTAINTY * limit / (1.0 - 2.0 * STALL_UNCERTAINTY), 0.5 * 0.0125)
     assert held_torque(wrong * limit, lambda load: load < limit) == pytest.approx(limit, abs=1.001 * close)
 
 
 def test_loads_that_are_all_carried_have_no_stall_torque():
-    assert held_torque(1.0, lambda load: True) == LOAD_MOST
+    assert held_torque(1.0, lambda load: True) == MAX_LOAD
 
 
 def test_a_shaft_that_never_stops_has_no_stall_torque(done: Callable[[str], Qualification]):
@@ -111,6 +111,6 @@ def test_a_difference_of_one_bit_is_no_repetition(done: Callable[[str], Qualific
 
 def test_the_command_steps_where_the_step_is_looked_at():
     omega_ref, tau_load = work_cycle()
-    first = round(COMMANDED / TICK)
+    first = round(COMMAND_TIME / TICK)
     assert omega_ref[first - 1] == 0.0 and omega_ref[first] == 0.5
     assert np.all(tau_load[: 2 * first] == 0.0) and tau_load[-1] == 0.1

@@ -144,8 +144,8 @@ def test_a_part_that_runs_cannot_be_scored_with_is_warned_of(mine: Path):
 
 
 def test_a_slow_part_is_not_waited_for(mine: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.studies.qualify.bench.PATIENCE", 0.05)
-    monkeypatch.setattr("twin.studies.qualify.bench.BLOCK", 5)
+    monkeypatch.setattr("twin.studies.qualify.bench.CALLS_TIME_LIMIT", 0.05)
+    monkeypatch.setattr("twin.studies.qualify.bench.CALLS_PER_BLOCK", 5)
     answer = checked("controller", f"{mine}:Slow")
     assert "the rest would take too long" in detail(answer, "calls")
     assert answer.facts["cost_s"] > 0.002

@@ -12,13 +12,13 @@ from tests.kernel.fmi.amplifier import parts_of_a_drive
 from tests.kernel.fmi.archives import redescribed
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import described
-from twin.kernel.ssp.structure import STRUCTURE
-from twin.robot.assembly.drives import DrivePlan, planned
-from twin.robot.drive.mapping import RolesUnclear, Wiring, bindings
-from twin.robot.experiment.drive_files import lone_drive
+from twin.kernel.ssp.structure import STRUCTURE_FILE
+from twin.robot.assembly.drives import DrivePlan, plan_drive
+from twin.robot.drive.mapping import AmbiguousRoles, Wiring, bindings
+from twin.robot.experiment.drive_files import load_drive
 from twin.studies.qualify.bench import response
-from twin.studies.qualify.proposal import begun, part_names, parts_proposal, proposal, understood
-from twin.studies.qualify.shelf import shelved_drives
+from twin.studies.qualify.drive_list import listed_drives
+from twin.studies.qualify.proposal import interpret_variables, part_names, parts_proposal, proposal, write_mapping
 
 
 def test_an_unambiguous_drive_gets_a_complete_mapping_that_fits(velocity_servo: Path, tmp_path: Path):
@@ -27,7 +27,7 @@ def test_an_unambiguous_drive_gets_a_complete_mapping_that_fits(velocity_servo: 
     text, complete = proposal(described(fmu))
     (tmp_path / "mapping.toml").write_text(text)
     assert complete
-    plan = planned(lone_drive(str(tmp_path), tmp_path))
+    plan = plan_drive(load_drive(str(tmp_path), tmp_path))
     assert [b.name for b in plan.bindings] == ["omega_ref", "tau_load", "theta_m", "omega_m", "tau_motor"]
     assert plan.table.sha256 == plan.parts[""].sha256
 
@@ -53,7 +53,7 @@ def test_a_motor_with_volts_and_two_torques_is_commanded_with_volts(
     good = redescribed(root / "fmus/brushed_dc/brushed_dc.fmu", tmp_path / "volts.fmu", "<ModelVariables>", more)
     named = redescribed(good, tmp_path / "named.fmu", 'name="M_load"', f'name="{loads[0]}"')
     fmu = redescribed(named, tmp_path / "motor.fmu", "Torque the load asks of", "Torque at")
-    command, found, certain = understood("motor.fmu", described(fmu).variables)
+    command, found, certain = interpret_variables("motor.fmu", described(fmu).variables)
     assert (command, found.chosen["command"], certain) == ("voltage", "u_cmd", sure)
     text = parts_proposal({"motor": described(fmu)}, tmp_path)[0]
     assert 'command = "motor.u_cmd"' in text and "u_cmd = " not in text.partition("# Not fed")[2]
@@ -72,7 +72,7 @@ def test_the_file_and_the_sentence_of_a_refusal_propose_the_same(root: Path, dri
     text, _ = proposal(fmu)
     try:
         bound = bindings("a.fmu", fmu.variables, Wiring())
-    except RolesUnclear as unclear:
+    except AmbiguousRoles as unclear:
         said = str(unclear).partition("FMU:\n")[2]
         assert tomllib.loads(said)["drive"].get("command", "velocity") == tomllib.loads(text)["command"]
         choices = dict(re.findall(r'^(\w+) = "(.*)"', said.partition("[drive.inputs]")[2], re.M))
@@ -94,7 +94,7 @@ def test_clocks_texts_and_currents_are_nobodys_angle(velocity_servo: Path, tmp_p
     bad = redescribed(more, tmp_path / "bad.fmu", 'unit="rad"', 'unit="A"')
     text, complete = proposal(described(bad))
     assert not complete and '# theta_m = "?"' in text
-    with pytest.raises(RolesUnclear, match=r'theta_m = "\?"'):
+    with pytest.raises(AmbiguousRoles, match=r'theta_m = "\?"'):
         bindings("bad.fmu", described(bad).variables, Wiring())
 
 
@@ -115,7 +115,7 @@ def test_what_no_variable_can_be_is_said(velocity_servo: Path, tmp_path: Path):
 
 
 def test_the_shelf_tells_what_each_drive_is(root: Path):
-    drives = {shelved.name: shelved for shelved in shelved_drives(root / "experiments")}
+    drives = {shelved.name: shelved for shelved in listed_drives(root / "experiments")}
     servo = drives["velocity_servo"]
     assert (servo.kind, servo.command, servo.fmi, servo.problem) == ("servo", "velocity", "2.0", "")
     assert servo.description.startswith("Velocity servo: first-order lag")
@@ -127,15 +127,15 @@ def test_a_drive_that_does_not_fit_is_listed_with_its_reason(velocity_servo: Pat
     folder = tmp_path / "fmus" / "odd"
     folder.mkdir(parents=True)
     redescribed(velocity_servo, folder / "odd.fmu", 'causality="input"', 'causality="parameter"')
-    (odd,) = shelved_drives(tmp_path)
+    (odd,) = listed_drives(tmp_path)
     assert odd.kind == "" and "omega_ref" in odd.problem
 
 
 def test_a_folder_without_a_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("twin.robot.places.HOME", tmp_path)
+    monkeypatch.setattr("twin.robot.paths.PROJECT_FOLDER", tmp_path)
     with pytest.raises(InputRefused, match="no such folder"):
-        shelved_drives(tmp_path)
+        listed_drives(tmp_path)
 
 
 EXAMPLE = re.findall(
@@ -167,7 +167,7 @@ def archive(shop: Path, file: Path, connections: list[str], head: str = "", fmus
     lines = "".join(c if c.startswith("<") else f"<ssd:Connection {c}/>" for c in connections)
     with zipfile.ZipFile(file, "w") as target:
         target.writestr(
-            STRUCTURE,
+            STRUCTURE_FILE,
             f'<?xml version="1.0"?>{head}<ssd:SystemStructureDescription {NAMESPACE} name="x" version="1.0">'
             f'<ssd:System name="drive"><ssd:Elements>{elements}</ssd:Elements>'
             f"<ssd:Connections>{lines}</ssd:Connections></ssd:System></ssd:SystemStructureDescription>",
@@ -178,7 +178,7 @@ def archive(shop: Path, file: Path, connections: list[str], head: str = "", fmus
 
 
 def plan_of(mapping: Path, **changes: object) -> DrivePlan:
-    return planned(lone_drive(str(mapping), mapping.parent).model_copy(update=changes))
+    return plan_drive(load_drive(str(mapping), mapping.parent).model_copy(update=changes))
 
 
 def with_gains(mapping: Path) -> Path:
@@ -203,7 +203,9 @@ def test_names_and_units_wire_an_amplifier_to_its_motor_and_leave_the_gains(part
 
 
 def test_a_wire_that_might_be_two_stands_as_comments(parts: Path, root: Path):
-    mapping, complete = begun([str(parts / "amplifier.fmu"), str(root / "fmus/modelica_dc/modelica_dc.fmu")], parts)
+    mapping, complete = write_mapping(
+        [str(parts / "amplifier.fmu"), str(root / "fmus/modelica_dc/modelica_dc.fmu")], parts
+    )
     text = mapping.read_text()
     assert not complete and "wires" in tomllib.loads(text) and not tomllib.loads(text)["wires"]
     assert '# "modelica_dc.v_a" = "amplifier.u_out"   # [V] <- [V], perhaps' in text
@@ -217,7 +219,7 @@ def test_the_wires_of_an_ssp_are_those_of_its_structure(shop: Path, tmp_path: Pa
     )
     lost = 'startElement="power stage" startConnector="nothing" endElement="motor" endConnector="v_bus"'
     ssp = archive(shop, tmp_path / "servo.ssp", [OUTSIDE, WIRE, WIRE, lost, scaled])
-    mapping, complete = begun([str(ssp)], tmp_path)
+    mapping, complete = write_mapping([str(ssp)], tmp_path)
     text = mapping.read_text()
     assert not complete and {file.name for file in (tmp_path / "servo").iterdir()} == {
         "power_stage.fmu", "motor.fmu", "mapping.toml",
@@ -245,7 +247,7 @@ def test_a_structure_that_cannot_be_trusted_or_used_is_refused(
     shop: Path, tmp_path: Path, head: str, fmus: object, sentence: str
 ):
     with pytest.raises(InputRefused) as refused:
-        begun([str(archive(shop, tmp_path / "bad.ssp", [WIRE], head, fmus))], tmp_path)
+        write_mapping([str(archive(shop, tmp_path / "bad.ssp", [WIRE], head, fmus))], tmp_path)
     assert str(refused.value).startswith(f"{tmp_path / 'bad.ssp'}: ") and sentence in str(refused.value)
 
 

@@ -7,9 +7,16 @@ import pytest
 
 from tests.kernel.fmi.archives import carrying
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import LIMIT
+from twin.kernel.files import MAX_TEXT_BYTES
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.studies.reference.outcome import HOME, MANIFEST, MOST_RELATED, carried, parameters_of, series_of
+from twin.studies.reference.outcome import (
+    MANIFEST_FILE,
+    MANIFEST_FOLDER,
+    MAX_RELATED_FILES,
+    parameters_of,
+    reference_files,
+    series_of,
+)
 
 NAMED = (
     'xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref" '
@@ -45,17 +52,21 @@ def real(name: str, value: str, unit: str = "") -> str:
 
 
 def test_an_fmu_without_a_manifest_carries_nothing(file: Path, tmp_path: Path):
-    found = carried(carrying(file, tmp_path / "a.fmu", {}))
+    found = reference_files(carrying(file, tmp_path / "a.fmu", {}))
     assert found.trials == () and found.unread == ()
 
 
 def test_results_have_the_inputs_of_the_same_name(file: Path, tmp_path: Path):
     """Reference-FMUs call results NAME_out.csv."""
-    entries: dict[str, str | bytes] = {f"{HOME}/a b_in.csv": "", f"{HOME}/a b_out.csv": "", f"{HOME}/c_ref.csv": ""}
-    first, second = carried(
-        carrying(file, tmp_path / "a.fmu", {MANIFEST: manifest("a%20b_out.csv", "c_ref.csv"), **entries})
+    entries: dict[str, str | bytes] = {
+        f"{MANIFEST_FOLDER}/a b_in.csv": "",
+        f"{MANIFEST_FOLDER}/a b_out.csv": "",
+        f"{MANIFEST_FOLDER}/c_ref.csv": "",
+    }
+    first, second = reference_files(
+        carrying(file, tmp_path / "a.fmu", {MANIFEST_FILE: manifest("a%20b_out.csv", "c_ref.csv"), **entries})
     ).trials
-    assert (first.results, first.stimuli) == (f"{HOME}/a b_out.csv", f"{HOME}/a b_in.csv")
+    assert (first.results, first.stimuli) == (f"{MANIFEST_FOLDER}/a b_out.csv", f"{MANIFEST_FOLDER}/a b_in.csv")
     assert (second.name, second.stimuli, second.parameters) == ("c_ref.csv", "", "")
 
 
@@ -66,7 +77,7 @@ def test_a_source_is_a_file_of_the_fmu_or_none(file: Path, tmp_path: Path):
         "/modelDescription.xml", "file:///etc/passwd", "http://example.org/modelDescription.xml",
         "..%2F..%2F..%2Fetc%2Fpasswd", "C:/x", "..", "",
     ]  # fmt: skip
-    found = carried(carrying(file, tmp_path / "a.fmu", {MANIFEST: manifest(*inside, *outside)}))
+    found = reference_files(carrying(file, tmp_path / "a.fmu", {MANIFEST_FILE: manifest(*inside, *outside)}))
     assert len(found.trials) == len(inside)
     assert [name for name, why in found.unread if why.startswith("not in the FMU")] == outside
 
@@ -76,16 +87,16 @@ def test_a_source_is_a_file_of_the_fmu_or_none(file: Path, tmp_path: Path):
     [
         ("<fmiReferences/>", "expected <fmiReferences> of 'org.fmi-standard.fmi-ls-ref'"),
         (manifest("x").replace("fmiReferences", "other"), "<other>"),
-        (manifest(*["x"] * (MOST_RELATED + 1)), f"expected at most {MOST_RELATED}"),
+        (manifest(*["x"] * (MAX_RELATED_FILES + 1)), f"expected at most {MAX_RELATED_FILES}"),
         (f'<!DOCTYPE x [<!ENTITY y SYSTEM "/etc/passwd">]>{manifest("&y;")}', "DOCTYPE"),
         ("not XML", "not valid XML"),
-        (" " * (LIMIT + 1), "expected at most 10 MB"),
+        (" " * (MAX_TEXT_BYTES + 1), "expected at most 10 MB"),
     ],
 )
 def test_a_manifest_that_is_none_is_refused_in_a_sentence(file: Path, tmp_path: Path, text: str, told: str):
-    bad = carrying(file, tmp_path / "a.fmu", {MANIFEST: text})
-    with pytest.raises(InputRefused, match=MANIFEST) as refused:
-        carried(bad)
+    bad = carrying(file, tmp_path / "a.fmu", {MANIFEST_FILE: text})
+    with pytest.raises(InputRefused, match=MANIFEST_FILE) as refused:
+        reference_files(bad)
     assert told in str(refused.value) and "\n" not in str(refused.value)
 
 
@@ -114,14 +125,14 @@ def test_names_and_values_that_the_fmu_does_not_know_are_refused(servo: FmuDescr
 def test_a_signal_is_held_or_on_lines_and_a_repeated_time_is_a_jump():
     found = series_of(b'"time","a.b"\n0,0\n1,2\n1,5\n2,5\n', "x")
     t = np.array([-1.0, 0.0, 0.5, 1.0, 1.5, 9.0])
-    assert found.linear("a.b", t).tolist() == [0.0, 0.0, 1.0, 5.0, 5.0, 5.0]
-    assert found.held("a.b", t).tolist() == [0.0, 0.0, 0.0, 5.0, 5.0, 5.0]
+    assert found.interpolate_at("a.b", t).tolist() == [0.0, 0.0, 1.0, 5.0, 5.0, 5.0]
+    assert found.hold_at("a.b", t).tolist() == [0.0, 0.0, 0.0, 5.0, 5.0, 5.0]
 
 
 def test_a_time_that_rounding_puts_below_a_row_sees_that_row():
     found = series_of(b"time,a\n0,0\n0.3,1\n0.6,2\n", "x")
-    assert found.held("a", 0.1 * np.array([3, 6]))[0] == 1.0 and 0.1 * 3 != 0.3
-    assert found.held("a", np.array([np.nextafter(0.3, 0.0)])).tolist() == [1.0]
+    assert found.hold_at("a", 0.1 * np.array([3, 6]))[0] == 1.0 and 0.1 * 3 != 0.3
+    assert found.hold_at("a", np.array([np.nextafter(0.3, 0.0)])).tolist() == [1.0]
 
 
 def test_truth_values_are_numbers_and_words_are_left_out():

@@ -8,15 +8,15 @@ from tests.kernel.fmi.archives import carrying, redescribed
 from tests.kernel.fmi.faulty import faulty_drive
 from tests.studies.reference.test_carried import NAMED, real, ssv
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import LIMIT
-from twin.robot.experiment.drive_files import lone_drive
+from twin.kernel.files import MAX_TEXT_BYTES
+from twin.robot.experiment.drive_files import load_drive
 from twin.studies.reference.outcome import (
-    HOME,
-    MANIFEST,
-    MOST_STEPS,
+    MANIFEST_FILE,
+    MANIFEST_FOLDER,
+    MAX_STEPS,
     ReferenceOutcome,
     References,
-    came_with,
+    drive_references,
     references,
     references_text,
 )
@@ -41,9 +41,11 @@ def servo(root: Path) -> Path:
 def found(servo: Path, folder: Path, listed: str = LISTED, /, **changed: str | None) -> References:
     """What comes of `FILES`, some of them changed or left out (None), keys with _ for the last dot."""
     files = FILES | {f"{name[:-4]}.{name[-3:]}": content for name, content in changed.items()}
-    entries: dict[str, str | bytes] = {f"{HOME}/{name}": text for name, text in files.items() if text is not None}
+    entries: dict[str, str | bytes] = {
+        f"{MANIFEST_FOLDER}/{name}": text for name, text in files.items() if text is not None
+    }
     manifest = f"<fmiReferences {NAMED}>{listed}</fmiReferences>"
-    done = references(carrying(servo, folder / "a.fmu", {MANIFEST: manifest, **entries}), apart=False)
+    done = references(carrying(servo, folder / "a.fmu", {MANIFEST_FILE: manifest, **entries}), apart=False)
     assert done is not None
     return done
 
@@ -83,7 +85,7 @@ def test_other_results_parameters_or_inputs_differ(servo: Path, tmp_path: Path, 
         ({"p_ssv": ssv(real("drop", "1")).decode()}, "did you mean 'droop'?"),
         ({"a_in_csv": FILES["a_in.csv"].replace("tau_load", "tau")}, "column 'tau' is no input of numbers"),
         ({"a_in_csv": "time,omega_ref\n0,nan\n1,1\n"}, "omega_ref is 'nan'"),
-        ({"a_in_csv": " " * (LIMIT + 1)}, "expected at most 10 MB"),
+        ({"a_in_csv": " " * (MAX_TEXT_BYTES + 1)}, "expected at most 10 MB"),
         ({"a_ref_csv": "time,omega_m\n0,0\n1,x\n"}, "omega_m is 'x'"),
     ],
 )
@@ -107,7 +109,7 @@ def test_what_is_in_no_form_that_is_read_is_named(servo: Path, tmp_path: Path):
     listed = '<Related source="e.exp" role="model"/><Related source="t.x" role="experiment/validation"/>'
     listed += '<Related source="a_in.csv" role="experiment" type="application/x-other"/>'
     done = found(servo, tmp_path, listed)
-    assert dict(done.carried.unread).keys() == {"t.x", "a_in.csv"} and not done.outcomes and done.holds
+    assert dict(done.reference_files.unread).keys() == {"t.x", "a_in.csv"} and not done.outcomes and done.holds
 
 
 def test_files_of_the_cross_check_beside_an_fmu_are_run(servo: Path, tmp_path: Path):
@@ -126,7 +128,7 @@ def test_the_default_experiment_says_how_long_a_run_is(servo: Path, tmp_path: Pa
     for times, told in (
         ('stopTime="0.5" stepSize="0.002"', "250 steps of 0.002 s"),
         ('startTime="0.0"', "500 steps of 0.0008 s"),
-        ('stopTime="1e9" stepSize="0.001"', f"expected 1 to {MOST_STEPS} of them"),
+        ('stopTime="1e9" stepSize="0.001"', f"expected 1 to {MAX_STEPS} of them"),
         ('stopTime="1" stepSize="2"', "steps of 2 s"),
         ('startTime="1" stopTime="2"', "starts at 1 s; expected 0 s"),
     ):
@@ -142,7 +144,7 @@ def test_an_fmu_that_is_no_drive_is_run_and_one_that_is_not_the_pinned_one_is_no
     assert done.outcomes[0].word == "agrees"
     (tmp_path / "mapping.toml").write_text(f'fmu = "a.fmu"\nsha256 = "{"0" * 64}"\n')
     with pytest.raises(InputRefused, match="sha256"):
-        came_with(lone_drive(str(tmp_path / "mapping.toml"), tmp_path), apart=False)
+        drive_references(load_drive(str(tmp_path / "mapping.toml"), tmp_path), apart=False)
 
 
 def test_an_fmu_that_goes_wrong_fails_where_its_results_go_on(root: Path, tmp_path: Path):

@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory, mkdtemp
 
 import numpy as np
 
-from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.logs.reader import recording_log
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
-from twin.studies.replay.model import RobotModel, loaded_model
-from twin.studies.replay.replay import Replay, replayed
+from twin.studies.replay.model import RobotModel, load_model
+from twin.studies.replay.replay import Replay, replay_log
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
 FIG4 = "fig4_force_position"
@@ -33,12 +33,12 @@ def ran(name: str, *settings: str) -> Recording:
 
 def healthy(name: str = FIG4) -> RobotModel:
     """The twin of the robot as it was built."""
-    return loaded_model(EXPERIMENTS / f"{name}.toml", SCALE)
+    return load_model(EXPERIMENTS / f"{name}.toml", SCALE)
 
 
 def judged(name: str, *settings: str, plant: bool = True) -> Replay:
     """A run with `settings` put through the twin of the robot without them."""
-    return replayed(recorded(ran(name, *settings)), healthy(name), plant)
+    return replay_log(recording_log(ran(name, *settings)), healthy(name), plant)
 
 
 def softened(joints: Sequence[int], onset: float, factor: float = 0.9) -> str:

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from twin.studies.replay.replay import Drift, _sum, correlation_time, drift, residual, statistics
+from twin.studies.replay.drift import Drift, _sum, correlation_time, drift
+from twin.studies.replay.residual import residual, statistics
 
 PERIOD = 0.01
 T = np.arange(0.0, 60.0, PERIOD)

@@ -6,7 +6,7 @@ import pytest
 
 from tests.studies.replay.logs import FIG4, ran, write_log
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
 from twin.studies.replay.map_proposal import propose
 
@@ -70,6 +70,6 @@ def test_without_angles_and_force_it_says_what_is_missing(tmp_path: Path):
 
 def test_a_map_that_is_there_is_not_touched(tmp_path: Path):
     (tmp_path / "robot.map.toml").write_text("mine")
-    with pytest.raises(LogRefused, match="is there already and is not touched"):
+    with pytest.raises(LogError, match="is there already and is not touched"):
         proposed(tmp_path, "t_s,x\n0,1\n1,2\n")
     assert (tmp_path / "robot.map.toml").read_text() == "mine"

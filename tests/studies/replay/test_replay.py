@@ -10,12 +10,13 @@ import pytest
 from tests.studies.replay.logs import ANGLES, FIG4, NOISE, drifting, healthy, judged, ran, softened, write_log
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.recording.logs.reader import read_log, recorded
+from twin.kernel.recording.logs.log import LogError
+from twin.kernel.recording.logs.reader import read_log, recording_log
 from twin.kernel.recording.reader import read
 from twin.studies.replay.model import recorded_model
-from twin.studies.replay.replay import _indicator, normal_time, replayed, robot_log
-from twin.studies.replay.text import record
+from twin.studies.replay.recording import record
+from twin.studies.replay.replay import _indicator, normal_time, replay_log
+from twin.studies.replay.samples import robot_samples
 
 
 def test_a_time_is_the_beginning_and_two_times_leave_out_what_is_before():
@@ -49,7 +50,7 @@ def text(tmp_path_factory: pytest.TempPathFactory) -> str:
 def refused(path: Path, text: str, *maps: str) -> str:
     path.write_text(text)
     with pytest.raises(InputRefused) as problem:
-        replayed(read_log(path, column_map(maps)), healthy())
+        replay_log(read_log(path, column_map(maps)), healthy())
     sentence = str(problem.value)
     assert sentence.startswith(str(path))
     assert "\n" not in sentence
@@ -110,7 +111,7 @@ def test_files_that_are_no_logs_are_one_sentence(tmp_path: Path, content: bytes,
     path = tmp_path / "log.bin"
     path.write_bytes(content)
     with pytest.raises(InputRefused) as problem:
-        replayed(read_log(path, {}), healthy())
+        replay_log(read_log(path, {}), healthy())
     assert str(problem.value).startswith(str(path))
     assert "\n" not in str(problem.value)
 
@@ -128,7 +129,7 @@ def test_a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes_and_says_so(
     content = ran(FIG4).path.read_bytes()
     path = tmp_path / "run.mcap"
     path.write_bytes(content[: len(content) // 2])
-    replay = replayed(read_log(path, {}), healthy())
+    replay = replay_log(read_log(path, {}), healthy())
     assert "unfinished recording" in replay.log.notes[0]
     assert 5.0 < replay.log.t[-1] < 15.0
 
@@ -140,20 +141,20 @@ ALL_SOFT = softened((1, 2, 3), 10.0)
 @pytest.mark.parametrize("name", [FIG4, "tapping"])
 def test_a_run_put_through_its_own_estimator_gives_its_estimates_bit_for_bit(name: str):
     run = ran(name)
-    replay = replayed(recorded(run), recorded_model(run.metadata, run.path))
+    replay = replay_log(recording_log(run), recorded_model(run.metadata, run.path))
     for port in ("theta_m", "theta_l", "p_B", "J", "tau_l", "F_ee_B"):
         assert replay.estimator[port].tobytes() == run[f"estimator.{port}"].tobytes(), port
 
 
 def test_estimates_of_a_run_with_faulty_encoders_are_those_of_what_the_computer_received():
     run = ran("pressing", drifting(4.0))
-    replay = replayed(recorded(run), recorded_model(run.metadata, run.path))
+    replay = replay_log(recording_log(run), recorded_model(run.metadata, run.path))
     np.testing.assert_array_equal(replay.estimator["F_ee_B"], run["estimator.F_ee_B"])
 
 
 def test_a_log_of_angles_gives_the_estimates_of_its_counts(tmp_path: Path):
     log = read_log(write_log(tmp_path / "q.csv", ran(FIG4), angles=True), column_map([*ANGLES, "scale.F_z=scale.F_z"]))
-    replay = replayed(log, healthy())
+    replay = replay_log(log, healthy())
     # degrees and back: 1e-15 rad in 1 rad, times 40 N/rad
     np.testing.assert_allclose(replay.estimator["F_ee_B"], ran(FIG4)["estimator.F_ee_B"], rtol=0, atol=1e-12)
 
@@ -220,7 +221,7 @@ def test_without_measured_force_and_plant_model_a_wrong_k_s_cannot_be_seen_and_n
     run = ran(FIG4, "plant.k_s_Nm_per_rad=0.9")
     names = [f"encoder.{name}[{i}]" for name in ("count_m", "count_l") for i in range(3)]
     log = read_log(write_log(tmp_path / "log.csv", run), column_map([f"{name}={name}" for name in names]))
-    replay = replayed(log, healthy())
+    replay = replay_log(log, healthy())
     assert replay.indicators == ()
     assert replay.forces == {}
 
@@ -229,9 +230,9 @@ def test_lost_samples_cost_no_others_and_are_told(tmp_path: Path):
     run = ran(FIG4)
     keep = np.ones(len(run.time("encoder")), dtype=bool)
     keep[1000:1010] = keep[4000:4500] = False
-    replay = replayed(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy(), plant=True)
+    replay = replay_log(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy(), plant=True)
     np.testing.assert_array_equal(replay.estimator["F_ee_B"], run["estimator.F_ee_B"][keep])
-    assert replay.log.missing == 510
+    assert replay.log.sampling.missing == 510
     # 20 ms are bridged, after 1 s the plant model starts anew
     assert replay.starts == (0.0, 9.0)
     assert replay.first_alarm is None
@@ -239,20 +240,20 @@ def test_lost_samples_cost_no_others_and_are_told(tmp_path: Path):
 
 def test_a_replay_is_a_recording_that_can_be_replayed(tmp_path: Path):
     run = ran(FIG4)
-    replay = replayed(recorded(run), recorded_model(run.metadata, run.path), plant=True)
+    replay = replay_log(recording_log(run), recorded_model(run.metadata, run.path), plant=True)
     first, second = (record(replay, tmp_path / f"{name}.mcap") for name in "ab")
     assert first.read_bytes() == second.read_bytes()
     again = read(first)
     np.testing.assert_array_equal(again["estimator.F_ee_B"], run["estimator.F_ee_B"])
     np.testing.assert_array_equal(again.time("estimator"), run.time("estimator"))
-    once_more = replayed(recorded(again), recorded_model(again.metadata, again.path), plant=True)
+    once_more = replay_log(recording_log(again), recorded_model(again.metadata, again.path), plant=True)
     np.testing.assert_array_equal(once_more.estimator["F_ee_B"], run["estimator.F_ee_B"])
 
 
 def test_a_log_whose_clock_is_uneven_is_recorded_sample_by_sample(tmp_path: Path):
     run = ran("pressing")
     keep = np.random.default_rng(0).random(len(run.time("encoder"))) > 0.2
-    replay = replayed(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy("pressing"))
+    replay = replay_log(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy("pressing"))
     again = read(record(replay, tmp_path / "run.mcap"))
     np.testing.assert_array_equal(again.time("estimator"), run.time("encoder")[keep])
 
@@ -267,7 +268,7 @@ def test_a_log_whose_clock_is_uneven_is_recorded_sample_by_sample(tmp_path: Path
 )
 def test_what_cannot_be_judged_is_refused_with_the_remedy(arguments: dict[str, float], said: str):
     with pytest.raises(InputRefused, match=said):
-        replayed(recorded(ran(FIG4)), healthy(), **arguments)  # type: ignore[arg-type]
+        replay_log(recording_log(ran(FIG4)), healthy(), **arguments)  # type: ignore[arg-type]
 
 
 def with_invalid(text: str, columns: Sequence[int], rows: Sequence[int], cell: str) -> str:
@@ -287,14 +288,14 @@ def test_up_to_5_percent_of_invalid_counts_are_left_out_and_more_are_refused(
     few = range(100, 100 + count // 20)
     path = tmp_path / "a.csv"
     path.write_text(with_invalid(text, columns, few, cell))
-    log = robot_log(read_log(path), healthy().belief)
+    log = robot_samples(read_log(path), healthy().belief)
     assert len(log.t) == count - len(few)
     assert any(f"{len(few)} of {count} samples are not a number" in note for note in log.notes)
     said = refused(path, with_invalid(text, columns, range(100, 102 + count // 20), cell))
     assert f"{count // 20 + 2} of {count} samples of an encoder are NaN, null or infinite" in said
     # a sound part of it is read
     sound = read_log(path, part=(10.0, None))
-    assert len(robot_log(sound, healthy().belief).t) == count // 2 + 1
+    assert len(robot_samples(sound, healthy().belief).t) == count // 2 + 1
 
 
 @pytest.mark.parametrize("seconds", [40e-6, -40e-6, 0.9e-3])
@@ -307,8 +308,8 @@ def test_joints_that_are_stamped_a_little_apart_from_the_motors_belong_to_them(
         name: replace(one, t=one.t + seconds * ("count_l" in name) + 1.0 * (seconds < 0))
         for name, one in log.series.items()
     }
-    whole, found = (robot_log(one, healthy().belief) for one in (log, replace(log, series=apart)))
-    assert np.array_equal(found.count_m, whole.count_m) and np.array_equal(found.count_l, whole.count_l)
+    whole, found = (robot_samples(one, healthy().belief) for one in (log, replace(log, series=apart)))
+    assert np.array_equal(found.counts, whole.counts)
     half = {name: replace(one, t=one.t + 50.0 * ("count_l" in name)) for name, one in log.series.items()}
-    with pytest.raises(LogRefused, match="motor and joint encoders have different times"):
-        robot_log(replace(log, series=half), healthy().belief)
+    with pytest.raises(LogError, match="motor and joint encoders have different times"):
+        robot_samples(replace(log, series=half), healthy().belief)

@@ -15,9 +15,9 @@ import pytest
 from tests.command_line import Done, twin
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.reader import last_time, origin, read
+from twin.kernel.recording.reader import last_time, read, read_metadata
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.results.stored import ExperimentsNow, StoredRun, describe_differences, doomed_runs, stored_runs
+from twin.studies.results.stored import CurrentExperiments, StoredRun, describe_differences, removable_runs, stored_runs
 
 SHORT = ("--set", "duration_s=0.01")
 
@@ -104,7 +104,7 @@ def test_the_printed_commands_repeat_a_run_of_ones_own_files_byte_for_byte(own: 
 
 def test_a_recording_has_no_path_of_the_drive_that_was_typed(own: tuple[Path, list[str]]):
     recording = recording_in(own[0] / "results/press here")
-    metadata = origin(recording)
+    metadata = read_metadata(recording)
     drive = json.loads(metadata.pop("experiment")["values"])["drive"]
     told_of = json.dumps([drive, metadata])
     assert "dc motor.fmu" in told_of and "my lab's" not in told_of
@@ -112,7 +112,7 @@ def test_a_recording_has_no_path_of_the_drive_that_was_typed(own: tuple[Path, li
 
 @pytest.mark.parametrize("typed", [["mine", "--out", "/elsewhere"], ["--help"], ["mine", "--set"], [3], "mine", []])
 def test_a_forged_summary_adds_no_other_option_to_the_command(home: Path, typed: Any):
-    (run,) = [run for run in stored_runs(home / "results") if run.typed]
+    (run,) = [run for run in stored_runs(home / "results") if run.start_options]
     told_of = StoredRun(run.folder, run.recording, True)
     told_of.__dict__["summary"] = {"typed": typed}
     assert told_of.words == ["mine", "--drive", "pmsm_foc", "--set", "seed=3"]
@@ -125,7 +125,7 @@ def test_a_run_with_a_name_of_its_own_is_listed_with_its_experiment_and_never_go
     assert [line.split()[0] for line in lines if "never touched" in line][-1] == "a_name"
     assert lines.index("      twin run mine --set seed=7") > lines.index("mine")
     assert lines[-1] == "also there: pictures 1.0 kB"
-    assert [run.named for run in doomed_runs(copied / "results", [], 0)] == [False] * 3
+    assert [run.has_user_name for run in removable_runs(copied / "results", [], 0)] == [False] * 3
 
 
 def test_a_run_whose_experiment_is_gone_is_listed_and_says_so(copied: Path):
@@ -164,7 +164,7 @@ def test_pruning_keeps_the_run_that_latest_means_even_if_a_newer_one_is_there(co
     oldest = stored_runs(copied / "results")[-1].folder.name
     latest.unlink()
     latest.symlink_to(oldest)
-    assert oldest not in [run.folder.name for run in doomed_runs(copied / "results", (), 1)]
+    assert oldest not in [run.folder.name for run in removable_runs(copied / "results", (), 1)]
     assert told("--prune", "--yes", "--keep", "0", cwd=copied).returncode == 0
     assert not (copied / "results/mine").exists()
 
@@ -203,7 +203,7 @@ def test_what_twin_did_not_write_stays_in_the_folder_of_a_run_that_goes_and_is_s
 def forged(recording: Path, found: dict[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> str:
     """Why a run whose recording says `found` is not compared with its file."""
     monkeypatch.setattr("twin.studies.results.stored.origin", lambda path: found)
-    return describe_differences(StoredRun(recording.parent, recording, True), ExperimentsNow())[1]
+    return describe_differences(StoredRun(recording.parent, recording, True), CurrentExperiments())[1]
 
 
 @pytest.mark.parametrize("name", ["{elsewhere}/secret.toml", "../elsewhere/secret.toml", "secret.toml", "plain"])
@@ -216,7 +216,7 @@ def test_of_what_a_recording_calls_its_experiment_only_a_name_is_looked_up(
             (tmp_path / folder / file).write_text("a secret")
     monkeypatch.chdir(tmp_path / "here")
     recording = recording_in(home / "results/mine")
-    found = origin(recording)
+    found = read_metadata(recording)
     found["experiment"]["name"] = name.format(elsewhere=tmp_path / "elsewhere")
     why = forged(recording, found, monkeypatch)
     assert "not a valid name" in why and "TOML" not in why
@@ -229,7 +229,7 @@ def test_files_that_a_recording_names_by_a_path_are_not_opened(
     secret = tmp_path / f"secret.{'toml' if key == 'body' else 'fmu'}"
     secret.write_text("a secret")
     recording = recording_in(home / "results/mine")
-    found = origin(recording)
+    found = read_metadata(recording)
     values = json.loads(found["experiment"]["values"])
     values.setdefault(table, {})[key] = f"{secret}:Law" if key == "python" else str(secret)
     found["experiment"]["values"] = json.dumps(values)
@@ -287,4 +287,4 @@ def test_replay_names_the_run_as_it_was_typed(own: tuple[Path, list[str]]):
 
 def test_what_is_read_without_samples_is_what_is_read_with_them(home: Path):
     recording = recording_in(home / "results/mine")
-    assert origin(recording) == read(recording).metadata
+    assert read_metadata(recording) == read(recording).metadata

@@ -32,7 +32,7 @@ def test_the_shipped_table_has_limits_causes_and_evidence(root: Path):
     table = read_hazards(root / "experiments" / "safety" / "massage.toml")
     assert [hazard.table.id for hazard in table.hazards] == [f"H{n}" for n in range(1, 9)]
     assert all(hazard.evidence.bodies for hazard in table.hazards)
-    assert sum(threshold.published for threshold in table.thresholds) >= 2 and table.sensitivity is not None
+    assert sum(threshold.has_publication for threshold in table.thresholds) >= 2 and table.sensitivity is not None
     after_a_trip = [hazard.table.id for hazard in table.hazards for cause in hazard.causes if cause.ordered]
     assert after_a_trip == [*(f"H{n}" for n in range(1, 6)), "H6", "H6", "H6", "H7"]
     assert all(threshold.source for threshold in table.thresholds)

@@ -18,13 +18,14 @@ from twin.kernel.errors import InputRefused, SafetyTrip
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace
-from twin.studies.command import silent
-from twin.studies.faults.together import DELAYS
-from twin.studies.safety.changes import old_lines, worse
-from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, HazardRobot, interval, robot_of
+from twin.studies.command import ignore_progress
+from twin.studies.faults.stage import Stage, load_stage
+from twin.studies.faults.together import SECOND_DELAYS
+from twin.studies.safety.changes import old_lines, regressions
+from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import read_hazards
-from twin.studies.safety.lines import drawn
-from twin.studies.safety.study import safety, written_page
+from twin.studies.safety.lines import draw_runs
+from twin.studies.safety.study import safety, write_page
 from twin.studies.safety.text import failures, lines_table
 
 EXPERIMENT = "experiments/pressing.toml"
@@ -59,7 +60,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def lines(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[HazardLine], Path]:
     folder = tmp_path_factory.mktemp("page")
-    return written_page(read_hazards(table), (), folder, False, silent)[0], folder
+    return write_page(read_hazards(table), (), folder, False, ignore_progress)[0], folder
 
 
 def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
@@ -113,7 +114,7 @@ def test_coverage_is_that_of_an_independent_count(lines):
 def test_intervals_are_those_of_clopper_and_pearson(share: tuple[int, int]):
     """By the quantiles of the beta distribution."""
     seen, made = share
-    less = 0.5 * (1.0 - CONFIDENCE)
+    less = 0.5 * (1.0 - CONFIDENCE_LEVEL)
     low = 0.0 if seen == 0 else beta.ppf(less, seen, made - seen + 1)
     high = 1.0 if seen == made else beta.ppf(1.0 - less, seen + 1, made - seen)
     assert interval(share) == pytest.approx((low, high))
@@ -124,12 +125,12 @@ def test_draws_are_of_the_seed_and_within_what_the_table_says(table: Path, lines
     (hazard,) = read_hazards(table).hazards
 
     @cache
-    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
-        return robot_of(Path(EXPERIMENT), (), body, point)
+    def robots(body: str, point: tuple[float, float]) -> Stage:
+        return load_stage(Path(EXPERIMENT), (), body, point, share=False)
 
     def made(seed: int) -> list[tuple]:
         evidence = hazard.evidence.model_copy(update={"seed": seed, "draws": 3})
-        return [(run.settings, run.tables) for run, _ in drawn(replace(hazard, evidence=evidence), robots)]
+        return [(run.settings, run.tables) for run, _ in draw_runs(replace(hazard, evidence=evidence), robots)]
 
     assert made(0) == [(run.settings, run.tables) for run in line.runs if run.found == "draw"][:3]
     assert made(1) != made(0)
@@ -148,14 +149,14 @@ def test_a_second_fault_is_tried_at_every_delay_and_speed_after_the_trip_of_the_
         " }]", " } }]"
     )
     file.write_text(HEAD + then + EVIDENCE.replace("search = 0", "search = 12\ndraws = 12"))
-    (line,), _ = written_page(read_hazards(file), (), tmp_path, True, silent)
-    assert not line.failed
+    (line,), _ = write_page(read_hazards(file), (), tmp_path, True, ignore_progress)
+    assert not line.failed_runs
     delays = []
     for run in line.runs:
         if run.found == "grid":
             assert run.watched is not None and run.watched.seen is not None
             delays.append(round(run.tables[1]["onset_s"] - run.tables[0]["onset_s"] - run.watched.seen, 3))
-    assert set(delays) == set(DELAYS)
+    assert set(delays) == set(SECOND_DELAYS)
     for found in ("search", "draw"):
         tables = [run.tables for run in line.runs if run.found == found]
         speeds = [abs(second["magnitude_rad_per_s"]) for _, second in tables]
@@ -171,17 +172,17 @@ def test_a_place_where_the_robot_cannot_be_is_drawn_again_and_one_where_it_trips
     hazard = replace(hazard, evidence=evidence)
     asked_for: list[tuple[float, float]] = []
 
-    def robots(body: str, point: tuple[float, float], trips: bool = False) -> HazardRobot:
+    def robots(body: str, point: tuple[float, float], trips: bool = False) -> Stage:
         asked_for.append(point)
         if trips and point != (0.0, 0.0):
             raise SafetyTrip("without any fault: FORCE")
         # beyond 10 mm from the axis it is refused
-        return robot_of(Path(EXPERIMENT), ("monitor.workspace_radius_mm=10",), body, point)
+        return load_stage(Path(EXPERIMENT), ("monitor.workspace_radius_mm=10",), body, point, share=False)
 
-    found = [run for run, _ in drawn(hazard, robots)]
+    found = [run for run, _ in draw_runs(hazard, robots)]
     assert len(found) == 2 and all(run.watched for run in found)
     assert any(math.hypot(*point) > 0.01 for point in asked_for)
-    failed = [run for run, _ in drawn(hazard, partial(robots, trips=True))]
+    failed = [run for run, _ in draw_runs(hazard, partial(robots, trips=True))]
     assert [run.failure for run in failed] == ["without any fault: FORCE"] * 2
 
 
@@ -227,20 +228,20 @@ def test_the_command_of_the_worst_run_makes_it_again(lines):
 
 
 def test_a_point_moves_the_first_task_in_millimetres():
-    robot = robot_of(Path(EXPERIMENT), (), "scale", (0.0, 0.02))
+    robot = load_stage(Path(EXPERIMENT), (), "scale", (0.0, 0.02))
     assert robot.experiment.tasks[0].point == pytest.approx((0.0, 0.02))
 
 
 def facts(lines: Sequence[HazardLine]) -> dict:
-    return {line.hazard.table.id: line.facts() for line in lines}
+    return {line.hazard.table.id: line.to_dict() for line in lines}
 
 
 def test_only_what_got_worse_is_named(lines):
     (line,), _ = lines
     old = facts([line])
-    assert list(worse(old, [line.facts()])) == []
+    assert list(regressions(old, [line.facts()])) == []
     better = {**line.facts(), "peak_N": 0.5 * line.facts()["peak_N"]}
-    assert list(worse(old, [better])) == []
+    assert list(regressions(old, [better])) == []
     changes = {
         "status": ("exceeded", "H1: exceeded, was kept"),
         "detected": (line.facts()["detected"] - 1, "seen, were"),
@@ -248,15 +249,15 @@ def test_only_what_got_worse_is_named(lines):
         "peak_N": (1.06 * line.facts()["peak_N"], "peak .* N, was"),
     }
     for key, (value, sentence) in changes.items():
-        (found,) = worse(old, [{**line.facts(), key: value}])
+        (found,) = regressions(old, [{**line.facts(), key: value}])
         assert re.search(sentence, found)
-    assert list(worse(old, [])) == ["H1: the line is gone"]
-    assert list(worse(old, [{**line.facts(), "peak_N": 1.04 * line.facts()["peak_N"]}])) == []
+    assert list(regressions(old, [])) == ["H1: the line is gone"]
+    assert list(regressions(old, [{**line.facts(), "peak_N": 1.04 * line.facts()["peak_N"]}])) == []
 
 
 @cache
 def answer(file: Path, out: Path, *settings: str, against: Path | None = None):
-    return safety([file], silent, against, True, None, settings, out)
+    return safety([file], ignore_progress, against, True, None, settings, out)
 
 
 def test_worse_settings_of_the_monitor_fail_against_the_old_page_and_by_the_limit(table: Path, tmp_path: Path):
@@ -289,7 +290,7 @@ def test_what_no_run_can_be_made_of_is_refused_before_the_first(
     file = tmp_path / "table.toml"
     file.write_text(table.read_text().replace(was, now, 1))
     with pytest.raises(InputRefused, match=sentence):
-        safety([file], silent, None, False, None, (), tmp_path / "page")
+        safety([file], ignore_progress, None, False, None, (), tmp_path / "page")
     assert not (tmp_path / "page").exists()
 
 

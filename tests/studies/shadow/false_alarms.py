@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.robot.places import HOME
+from twin.robot.paths import PROJECT_FOLDER
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import FIRST_BLOCKS, RateTolerances, ShadowWatch, tolerances_at
-from twin.studies.shadow.fleet import Fleet, Rate, arrived, block_means, read_fleet, watched
-from twin.studies.shadow.samples import RobotSamples
-from twin.studies.shadow.tolerances import FLEET, SLOWER, shipped_fleet, tolerances_of
+from twin.studies.shadow.fleet import FalseAlarmRate, Fleet, block_means, read_fleet, transmit_samples, watch_blocks
+from twin.studies.shadow.tolerances import FLEET_FILE, PERIOD_FACTORS, shipped_fleet, tolerances_of
 
 FIRST_SEED, BATCH = 1000, 500
 """Seed of the first robots, and number of robots per seed."""
@@ -48,16 +48,16 @@ class Count(NamedTuple):
 
 @cache
 def _fleet(experiment: str, settings: tuple[str, ...], seed: int) -> Fleet:
-    return read_fleet(FLEET, HOME / "experiments" / f"{experiment}.toml", BATCH, seed, settings)
+    return read_fleet(FLEET_FILE, PROJECT_FOLDER / "experiments" / f"{experiment}.toml", BATCH, seed, settings)
 
 
 @cache
 def _limits(experiment: str, settings: tuple[str, ...]) -> RateTolerances:
-    return tolerances_of(shipped_fleet(HOME / "experiments" / f"{experiment}.toml", settings))[0]
+    return tolerances_of(shipped_fleet(PROJECT_FOLDER / "experiments" / f"{experiment}.toml", settings))[0]
 
 
 def counts(
-    experiment: str, robot: int, thinned: Iterable[int] = SLOWER, settings: tuple[str, ...] = ()
+    experiment: str, robot: int, thinned: Iterable[int] = PERIOD_FACTORS, settings: tuple[str, ...] = ()
 ) -> Iterator[Count]:
     """Alarms of one robot at each sampling rate that has tolerances."""
     fleet = _fleet(experiment, settings, FIRST_SEED + robot // BATCH)
@@ -68,19 +68,22 @@ def counts(
         if limits is None:
             continue
         random = np.random.default_rng([fleet.seed, robot, every])
-        ends, means = block_means(twin, arrived(RobotSamples(run.t[::every], run.u[::every]), random))
-        alarms = [[one.channel for one in watched(ends, means, ShadowWatch(limits, N))] for N in PER_HOUR]
+        ends, means = block_means(twin, transmit_samples(RobotSamples(run.t[::every], run.u[::every]), random))
+        alarms = [[one.channel for one in watch_blocks(ends, means, ShadowWatch(limits, N))] for N in PER_HOUR]
         yield Count(experiment, settings, robot, rate, max(0, len(ends) - FIRST_BLOCKS), *alarms)
 
 
-def rates(rows: Iterable[Count]) -> dict[tuple[str, ...], tuple[Rate, Rate]]:
+def rates(rows: Iterable[Count]) -> dict[tuple[str, ...], tuple[FalseAlarmRate, FalseAlarmRate]]:
     """Rates of false alarms at each of `PER_HOUR` by experiment, settings and sampling rate; and by sampling rate."""
     sums: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0, 0.0])
     for one in rows:
         for key in ((one.experiment, *one.settings, f"{one.rate:g} Hz"), ("all", f"{one.rate:g} Hz")):
             for k, value in enumerate((one.blocks / 3600.0, len(one.alarms), len(one.rare))):
                 sums[key][k] += value
-    return {key: (Rate(int(often), hours), Rate(int(rare), hours)) for key, (hours, often, rare) in sums.items()}
+    return {
+        key: (FalseAlarmRate(int(often), hours), FalseAlarmRate(int(rare), hours))
+        for key, (hours, often, rare) in sums.items()
+    }
 
 
 def main() -> None:
@@ -88,7 +91,7 @@ def main() -> None:
     command.add_argument("experiment")
     command.add_argument("robots", type=int)
     command.add_argument("file", type=Path)
-    command.add_argument("--thinned", type=int, nargs="*", default=SLOWER)
+    command.add_argument("--thinned", type=int, nargs="*", default=PERIOD_FACTORS)
     command.add_argument("--set", nargs="*", default=(), dest="settings")
     asked = command.parse_args()
     settings, rows = tuple(asked.settings), list[Count]()

@@ -18,10 +18,11 @@ from twin.robot.mechanism.geometry import OUTWARD, Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.plant.equations import PlantEquations
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.converge.monolith import Sampled
-from twin.studies.shadow.fleet import SCALE
+from twin.studies.converge.monolith import ComponentStepper
+from twin.studies.replay.samples import RobotSamples, samples_of
+from twin.studies.shadow.filter_steps import Columns, filter_outputs, shadow_of
+from twin.studies.shadow.fleet import SCALE_SETTINGS
 from twin.studies.shadow.layout import Noises, ShadowDrive
-from twin.studies.shadow.samples import Columns, RobotSamples, followed, samples_of, shadow_of
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
 FLEET = EXPERIMENTS / "sweeps" / "healthy_fleet.toml"
@@ -58,7 +59,7 @@ def ran(name: str, *settings: str) -> Run:
     experiment = load_experiment(EXPERIMENTS / f"{name}.toml", settings)
     run = run_in_memory(experiment, experiment.controller_ticks)
     samples = samples_of(run)
-    y = followed(shadow_of(experiment), samples)
+    y = filter_outputs(shadow_of(experiment), samples)
     force = run.held("plant.F_ee_B")
     return Run(experiment, samples, y, true_state(run), run.held("plant.F_n") > 0.05, run["estimator.F_ee_B"] - force)
 
@@ -71,7 +72,7 @@ def true_state(run: Trace) -> NDArray[np.float64]:
 
 @cache
 def experiment(*settings: str) -> Experiment:
-    return load_experiment(FIG4, [*SCALE, *settings])
+    return load_experiment(FIG4, [*SCALE_SETTINGS, *settings])
 
 
 class Wandering(NamedTuple):
@@ -95,7 +96,7 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
     """
     model, random, n = experiment(*NOISE), np.random.default_rng(seed), round(seconds / PERIOD)
     shadow, noises = shadow_of(model), Noises()
-    step, unknown = Sampled(shadow), np.full(13, np.nan)
+    step, unknown = ComponentStepper(shadow), np.full(13, np.nan)
     rest = ran("fig4_force_position").samples.u[0]
     step(np.concatenate([rest[:6], np.zeros(3), unknown[9:]]), 0.0, np.inf)
     x = shadow.memory["x"][0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.studies.shadow.robots import EXPERIMENTS, FIG4, identified_fleet, with_inputs
 from twin.kernel.cosim.component import Pieces
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
@@ -22,21 +22,22 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.ahead import (
-    AHEAD,
-    PRESSING,
-    REST,
-    Ahead,
-    ahead_of,
+    AHEAD_PORTS,
+    MODEL_ERROR,
+    PRESSING_STATES,
+    SessionBranches,
     band,
     changed_experiments,
     cholesky_first,
+    session_branches,
 )
-from twin.studies.shadow.branching import LEADS, Branching, Present
-from twin.studies.shadow.fleet import SCALE, arrived, read_fleet
-from twin.studies.shadow.following import Happening, Rows, Twin, twin_of
+from twin.studies.shadow.branching import LEAD_TIMES, Branching, RobotSnapshot
+from twin.studies.shadow.fleet import SCALE_SETTINGS, read_fleet, transmit_samples
+from twin.studies.shadow.following import Twin, twin_of
 from twin.studies.shadow.layout import VELOCITY
-from twin.studies.shadow.samples import RobotSamples, samples_of
 
 
 @pytest.mark.parametrize(
@@ -68,8 +69,8 @@ def test_from_the_robots_own_state_a_branch_is_its_future_bit_for_bit(
 def test_predictions_go_on_with_the_plant_that_was_accepted():
     experiment = load_experiment(FIG4)
     plant = plant_parameters(experiment.plant, experiment.contact)._replace(k_s_share=(1.0, 0.7, 1.0))
-    with Ahead(experiment) as ahead:
-        for part in twin_of(experiment, model_of(experiment), "robot", ahead=ahead.beside).on_plant:
+    with SessionBranches(experiment) as ahead:
+        for part in twin_of(experiment, model_of(experiment), "robot", ahead=ahead.predicting_part).plant_parts:
             part.accept(plant)
         assert ahead.branchings[0].parameters["k_s_share"].tolist() == [1.0, 0.7, 1.0]
 
@@ -99,7 +100,7 @@ def of_a_fleet(
     own = [*fleet.settings, *fleet.robots[number], *zeros, f"seed={int(random.integers(1 << 31))}"]
     robot = load_experiment(fleet.experiment, own)
     run = run_in_memory(robot, robot.controller_ticks)
-    samples = arrived(samples_of(run), random, 0.01, 0.2e-3)
+    samples = transmit_samples(samples_of(run), random, 0.01, 0.2e-3)
     early = samples.t < LENGTH
     return fleet.twin(), RobotSamples(samples.t[early], samples.u[early]), run
 
@@ -110,16 +111,13 @@ def as_said(samples: RobotSamples) -> RobotSamples:
 
 def fed(twin: Twin, samples: RobotSamples, length: int) -> tuple[Rows, list[Happening]]:
     """Rows of all samples, handed over in slices of so many."""
-    pieces = [
-        twin.feed(RobotSamples(*(column[a : a + length] for column in samples)))
-        for a in range(0, len(samples.t), length)
-    ]
+    pieces = [twin.feed(samples.rows(slice(a, a + length))) for a in range(0, len(samples.t), length)]
     return {topic: np.concatenate([piece[topic] for piece in pieces]) for topic in pieces[0]}, twin.happenings()
 
 
 def predicted(rows: Rows) -> dict[str, NDArray[np.float64]]:
     given = rows["ahead"]
-    return named(AHEAD, given[np.isfinite(given[:, 0])])
+    return values_by_port(AHEAD_PORTS, given[np.isfinite(given[:, 0])])
 
 
 @cache
@@ -129,14 +127,16 @@ def foretold(seed: int, *names: str, file: Path | None = None, settings: tuple[s
     for number, name in enumerate(names):
         believed, samples, run = of_a_fleet(name, seed, number, file, settings)
         start = float(np.random.default_rng([seed, number]).uniform(1.0, 1.5))
-        with Ahead(believed, start=start) as ahead:
-            rows, _ = fed(twin_of(believed, model_of(believed), name, ahead=ahead.beside), as_said(samples), 5000)
+        with SessionBranches(believed, start=start) as ahead:
+            rows, _ = fed(
+                twin_of(believed, model_of(believed), name, ahead=ahead.predicting_part), as_said(samples), 5000
+            )
         y = predicted(rows)
         t = run.time("plant")
         truth = np.column_stack([-run["plant.F_ee_B"][:, 2], run["plant.p_B"][:, 2]])
         made = y["made"] + samples.t[0]
-        inside = (made + LEADS[-1] < min(t[-1], LENGTH)) & np.isfinite(y["F_z_lower"][:, 0])
-        at = np.searchsorted(t, made[inside, None] + LEADS - 1e-3)
+        inside = (made + LEAD_TIMES[-1] < min(t[-1], LENGTH)) & np.isfinite(y["F_z_lower"][:, 0])
+        at = np.searchsorted(t, made[inside, None] + LEAD_TIMES - 1e-3)
         came, held = truth[at], truth[np.searchsorted(t, made[inside] - 1e-3)]
         first, lower, upper = (
             np.stack([y[f"F_z{end}"], y[f"p_z{end}"]], axis=2)[inside] for end in ("", "_lower", "_upper")
@@ -199,10 +199,10 @@ def test_a_prediction_from_the_pose_at_rest_is_none(monkeypatch: pytest.MonkeyPa
     assert min(covered(foretold(FRESH, *names))) >= 0.95
     honest = Branching.present
 
-    def at_rest(self: Branching, *arguments: Any) -> Present:
+    def at_rest(self: Branching, *arguments: Any) -> RobotSnapshot:
         now = honest(self, *arguments)
         now.x[VELOCITY : VELOCITY + 3] = 0.0
-        begun = Pieces(self.law.pieces().values()).take()
+        begun = Pieces(self.law.pieces().values()).save()
         return now._replace(law=begun, omega_ref=np.zeros(3))
 
     monkeypatch.setattr(Branching, "present", at_rest)
@@ -213,15 +213,15 @@ def test_a_prediction_from_the_pose_at_rest_is_none(monkeypatch: pytest.MonkeyPa
     ("tapping", (), "a tap's time of touch is not estimated"), ("pressing", ("contact.body=back",), "surface moves"),
 ])  # fmt: skip
 def test_where_twins_clock_decides_when_a_surface_is_touched_there_is_no_band(name: str, settings: tuple, why: str):
-    robot = load_experiment(EXPERIMENTS / f"{name}.toml", [*SCALE, *settings])
+    robot = load_experiment(EXPERIMENTS / f"{name}.toml", [*SCALE_SETTINGS, *settings])
     samples = as_said(samples_of(run_in_memory(robot, robot.controller_ticks)))
-    samples = RobotSamples(*(field[:4000] for field in samples))
-    with Ahead(robot) as ahead:
-        rows, _ = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, 4000)
+    samples = samples.rows(slice(4000))
+    with SessionBranches(robot) as ahead:
+        rows, _ = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.predicting_part), samples, 4000)
     y = predicted(rows)
     there = np.atleast_1d(np.isfinite(y["F_z_lower"]).all(axis=1))
     assert len(there) > 10 and np.all(np.isfinite(y["F_z"])) and not there.any()
-    assert why in ahead.foreseen.no_band and not ahead.foreseen.banded
+    assert why in ahead.score.no_band and not ahead.score.banded
 
 
 WHAT_IF = "controller.force.kp_mm_per_N=3"
@@ -230,21 +230,21 @@ WHAT_IF = "controller.force.kp_mm_per_N=3"
 @cache
 def of_fig4() -> tuple[Experiment, RobotSamples]:
     """Its first 6.6 s; it presses from 5.6 s on."""
-    robot = load_experiment(FIG4, SCALE)
+    robot = load_experiment(FIG4, SCALE_SETTINGS)
     samples = as_said(samples_of(run_in_memory(robot, robot.controller_ticks)))
-    return robot, RobotSamples(*(column[:3300] for column in samples))
+    return robot, samples.rows(slice(3300))
 
 
-def looked_ahead(length: int, samples: RobotSamples, **more: Any) -> tuple[Rows, list[Happening], Ahead]:
+def looked_ahead(length: int, samples: RobotSamples, **more: Any) -> tuple[Rows, list[Happening], SessionBranches]:
     robot, _ = of_fig4()
-    with Ahead(robot, **more) as ahead:
-        rows, happened = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, length)
+    with SessionBranches(robot, **more) as ahead:
+        rows, happened = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.predicting_part), samples, length)
     return rows, happened, ahead
 
 
 def test_a_prediction_is_the_same_however_samples_are_cut_and_so_is_its_warning_which_comes_once():
     _, samples = of_fig4()
-    more: dict[str, Any] = {"changed": {WHAT_IF: load_experiment(FIG4, [*SCALE, WHAT_IF])}, "limit": 4.0}
+    more: dict[str, Any] = {"changed": {WHAT_IF: load_experiment(FIG4, [*SCALE_SETTINGS, WHAT_IF])}, "limit": 4.0}
     whole, happened, ahead = looked_ahead(len(samples.t), samples, **more)
     cut, happened_then, _ = looked_ahead(37, samples, **more)
     assert [one.text for one in happened] == [one.text for one in happened_then] == ["will press beyond 4 N in 0.5 s"]
@@ -257,17 +257,20 @@ def test_a_prediction_is_the_same_however_samples_are_cut_and_so_is_its_warning_
         np.testing.assert_allclose(whole[topic][given, 0], samples.t[given] - 0.1, atol=2e-3)
         np.testing.assert_allclose(cut[topic], whole[topic], rtol=0, atol=1e-9, err_msg=topic)
     # the gain acts once the force loop is on
-    assert ahead.foreseen.apart[WHAT_IF].largest > 0.1 and ahead.foreseen.apart[WHAT_IF].at > 5.6
-    assert ahead.foreseen.predictions == 12 and ahead.foreseen.share > 0.95
-    assert ahead.foreseen.error.rms < 0.1 * ahead.foreseen.holding.rms
+    assert (
+        ahead.score.what_if_differences[WHAT_IF].largest > 0.1
+        and ahead.score.what_if_differences[WHAT_IF].largest_time > 5.6
+    )
+    assert ahead.score.predictions == 12 and ahead.score.share > 0.95
+    assert ahead.score.error.rms < 0.1 * ahead.score.hold_error.rms
 
 
 @pytest.mark.parametrize("name", ["fig4_force_position", pytest.param("track_breathing", marks=pytest.mark.slow)])
 def test_a_branch_that_is_not_run_would_be_the_first_one_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch):
     believed, samples, _ = of_a_fleet(name, FRESH, 0)
-    honest, left_out, run = Branching.unlike, [0, 0], [0]
+    honest, left_out, run = Branching.differing_branches, [0, 0], [0]
 
-    def checked(self: Branching, now: Present, wanted: Any) -> Any:
+    def checked(self: Branching, now: RobotSnapshot, wanted: Any) -> Any:
         kept = honest(self, now, wanted)
         first = self.run(now)
         for _, other in (one for one in wanted if not any(one is of_kept for of_kept in kept)):
@@ -277,8 +280,8 @@ def test_a_branch_that_is_not_run_would_be_the_first_one_bit_for_bit(name: str, 
         return kept
 
     monkeypatch.setattr(Branching, "unlike", checked)
-    with Ahead(believed) as ahead:
-        fed(twin_of(believed, model_of(believed), name, ahead=ahead.beside), as_said(samples), 500)
+    with SessionBranches(believed) as ahead:
+        fed(twin_of(believed, model_of(believed), name, ahead=ahead.predicting_part), as_said(samples), 500)
     # in free air, and in contact
     assert min(left_out) > 3 and run[0] > sum(left_out)
 
@@ -309,7 +312,7 @@ def test_while_another_controller_leads_the_robot_there_is_no_prediction_and_tha
 )
 def test_what_cannot_be_otherwise_is_refused_by_name(asked: str, expected: str):
     with pytest.raises(InputRefused) as refused:
-        changed_experiments(FIG4, SCALE, [asked])
+        changed_experiments(FIG4, SCALE_SETTINGS, [asked])
     assert expected in str(refused.value)
 
 
@@ -319,10 +322,10 @@ def test_a_robot_with_a_part_that_cannot_be_put_anywhere_is_not_predicted_and_th
     monkeypatch.setattr(FmuComponent, "lacks_state", lambda self, portable=True: "has no FMU state")
     robot, _ = of_fig4()
     notes: list[str] = []
-    assert ahead_of(robot, {}, None, notes.append) is None
+    assert session_branches(robot, {}, None, notes.append) is None
     assert notes[0].startswith("no predictions: velocity_servo.fmu (drive_1) has no FMU state")
     with pytest.raises(InputRefused, match="has no FMU state"):
-        ahead_of(robot, {WHAT_IF: robot}, None, notes.append)
+        session_branches(robot, {WHAT_IF: robot}, None, notes.append)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -330,20 +333,20 @@ def test_the_directions_of_an_estimate_have_the_variance_of_what_presses(seed: i
     root = np.random.default_rng(seed).standard_normal((15, 15))
     P = root @ root.T
     columns = cholesky_first(P)
-    for k in PRESSING:
+    for k in PRESSING_STATES:
         np.testing.assert_allclose(np.sum(columns[k] ** 2), P[k, k], rtol=1e-9)
     # what is left is a covariance
     assert np.min(np.linalg.eigvalsh(P - columns @ columns.T)) > -1e-9 * np.trace(P)
 
 
 def test_causes_of_a_band_join_as_independent_ones_do_upwards_and_downwards_each_by_itself():
-    first = np.tile([5.0, -0.1], (len(LEADS), 1))
+    first = np.tile([5.0, -0.1], (len(LEAD_TIMES), 1))
     sure = band(first, [], first[0])
     way = np.array([3.0, 0.0])
     lower, upper = band(first, [[first + way], [first + way, first + 4.0 / 3.0 * way]], first[0])
-    np.testing.assert_allclose((upper - first)[0, 0], np.sqrt(3.0**2 + 4.0**2 + REST[0] ** 2))
+    np.testing.assert_allclose((upper - first)[0, 0], np.sqrt(3.0**2 + 4.0**2 + MODEL_ERROR[0] ** 2))
     # the second cause goes upwards only
-    np.testing.assert_allclose((first - lower)[0, 0], np.sqrt(3.0**2 + REST[0] ** 2))
+    np.testing.assert_allclose((first - lower)[0, 0], np.sqrt(3.0**2 + MODEL_ERROR[0] ** 2))
     np.testing.assert_allclose((upper - lower)[:, 1], (sure[1] - sure[0])[:, 1])
     # nothing pulls
     assert np.min(band(first, [[first - 9.0]], first[0])[0][:, 0]) == 0.0

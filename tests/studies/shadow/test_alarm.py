@@ -5,11 +5,11 @@ import pytest
 
 from twin.kernel.errors import InputRefused
 from twin.studies.shadow.alarm import (
-    BLOCK,
+    BLOCK_LENGTH,
     CHANNELS,
     FIRST_BLOCKS,
-    SETTLING,
-    SIDES,
+    SETTLING_TIME,
+    SUM_COUNT,
     Blocks,
     ShadowWatch,
     Tolerances,
@@ -31,7 +31,7 @@ def taken(watch: ShadowWatch, *means: list[float]) -> list[str]:
     """The states that the watch goes through, block by block."""
     states = []
     for k, one in enumerate([QUIET] * FIRST_BLOCKS + list(means)):
-        watch.take(float(k + 1), one)
+        watch.add_block(float(k + 1), one)
         states.append(str(watch.state))
     return states[FIRST_BLOCKS:]
 
@@ -55,7 +55,7 @@ def test_run_lengths_are_those_of_sums_of_normal_numbers():
 @pytest.mark.parametrize("per_hour", [100.0, 1.0, 0.01])
 def test_a_threshold_gives_a_fifth_of_the_rate_that_is_asked(per_hour):
     blocks = run_length(threshold(per_hour))
-    assert SIDES * 3600.0 / BLOCK / blocks == pytest.approx(per_hour / 5.0)
+    assert SUM_COUNT * 3600.0 / BLOCK_LENGTH / blocks == pytest.approx(per_hour / 5.0)
 
 
 @pytest.mark.parametrize("per_hour", [0.0, -1.0, 1e9, float("nan")])
@@ -82,7 +82,7 @@ def test_a_residual_beyond_it_is_confirmed_then_an_alarm_with_evidence():
 def test_what_is_normal_is_what_the_first_blocks_were():
     watch = ShadowWatch(ONES, 1.0)
     for k in range(100):
-        watch.take(float(k), off(50.0))
+        watch.add_block(float(k), off(50.0))
     assert not watch.alarms
 
 
@@ -120,7 +120,7 @@ def test_a_channel_without_a_sensor_says_nothing():
     watch = ShadowWatch(ONES, 1.0)
     silent = [np.nan if k == FORCE else 0.0 for k in range(len(CHANNELS))]
     for k in range(20):
-        watch.take(float(k), silent)
+        watch.add_block(float(k), silent)
     assert watch.levels["force"] == 0.0 and not watch.alarms
 
 
@@ -139,7 +139,7 @@ def test_a_controller_that_leaves_the_twins_is_an_alarm_and_one_that_never_was_w
     assert watch.alarms[0].channel == "command"
     late = ShadowWatch(ONES, 1.0)
     for k in range(9):
-        late.take(float(k), off(30.0 + 9.0 * k, COMMAND))
+        late.add_block(float(k), off(30.0 + 9.0 * k, COMMAND))
     (said,) = late.changes
     assert not said.alarm and "the twin's controller is not compared" in str(said)
 
@@ -165,30 +165,32 @@ def times(n: int) -> np.ndarray:
 def test_blocks_are_the_same_however_the_samples_are_cut():
     t, y = times(5000), outputs(5000, [0, 2000])
     y["residual_F"] = np.sin(t)
-    whole = list(Blocks().take(t, y))
+    whole = list(Blocks().add_samples(t, y))
     cut: list[tuple[float, np.ndarray]] = []
     blocks = Blocks()
     for k in range(0, 5000, 77):
-        cut += blocks.take(t[k : k + 77], {name: values[k : k + 77] for name, values in y.items()})
-    assert [end for end, _ in whole] == [end for end, _ in cut] == pytest.approx([SETTLING + k for k in range(1, 10)])
+        cut += blocks.add_samples(t[k : k + 77], {name: values[k : k + 77] for name, values in y.items()})
+    assert (
+        [end for end, _ in whole] == [end for end, _ in cut] == pytest.approx([SETTLING_TIME + k for k in range(1, 10)])
+    )
     assert np.array([means for _, means in whole]) == pytest.approx(np.array([means for _, means in cut]), nan_ok=True)
 
 
 def test_of_a_gap_there_is_no_block():
     t = np.concatenate([times(2000), 1e4 + times(2000)])
-    ends = [end for end, _ in Blocks().take(t, outputs(4000, [0, 2000]))]
+    ends = [end for end, _ in Blocks().add_samples(t, outputs(4000, [0, 2000]))]
     assert len(ends) == 8 and np.all(np.diff(ends) > 0.99)
 
 
 def test_after_a_gap_the_twins_controller_is_not_where_the_robots_is():
-    found = [means[COMMAND] for _, means in Blocks().take(times(4000), outputs(4000, [0, 2000]))]
+    found = [means[COMMAND] for _, means in Blocks().add_samples(times(4000), outputs(4000, [0, 2000]))]
     assert found[:3] == [1.0] * 3 and np.isnan(found[4:]).all()
 
 
 def test_what_the_filter_says_while_it_settles_does_not_count():
     t, y = times(3000), outputs(3000, [0, 1000])
-    y["residual_F"][1001 : 1000 + int(SETTLING / 2e-3)] = 1e9
-    assert max(means[FORCE] for _, means in Blocks().take(t, y)) == 1.0
+    y["residual_F"][1001 : 1000 + int(SETTLING_TIME / 2e-3)] = 1e9
+    assert max(means[FORCE] for _, means in Blocks().add_samples(t, y)) == 1.0
     # the sample at which it gives up tells why
     y["residual_F"][1000] = 1e9
-    assert max(means[FORCE] for _, means in Blocks().take(t, y)) > 1e6
+    assert max(means[FORCE] for _, means in Blocks().add_samples(t, y)) > 1e6

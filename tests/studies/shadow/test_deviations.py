@@ -8,15 +8,16 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.studies.shadow.robots import EXPERIMENTS, STATE, true_state
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.samples import samples_of
 from twin.studies.shadow.deviations import HealthyDeviation
-from twin.studies.shadow.fleet import ZERO
+from twin.studies.shadow.filter_steps import filter_outputs, shadow_of
+from twin.studies.shadow.fleet import ZERO_RANGE
 from twin.studies.shadow.following import twin_of
 from twin.studies.shadow.layout import FORCE, OUTPUTS, STATES
-from twin.studies.shadow.samples import followed, samples_of, shadow_of
 from twin.studies.shadow.tolerances import shipped_fleet
 
 TASKS = ("fig4_force_position", "pressing", "tapping")
@@ -28,13 +29,15 @@ def outside(name: str, corner: int) -> NDArray[np.float64]:
     filter's own: of position, velocity, motor angles, their speeds, force."""
     fleet = shipped_fleet(EXPERIMENTS / f"{name}.toml")
     random = np.random.default_rng([fleet.seed, corner])
-    zeros = [f"plant.{side}_zero_deg={random.uniform(-ZERO, ZERO, 3).tolist()}" for side in ("motor", "joint")]
+    zeros = [
+        f"plant.{side}_zero_deg={random.uniform(-ZERO_RANGE, ZERO_RANGE, 3).tolist()}" for side in ("motor", "joint")
+    ]
     own = (*fleet.settings, *fleet.corners[corner], *zeros, f"seed={corner}")
     robot, twin = load_experiment(fleet.experiment, own), fleet.twin()
     run = run_in_memory(robot, robot.controller_ticks)
     samples, later = samples_of(run), run.time("encoder") > 0.5
-    own_deviation = followed(shadow_of(twin), samples)["deviation"]
-    y = named(OUTPUTS, twin_of(twin, model_of(twin), "robot").feed(samples)["shadow"])
+    own_deviation = filter_outputs(shadow_of(twin), samples)["deviation"]
+    y = values_by_port(OUTPUTS, twin_of(twin, model_of(twin), "robot").feed(samples)["shadow"])
     error = np.abs(np.column_stack([y[state] for state in STATE]) - true_state(run))[later]
     beyond = [error > 1.96 * deviation[later] for deviation in (y["deviation"], own_deviation)]
     return np.array([one.reshape(len(one), 5, 3).mean(axis=(0, 2)) for one in beyond])
@@ -55,7 +58,7 @@ def test_what_was_identified_widens_no_force(tmp_path: Path):
     source.write_text(f'extends = "{EXPERIMENTS / "pressing.toml"}"\n[plant]\n{own}')
     nothing = np.zeros((1, STATES)), np.zeros(1), np.zeros(1), 15.0 * np.eye(3)[None], np.full((1, 3), 0.2)
     known, unknown = (
-        HealthyDeviation(load_experiment(path)).widened(*nothing)[0, FORCE]
+        HealthyDeviation(load_experiment(path)).widen(*nothing)[0, FORCE]
         for path in (source, EXPERIMENTS / "pressing.toml")
     )
     assert 0.0 < known < unknown - 0.01
@@ -64,7 +67,7 @@ def test_what_was_identified_widens_no_force(tmp_path: Path):
 def test_noise_that_the_twin_does_not_know_of_widens_by_its_nis():
     healthy = HealthyDeviation(load_experiment(EXPERIMENTS / "pressing.toml"))
     n, ones = 5000, np.ones((5000, STATES))
-    wide = healthy.widened(
+    wide = healthy.widen(
         ones, np.full(n, 24.0), np.full(n, 6.0), np.tile(15.0 * np.eye(3), (n, 1, 1)), np.zeros((n, 3))
     )
     # of speeds, which have no bias

@@ -18,18 +18,10 @@ from tests.studies.shadow.robots import (
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.plant.dynamics import LONGEST_GAP
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.filter import Shadow
+from twin.studies.shadow.filter_steps import UNKNOWN_DRIVE, Columns, FilterFeed, drive_model, filter_outputs, shadow_of
 from twin.studies.shadow.layout import STATES
-from twin.studies.shadow.samples import (
-    UNKNOWN_DRIVE,
-    Columns,
-    FilterFeed,
-    RobotSamples,
-    drive_model,
-    followed,
-    samples_of,
-    shadow_of,
-)
 
 CHUNK = 50
 """RobotSamples from one look at the whole covariance to the next."""
@@ -138,7 +130,7 @@ def test_a_standing_robot_makes_it_no_surer_than_a_count():
     run = ran("fig4_force_position")
     u = np.repeat(run.samples.u[:1], 5000, axis=0)
     u[:, 6:9] = 0.0
-    y = followed(shadow_of(run.experiment), RobotSamples(np.asarray(np.arange(5000) * 2e-3), u))
+    y = filter_outputs(shadow_of(run.experiment), RobotSamples(np.asarray(np.arange(5000) * 2e-3), u))
     assert not y["moves"][1000:].any()
     # 50 in a tenth of a second would have been as many measurements
     assert y["deviation"][-1, 6] > 2 * np.pi / 4096 / np.sqrt(12) / 5
@@ -149,7 +141,7 @@ def test_a_gap_starts_it_anew_and_a_short_one_does_not():
     run = ran("fig4_force_position")
     for lost, expected in ((20, 0), (200, 1)):
         keep = np.r_[0:3000, 3000 + lost : 4000]
-        y = followed(shadow_of(run.experiment), RobotSamples(run.samples.t[keep], run.samples.u[keep]))
+        y = filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t[keep], run.samples.u[keep]))
         assert y["started"][1:].sum() == expected
         assert (lost * 2e-3 > LONGEST_GAP) == bool(expected)
         assert np.abs(y["p_B"][-1] - run.truth[3999, :3]).max() < 5e-5
@@ -159,7 +151,7 @@ def test_a_garbled_count_is_told_and_not_taken_in():
     run = ran("fig4_force_position")
     u = run.samples.u.copy()
     u[2500, 3] += 3000
-    y = followed(shadow_of(run.experiment), RobotSamples(run.samples.t, u))
+    y = filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t, u))
     assert y["residual_l"][2500, 0] > 1.0
     assert y["NIS"][2500] > 1e4
     assert not y["started"][1:].any()
@@ -170,7 +162,7 @@ def test_a_count_that_did_not_come_is_not_missed():
     run = ran("fig4_force_position")
     u = run.samples.u.copy()
     u[1000:4000:3, 4] = np.nan
-    y = followed(shadow_of(run.experiment), RobotSamples(run.samples.t, u))
+    y = filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t, u))
     assert np.isnan(y["residual_l"][1000, 1]) and not np.isnan(y["residual_l"][1001, 1])
     assert np.abs(y["p_B"][3999] - run.truth[3999, :3]).max() < 5e-5
 
@@ -179,7 +171,7 @@ def test_without_commands_it_follows_all_the_same():
     run = ran("fig4_force_position", *NOISE)
     u = run.samples.u.copy()
     u[:, 6:9] = np.nan
-    y = followed(shadow_of(run.experiment), RobotSamples(run.samples.t, u))
+    y = filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t, u))
     chosen = moving(run)
     assert np.sqrt(((y["omega_m"] - run.truth[:, 9:12])[chosen] ** 2).mean()) < 0.3
     assert np.abs(y["F_ee_B"] - run.truth[:, 12:])[chosen].mean() < 0.2
@@ -190,10 +182,10 @@ def test_counts_that_do_not_come_are_refused_at_the_start_and_waited_for_later()
     u = run.samples.u[:3000].copy()
     u[0, 3] = np.nan
     with pytest.raises(ComponentFailed, match="found no pose that fits the first counts"):
-        followed(shadow_of(run.experiment), RobotSamples(run.samples.t[:3000], u))
+        filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t[:3000], u))
     keep = np.r_[:1000, 1200:3000]
     u[0, 3], u[1200:1300, 3] = run.samples.u[0, 3], np.nan
-    y = followed(shadow_of(run.experiment), RobotSamples(run.samples.t[keep], u[keep]))
+    y = filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t[keep], u[keep]))
     assert np.isnan(y["p_B"][1050]).all()
     assert np.abs(y["p_B"][-1] - run.truth[2999, :3]).max() < 5e-5
 
@@ -202,7 +194,7 @@ def test_counts_that_stay_somewhere_else_are_believed_after_a_tenth_of_a_second(
     run = ran("fig4_force_position")
     u = run.samples.u[:3000].copy()
     u[1000:2000, 3] += 3000
-    y = followed(shadow_of(run.experiment), RobotSamples(run.samples.t[:3000], u))
+    y = filter_outputs(shadow_of(run.experiment), RobotSamples(run.samples.t[:3000], u))
     begun = np.flatnonzero(y["started"])[1:]
     assert len(begun) == 2 and 1050 <= begun[0] <= 1055 and 2050 <= begun[1] <= 2055
     assert np.abs(y["p_B"][-1] - run.truth[2999, :3]).max() < 5e-5
@@ -247,5 +239,5 @@ def test_a_recording_without_counts_is_refused():
 
 def test_dry_friction_of_the_experiment_plays_no_role():
     run = ran("fig4_force_position")
-    same = followed(shadow_of(experiment("plant.joint_friction_Nm=0.02")), run.samples)
+    same = filter_outputs(shadow_of(experiment("plant.joint_friction_Nm=0.02")), run.samples)
     assert np.array_equal(same["F_ee_B"], run.y["F_ee_B"])

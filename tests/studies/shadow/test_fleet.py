@@ -13,27 +13,30 @@ from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fle
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import run_in_memory
-from twin.studies.replay.model import loaded_model, motions
-from twin.studies.replay.replay import angle_rounding, drift
+from twin.studies.replay.drift import drift
+from twin.studies.replay.model import load_model
+from twin.studies.replay.parts import PlantModel
+from twin.studies.replay.replay import estimates
+from twin.studies.replay.residual import angle_rounding
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import (
-    LATE,
-    LOST,
-    MARGIN,
-    SCALE,
-    Rate,
+    MAX_LOST_SHARE,
+    MAX_STAMP_ERROR,
+    SCALE_SETTINGS,
+    TOLERANCE_MARGIN,
+    FalseAlarmRate,
     block_means,
     fleet_limits,
     limits_of,
     own_commands,
     read_fleet,
-    watched,
+    watch_blocks,
 )
-from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import RobotSamples, samples_of
-from twin.studies.shadow.tolerances import SLOWER, shipped_fleet, tolerances_of
+from twin.studies.shadow.tolerances import PERIOD_FACTORS, shipped_fleet, tolerances_of
 
 EVERY = 2
 """Ticks: samples at 500 Hz, the controller's."""
@@ -55,14 +58,14 @@ def fig4_twin() -> Experiment:
 
 def robot(*settings: str) -> RobotSamples:
     """A robot of Fig. 4 with a scale, by `settings` not what its twin believes."""
-    return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY))
+    return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *settings]), EVERY))
 
 
 def alarms_of(
     samples: RobotSamples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
 ):
     ends, means = block_means(twin or fig4_twin(), samples)
-    return watched(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
+    return watch_blocks(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
 
 
 def test_robots_are_the_same_each_time_and_different_from_each_other():
@@ -94,9 +97,9 @@ def test_samples_are_lost_and_stamps_are_off_on_the_way():
     fleet = read_fleet(FLEET, FIG4, runs=1)
     whole, samples = fleet.run(1), fleet.samples(1)
     lost = 1.0 - len(samples.t) / len(whole.t)
-    assert 0.5 * LOST < lost < 1.5 * LOST
+    assert 0.5 * MAX_LOST_SHARE < lost < 1.5 * MAX_LOST_SHARE
     nearest = whole.t[np.rint(samples.t / 2e-3).astype(int)]
-    assert 0.9 * LATE < np.abs(samples.t - nearest).max() <= LATE
+    assert 0.9 * MAX_STAMP_ERROR < np.abs(samples.t - nearest).max() <= MAX_STAMP_ERROR
 
 
 def test_limits_are_the_largest_shift_and_the_spread_from_block_to_block():
@@ -105,7 +108,7 @@ def test_limits_are_the_largest_shift_and_the_spread_from_block_to_block():
     means = [shape + 0.1 * random.standard_normal(shape.shape) for shape in shapes]
     means[1][1500, 0] = means[1][:FIRST_BLOCKS, 0].mean() + 7.0
     limits = limits_of(means)
-    assert limits.tolerance["motor 1"] == pytest.approx(MARGIN * 7.0)
+    assert limits.tolerance["motor 1"] == pytest.approx(TOLERANCE_MARGIN * 7.0)
     assert limits.sigma["motor 2"] == pytest.approx(0.1, rel=0.05)
 
 
@@ -117,8 +120,8 @@ def test_runs_too_short_for_a_shift_are_refused(blocks: int):
 
 def test_a_rate_is_bounded_exactly():
     # no event in T hours: the rate is below 3/T with 95 %
-    assert Rate(0, 300.0).upper == pytest.approx(-np.log(0.05) / 300.0)
-    assert Rate(2, 10.0).upper > Rate(1, 10.0).upper > Rate(0, 10.0).upper
+    assert FalseAlarmRate(0, 300.0).upper == pytest.approx(-np.log(0.05) / 300.0)
+    assert FalseAlarmRate(2, 10.0).upper > FalseAlarmRate(1, 10.0).upper > FalseAlarmRate(0, 10.0).upper
 
 
 UNKNOWN = {
@@ -132,16 +135,16 @@ NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 @pytest.mark.slow
 @pytest.mark.parametrize("unknown", UNKNOWN)
 def test_joint_residuals_of_a_replay_alarm_on_every_healthy_robot_and_these_on_none(unknown):
-    model = loaded_model(FIG4, SCALE)
-    rounding = angle_rounding(model.aware)
+    model = load_model(FIG4, SCALE_SETTINGS)
+    rounding = angle_rounding(model.belief_with_dead_zone)
     for seed in range(8):
         settings = (UNKNOWN[unknown], *NOISY, f"seed={seed}")
-        run = run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY)
-        t, theta_l = run.time("encoder"), run["estimator.theta_l"]
-        plant, _ = motions(model, t, run["estimator.theta_m"], run["estimator.p_B"])
-        found = [drift(t, plant["theta_l"][:, i] - theta_l[:, i], 1.0, *rounding) for i in range(3)]
+        run = run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *settings]), EVERY)
+        samples = samples_of(run)
+        off = PlantModel(model).feed(samples, estimates(samples, model))["residual/joints"]
+        found = [drift(samples.t, off[:, i], 1.0, *rounding) for i in range(3)]
         assert any(one is not None and not one.matches for one in found)
-        assert not alarms_of(samples_of(run), per_hour=100.0)
+        assert not alarms_of(samples, per_hour=100.0)
 
 
 @pytest.mark.slow
@@ -177,7 +180,7 @@ ONSET = 10.0
 def catalogue() -> list[str]:
     """Every fault of the catalogue that leaves a robot to listen to, at each magnitude."""
     faults = []
-    for name, kind in CATALOGUE.items():
+    for name, kind in FAULT_KINDS.items():
         for magnitude in kind.magnitudes or (None,):
             own = "" if magnitude is None else f", {kind.magnitude_key} = {magnitude}"
             share = ", share = 0.02" if kind.has_share else ""
@@ -202,7 +205,7 @@ def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_foun
         if np.nanmax(shift) < 2.0:
             continue
         moved += 1
-        later = [a for a in watched(ends, means, ShadowWatch(limits, 1.0)) if a.t > ONSET]
+        later = [a for a in watch_blocks(ends, means, ShadowWatch(limits, 1.0)) if a.t > ONSET]
         found.append(bool(later) and later[0].t <= ONSET + 10.0)
     assert moved >= 25
     assert np.mean(found) >= 0.9
@@ -233,6 +236,26 @@ def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_f
     assert (runs, *found.values()) == (80, 32, 27, 16)
 
 
+ROBOTS = 6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("encoder", "found", "earliest", "latest"),
+    [("motor_encoder_1", 2, 7.5, 9.5), ("motor_encoder_2", ROBOTS, 1.5, 2.5), ("joint_encoder_1", ROBOTS, 1.5, 1.5)],
+)
+def test_a_bias_of_a_tenth_of_a_degree_is_found_as_the_page_states(
+    encoder: str, found: int, earliest: float, latest: float
+):
+    fleet = read_fleet(identified_fleet(), FIG4)
+    bias = f"fault=[{{kind = 'encoder_bias', target = '{encoder}', onset_s = {ONSET}, magnitude_deg = 0.1}}]"
+    alarms = [[one.t for one in alarms_of(fleet.samples(k, 1, [bias])) if one.t > ONSET] for k in range(ROBOTS)]
+    after = sorted(times[0] - ONSET for times in alarms if times)
+    # docs/shadow_method.md has these numbers
+    assert len(after) == found
+    assert after[0] == pytest.approx(earliest, abs=0.1) and after[-1] == pytest.approx(latest, abs=0.1)
+
+
 def spread(twin: Experiment, samples: RobotSamples) -> np.ndarray:
     """How far each channel goes from what it was, by its tolerance."""
     _, means = block_means(twin, samples)
@@ -251,7 +274,7 @@ def test_a_dead_twin_is_noticed():
     assert spread(fig4_twin(), frozen)[:3].max() > 2.0
     assert alarms_of(frozen)
     # it believes in softer springs
-    softer = load_experiment(FIG4, [*SCALE, "plant.k_s_Nm_per_rad=0.8"])
+    softer = load_experiment(FIG4, [*SCALE_SETTINGS, "plant.k_s_Nm_per_rad=0.8"])
     assert spread(softer, healthy)[6:10].max() > 2.0
     assert alarms_of(healthy, softer)
     # it takes one joint for another
@@ -269,10 +292,12 @@ def massage_limits() -> Tolerances:
     return limits
 
 
-def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> Rate:
+def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> FalseAlarmRate:
     """Alarms of many robots."""
-    alarms = sum(len(watched(ends, means, ShadowWatch(limits, per_hour, share=share))) for ends, means in all_means)
-    return Rate(alarms, sum(len(ends) - FIRST_BLOCKS for ends, _ in all_means) / 3600.0)
+    alarms = sum(
+        len(watch_blocks(ends, means, ShadowWatch(limits, per_hour, share=share))) for ends, means in all_means
+    )
+    return FalseAlarmRate(alarms, sum(len(ends) - FIRST_BLOCKS for ends, _ in all_means) / 3600.0)
 
 
 THREE_HOURS = 184
@@ -306,7 +331,9 @@ def _counts(one: tuple[str, int, tuple[int, ...], tuple[str, ...]]) -> list[Coun
     return list(counts(*one))
 
 
-def counted_anew(experiment: str, robots: int, thinned: tuple[int, ...], *settings: str) -> list[tuple[Rate, Rate]]:
+def counted_anew(
+    experiment: str, robots: int, thinned: tuple[int, ...], *settings: str
+) -> list[tuple[FalseAlarmRate, FalseAlarmRate]]:
     """False alarms at each sampling rate."""
     asked = [(experiment, k, thinned, settings) for k in range(robots)]
     with get_context("spawn").Pool(2) as pool:
@@ -327,7 +354,7 @@ def counted_anew(experiment: str, robots: int, thinned: tuple[int, ...], *settin
 def test_at_each_rate_of_each_task_three_hours_keep_the_promise_of_one_alarm_an_hour(
     experiment: str, robots: int, settings: tuple[str, ...]
 ):
-    found = counted_anew(experiment, robots, SLOWER if not settings else (1,), *settings)
+    found = counted_anew(experiment, robots, PERIOD_FACTORS if not settings else (1,), *settings)
     assert found and all(often.hours >= 3.0 and often.upper <= 1.0 for often, _ in found)
 
 

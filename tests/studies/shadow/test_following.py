@@ -7,20 +7,22 @@ import pytest
 
 from tests.studies.replay.logs import EXPERIMENTS, FIG4, SCALE, ran
 from tests.studies.shadow.robots import with_inputs
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.logs.log import MappedColumn
+from twin.kernel.recording.logs.reader import recording_log
 from twin.kernel.recording.reader import Recording
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Belief
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.model import RobotModel, model_of
-from twin.studies.replay.replay import robot_log
+from twin.studies.replay.parts import Rows
+from twin.studies.replay.samples import RobotSamples, robot_samples
 from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
 from twin.studies.shadow.deviations import NOT_IDENTIFIED
-from twin.studies.shadow.following import AlarmWatch, Rows, Twin, twin_of
+from twin.studies.shadow.filter_steps import filter_outputs, shadow_of
+from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
-from twin.studies.shadow.samples import RobotSamples, followed, shadow_of
 
 EXPERIMENT = load_experiment(EXPERIMENTS / f"{FIG4}.toml", SCALE)
 MODEL = model_of(EXPERIMENT)
@@ -29,14 +31,14 @@ N = 2500
 
 def said(run: Recording, belief: Belief = MODEL.belief) -> RobotSamples:
     """What the robot of `run` says in its first 5 s, with the commands of its controller."""
-    log = recorded(run)
-    robot = robot_log(log, belief)
+    log = recording_log(run)
+    robot = robot_samples(log, belief)
     speeds = log.vector("controller.omega_ref").values[:N]
-    return RobotSamples(robot.t[:N], np.hstack([robot.count_m[:N], robot.count_l[:N], speeds, np.full((N, 4), np.nan)]))
+    return RobotSamples(robot.t[:N], np.hstack([robot.counts[:N], speeds, np.full((N, 4), np.nan)]))
 
 
 def part(samples: RobotSamples, a: int, b: int) -> RobotSamples:
-    return RobotSamples(*(field[a:b] for field in samples))
+    return samples.rows(slice(a, b))
 
 
 def fed(twin: Twin, samples: RobotSamples, cuts: list[int]) -> Rows:
@@ -67,9 +69,9 @@ def test_the_state_is_that_of_the_filter_over_all_samples_and_a_command_holds_un
     commanded = samples.only("omega_ref").copy()
     commanded[1::2] = np.nan
     rows = fed(twin_of(EXPERIMENT, MODEL, "robot"), with_inputs(samples, omega_ref=commanded), [3, 1000])["shadow"]
-    whole = followed(shadow_of(EXPERIMENT), with_inputs(samples, omega_ref=np.repeat(commanded[::2], 2, axis=0)))
-    assert np.all(named(OUTPUTS, rows)["deviation"] >= whole.pop("deviation"))
-    for name, values in named(OUTPUTS, rows).items():
+    whole = filter_outputs(shadow_of(EXPERIMENT), with_inputs(samples, omega_ref=np.repeat(commanded[::2], 2, axis=0)))
+    assert np.all(values_by_port(OUTPUTS, rows)["deviation"] >= whole.pop("deviation"))
+    for name, values in values_by_port(OUTPUTS, rows).items():
         if name == "deviation":
             continue
         np.testing.assert_allclose(values.reshape(N, -1), whole[name].reshape(N, -1), rtol=0, atol=1e-9, err_msg=name)
@@ -100,7 +102,7 @@ def test_another_rate_has_its_own_tolerances_and_what_is_normal_is_learnt_anew()
         twin.feed(part(samples, 0, half))
         assert watched.changes == []
         watched.change_rate(2.5, 250.0)
-        twin.feed(RobotSamples(*(field[half::2] for field in samples)))
+        twin.feed(samples.rows(slice(half, None, 2)))
         assert watched.changes[0].state is state
         assert ("250" in watched.why_not) != known
 
@@ -146,7 +148,7 @@ def test_a_twin_that_is_not_this_robot_is_seen(what: str):
 def test_after_a_long_gap_the_plant_model_starts_anew_and_says_so():
     samples = said(ran(FIG4))
     keep = (samples.t < 2.0) | (samples.t > 2.0 + 2.0 * LONGEST_GAP)
-    samples = RobotSamples(*(field[keep] for field in samples))
+    samples = samples.rows(keep)
     twin = twin_of(EXPERIMENT, MODEL, "robot")
     rows = twin.feed(samples)
     assert [one.text for one in twin.happenings()] == ["the plant model starts anew, at rest"]
@@ -177,6 +179,7 @@ def test_a_plant_model_that_leaves_the_workspace_costs_no_more_than_itself():
 def test_angles_of_another_unit_or_sign_are_refused_with_what_to_write(joint: float, motor: float, written: str):
     samples = said(ran(FIG4))
     wrong = with_inputs(samples, count_m=motor * samples.only("count_m"), count_l=joint * samples.only("count_l"))
+    columns = {f"estimator.theta_{side}[{leg}]": MappedColumn("COLUMN") for side in "ml" for leg in range(3)}
     with pytest.raises(InputRefused) as refused:
-        twin_of(EXPERIMENT, MODEL, "robot").feed(wrong)
+        twin_of(EXPERIMENT, MODEL, "robot", columns=columns).feed(wrong)
     assert written in str(refused.value)

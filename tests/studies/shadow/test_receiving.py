@@ -16,26 +16,26 @@ from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL, said
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival, SteadyClock
 from twin.kernel.recording.sources.signals import Reading
-from twin.kernel.recording.sources.stamps import Aligner, Sample, rows_of
-from twin.studies.shadow.ahead import Ahead
+from twin.kernel.recording.sources.stamps import Aligner, Sample, stack_samples
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
+from twin.studies.shadow.ahead import SessionBranches
 from twin.studies.shadow.following import Twin, twin_of
-from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
+from twin.studies.shadow.mapping import ENCODER_COLUMNS, NS_PER_SECOND
 from twin.studies.shadow.receiving import Receiver
-from twin.studies.shadow.samples import RobotSamples
 from twin.studies.shadow.session import Session
-from twin.studies.shadow.verdict import Followed
+from twin.studies.shadow.verdict import SessionSummary
 
 MS = 1_000_000
 
 
 def readings(n: int, period: int = 2 * MS) -> list[Reading]:
     """What the robot of Fig. 4 says, with a command in every other message."""
-    robot = RobotSamples(*(field[:n].copy() for field in said(ran(FIG4))))
+    robot = said(ran(FIG4)).rows(slice(n))
     robot.only("omega_ref")[1::2] = np.nan
     return [Reading(k * period, tuple(range(width(INPUTS))), tuple(row)) for k, row in enumerate(robot.u.tolist())]
 
@@ -43,7 +43,7 @@ def readings(n: int, period: int = 2 * MS) -> list[Reading]:
 class Robot:
     """Says `said`, each at its time on a clock that the test moves, or on the wall."""
 
-    name, dropped, has_messages = "robot", 0, False
+    name, drop_count, has_messages = "robot", 0, False
 
     def __init__(self, told: list[Reading], live: bool = False):
         self.told, self.live, self.at, self.next = told, live, 0, 0
@@ -52,31 +52,31 @@ class Robot:
         self.begun: int | None = None
 
     @property
-    def ended(self) -> bool:
+    def at_end(self) -> bool:
         return self.next == len(self.told)
 
-    def now(self) -> int:
+    def now_ns(self) -> int:
         if not self.live:
             return self.at
-        return 0 if self.begun is None else self.clock.now() - self.begun
+        return 0 if self.begun is None else self.clock.now_ns() - self.begun
 
-    def take(self, wait: float) -> list[Arrival]:
+    def receive(self, wait: float) -> list[Arrival]:
         if self.live:
             if self.begun is None:
-                self.begun = self.clock.now()
-            time.sleep(max(0.0, (self.told[self.next].stamp - self.now()) / 1e9))
+                self.begun = self.clock.now_ns()
+            time.sleep(max(0.0, (self.told[self.next].stamp - self.now_ns()) / 1e9))
         else:
             self.at = max(self.at, self.told[self.next].stamp)
         self.next += 1
-        return [Arrival("encoders", self.now(), self.told[self.next - 1])]
+        return [Arrival("encoders", self.now_ns(), self.told[self.next - 1])]
 
-    def seen(self) -> dict[str, str]:
+    def topic_types(self) -> dict[str, str]:
         return {}
 
     def subscribe(self, topic: str) -> None:
         raise AssertionError(topic)
 
-    def publishers(self, topic: str) -> int:
+    def publisher_count(self, topic: str) -> int:
         return 1
 
     def close(self) -> None:
@@ -84,14 +84,14 @@ class Robot:
 
 
 def receiver(robot: Robot, estimate: Callable[[Sample], None]) -> Receiver:
-    return Receiver(robot, {}, Aligner(width(INPUTS), NEEDED, 0.03), estimate)
+    return Receiver(robot, {}, Aligner(width(INPUTS), ENCODER_COLUMNS, 0.03), estimate)
 
 
 def test_a_sample_that_is_estimated_at_once_gives_the_row_that_it_gives_in_a_slice():
     made: list[Sample] = []
     with ExitStack() as stack:
-        ahead = [stack.enter_context(Ahead(EXPERIMENT)) for _ in range(2)]
-        at_once, sliced = (twin_of(EXPERIMENT, MODEL, "robot", ahead=one.beside) for one in ahead)
+        ahead = [stack.enter_context(SessionBranches(EXPERIMENT)) for _ in range(2)]
+        at_once, sliced = (twin_of(EXPERIMENT, MODEL, "robot", ahead=one.predicting_part) for one in ahead)
         compare_at_once_with_slices(at_once, sliced, made)
 
 
@@ -100,15 +100,15 @@ def compare_at_once_with_slices(at_once: Twin, sliced: Twin, made: list[Sample])
 
     def estimate(sample: Sample) -> None:
         made.append(sample)
-        at_once.at_once(sample)
+        at_once.estimate_at_once(sample)
 
     one = receiver(robot, estimate)
-    while not robot.ended:
-        one.turn()
+    while not robot.at_end:
+        one.receive_once()
     # more of them than the first slice takes
-    stamps, rows_made = rows_of(made)
-    found = RobotSamples(stamps / NANOSECONDS, rows_made)
-    halves = [type(found)(*(column[part] for column in found)) for part in (slice(200), slice(200, None))]
+    stamps, rows_made = stack_samples(made)
+    found = RobotSamples(stamps / NS_PER_SECOND, rows_made)
+    halves = [found.rows(part) for part in (slice(200), slice(200, None))]
     rows, expected = [at_once.feed(half) for half in halves], [sliced.feed(half) for half in halves]
     assert len(made) == 500
     for topic in ("shadow", "ahead"):
@@ -125,27 +125,27 @@ def test_the_time_in_hand_counts_from_when_a_sample_is_due_and_a_late_estimate_i
 
     one = receiver(robot, estimate)
     late = []
-    while not robot.ended:
-        one.turn()
-        late += one.take().late
+    while not robot.at_end:
+        one.receive_once()
+        late += one.drain().late
     # the first samples, and the one behind the gap, wait for what may come before them: that is no time in hand
     assert one.in_hand.largest == pytest.approx(5e-3)
     assert one.in_hand.quantile(0.9) == pytest.approx(1e-4, rel=0.02)
     assert (one.missed, late) == (1, [pytest.approx(5e-3)])
 
 
-def followed(robot: Robot, folder: Path, slow: float = 0.0) -> Followed:
+def followed(robot: Robot, folder: Path, slow: float = 0.0) -> SessionSummary:
     """A session beside `robot`, whose 300th estimate takes so long (s)."""
     twin, count = twin_of(EXPERIMENT, MODEL, "robot"), iter(range(10**6))
-    at_once = twin.at_once
+    at_once = twin.estimate_at_once
 
     def delayed(sample: Sample) -> None:
         time.sleep(slow if next(count) == 300 else 0.0)
         at_once(sample)
 
-    twin.at_once = delayed  # type: ignore[method-assign]
+    twin.estimate_at_once = delayed  # type: ignore[method-assign]
     session = Session(robot, {}, {}, twin, MODEL, 0.03, np.inf, True, lambda text: None)
-    session.wait()
+    session.wait_for_topics()
     return session.follow(lambda: folder / "run.mcap")
 
 
@@ -162,10 +162,10 @@ def test_a_session_says_how_punctual_it_was_and_which_deadlines_it_missed(tmp_pa
 
 def test_what_fails_where_messages_are_received_ends_the_session(tmp_path: Path):
     class Unplugged(Robot):
-        def take(self, wait: float) -> list[Arrival]:
+        def receive(self, wait: float) -> list[Arrival]:
             if self.next == 100:
                 raise InputRefused("robot: the cable is out")
-            return super().take(wait)
+            return super().receive(wait)
 
     with pytest.raises(InputRefused, match="the cable is out"):
         followed(Unplugged(readings(200), live=True), tmp_path)
@@ -176,17 +176,17 @@ def test_a_message_that_cannot_be_read_ends_a_session_before_its_first_sample_on
         stamped = True
 
         def read(self, data: bytes, arrived: int) -> Reading:
-            raise LogRefused("no such message")
+            raise LogError("no such message")
 
     robot = Robot(readings(100))
     one = receiver(robot, lambda sample: None)
     one._readers = {"bad": Reader()}  # type: ignore[dict-item]
     bad = Arrival("bad", 0, b"")
-    with pytest.raises(LogRefused, match="no such message"):
-        one._read(bad)
-    while not robot.ended:
-        one.turn()
-    assert one._read(bad).columns == () and one.take().unread == ["no such message"]
+    with pytest.raises(LogError, match="no such message"):
+        one._read_message(bad)
+    while not robot.at_end:
+        one.receive_once()
+    assert one._read_message(bad).columns == () and one.drain().unread == ["no such message"]
 
 
 REAL = """

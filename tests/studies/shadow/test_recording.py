@@ -6,17 +6,16 @@ import numpy as np
 
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.writer import ForeignTopic
 from twin.robot.assembly.load import load_experiment
 from twin.studies.replay.model import model_of
-from twin.studies.replay.text import FORCE_RESIDUAL
-from twin.studies.shadow.following import Happening
+from twin.studies.replay.parts import FORCE_RESIDUAL, Happening
 from twin.studies.shadow.recording import ShadowRecording
 
 
 def test_what_is_found_out_late_or_logged_out_of_order_leaves_a_whole_recording(root: Path, tmp_path: Path):
     model = model_of(load_experiment(root / "experiments" / "fig4_force_position.toml"))
-    joints = OthersTopic("/joint_states", "cdr", "sensor_msgs/msg/JointState", "ros2msg", b"")
+    joints = ForeignTopic("/joint_states", "cdr", "sensor_msgs/msg/JointState", "ros2msg", b"")
     path = tmp_path / "run.mcap"
     recording = ShadowRecording(path, {"residual/force": FORCE_RESIDUAL}, [joints], model, "robot", (0, 0))
     # a gap is known at the sample after it, an invalid sample at once

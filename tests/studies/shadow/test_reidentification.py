@@ -9,39 +9,40 @@ from scipy.stats import binom
 
 from tests.studies.replay.logs import softened
 from tests.studies.shadow.robots import FIG4, FLEET, identified_fleet
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.assembly.load import load_experiment
-from twin.robot.places import HOME
+from twin.robot.paths import PROJECT_FOLDER
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow import reidentification
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
-from twin.studies.shadow.fleet import SCALE, Fleet, arrived, read_fleet
+from twin.studies.shadow.filter_steps import drive_model
+from twin.studies.shadow.fleet import SCALE_SETTINGS, Fleet, read_fleet, transmit_samples
 from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.reidentification import (
-    LATEST,
-    MOST,
+    MAX_SAMPLE_AGE,
+    MAX_SAMPLES,
     TORQUE_ERROR,
-    Moved,
+    ParameterChange,
     Reidentifier,
     SampleRing,
-    reidentified,
+    reidentify,
     torque_error,
 )
-from twin.studies.shadow.samples import RobotSamples, drive_model, samples_of
 
-TWIN = load_experiment(FIG4, SCALE)
+TWIN = load_experiment(FIG4, SCALE_SETTINGS)
 NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 
 
 @cache
 def robot(*settings: str) -> RobotSamples:
     """A robot of Fig. 4 that is broken from the start or from some moment on, as it arrives."""
-    run = run_in_memory(load_experiment(FIG4, [*SCALE, *NOISY, *settings]), 2)
-    return arrived(samples_of(run), np.random.default_rng(4), 0.01, 0.2e-3)
+    run = run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *NOISY, *settings]), 2)
+    return transmit_samples(samples_of(run), np.random.default_rng(4), 0.01, 0.2e-3)
 
 
 def part(samples: RobotSamples, begin: float, end: float = np.inf) -> RobotSamples:
@@ -49,10 +50,10 @@ def part(samples: RobotSamples, begin: float, end: float = np.inf) -> RobotSampl
     return RobotSamples(samples.t[chosen], samples.u[chosen].copy())
 
 
-def found(samples: RobotSamples, plant: PlantParameters | None = None) -> dict[str, Moved]:
+def found(samples: RobotSamples, plant: PlantParameters | None = None) -> dict[str, ParameterChange]:
     """By field and leg what is known of a robot that is believed to be that of Fig. 4."""
     plant = plant or plant_parameters(TWIN.plant, TWIN.contact)
-    moved = reidentified(samples, plant, belief(TWIN), drive_model(TWIN).inertia)
+    moved = reidentify(samples, plant, belief(TWIN), drive_model(TWIN).inertia)
     return {f"{one.field} {one.leg}": one for one in moved}
 
 
@@ -104,31 +105,31 @@ def test_a_wider_dead_zone_proposes_no_spring():
 
 
 def test_a_drive_whose_torque_is_not_its_load_proposes_no_spring():
-    own, other = (torque_error(load_experiment(FIG4, SCALE, drive)) for drive in (None, "pmsm_foc"))
+    own, other = (torque_error(load_experiment(FIG4, SCALE_SETTINGS, drive)) for drive in (None, "pmsm_foc"))
     assert own < 0.5 * TORQUE_ERROR and other > TORQUE_ERROR
     samples, plant = part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0), plant_parameters(TWIN.plant, TWIN.contact)
-    moved = reidentified(samples, plant, belief(TWIN), drive_model(TWIN).inertia, loads=False)
+    moved = reidentify(samples, plant, belief(TWIN), drive_model(TWIN).inertia, loads=False)
     assert not any(one.is_news for one in moved)
     assert str(moved[0]) == "k_s of joint 1 not known: not known with this drive"
 
 
-DRIVES = sorted(path.stem for path in HOME.glob("fmus/*/*.fmu"))
+DRIVES = sorted(path.stem for path in PROJECT_FOLDER.glob("fmus/*/*.fmu"))
 
 
 @pytest.mark.endurance
 @pytest.mark.parametrize("drive", DRIVES)
 def test_of_twenty_healthy_robots_of_each_shipped_drive_nothing_is_proposed(drive: str):
-    believed, fleet = load_experiment(FIG4, SCALE, drive), read_fleet(identified_fleet(), FIG4, seed=41)
+    believed, fleet = load_experiment(FIG4, SCALE_SETTINGS, drive), read_fleet(identified_fleet(), FIG4, seed=41)
     plant, loads = plant_parameters(believed.plant, believed.contact), torque_error(believed) < TORQUE_ERROR
     # of the others twin's own run has no torque, or one that is not the spring's load
     assert loads == (drive == "velocity_servo")
     for number in range(20):
         random = np.random.default_rng([fleet.seed, number])
         zeros = [f"plant.{side}_zero_deg={random.uniform(-0.05, 0.05, 3).tolist()}" for side in ("motor", "joint")]
-        own = [*SCALE, *fleet.robots[number], *zeros, f"seed={int(random.integers(1 << 31))}"]
+        own = [*SCALE_SETTINGS, *fleet.robots[number], *zeros, f"seed={int(random.integers(1 << 31))}"]
         run = run_in_memory(load_experiment(FIG4, own, drive), believed.controller_ticks)
-        samples = part(arrived(samples_of(run), random), 3.0, 15.0)
-        moved = reidentified(samples, plant, belief(believed), drive_model(believed).inertia, loads)
+        samples = part(transmit_samples(samples_of(run), random), 3.0, 15.0)
+        moved = reidentify(samples, plant, belief(believed), drive_model(believed).inertia, loads)
         assert not [str(one) for one in moved if one.is_news]
 
 
@@ -156,7 +157,7 @@ def test_where_only_the_skin_has_changed_springs_stay_inside_their_intervals():
 
 def test_the_stiffness_of_a_contact_is_known_after_several_presses_and_not_after_one():
     hard = "contact.stiffness_N_per_m=2000"
-    rolls = load_experiment(FIG4.parent / "rolling.toml", [*SCALE, *NOISY, hard])
+    rolls = load_experiment(FIG4.parent / "rolling.toml", [*SCALE_SETTINGS, *NOISY, hard])
     K = found(samples_of(run_in_memory(rolls, 2)))["K -1"]
     assert K.now is not None and abs(K.now.value - 2000.0) <= K.now.half_width < 20.0 and K.is_news
     assert found(robot("contact.stiffness_N_per_m=1500"))["K -1"].why == "too few presses vary the force"
@@ -184,7 +185,7 @@ def test_what_has_been_accepted_is_no_news():
     samples = part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0)
     plant = plant_parameters(TWIN.plant, TWIN.contact)
     news = tuple(one for one in found(samples, plant).values() if one.is_news)
-    changed = reidentification.Adaptation(15.0, news).of(plant)
+    changed = reidentification.Adaptation(15.0, news).apply_to(plant)
     (spring,) = (one.now for one in news if one.name == "k_s of joint 2")
     # fitted together with the dead zone it is known less well than alone
     assert spring is not None and abs(spring.value / plant.k_s - 0.93) < spring.half_width / plant.k_s < 0.03
@@ -192,26 +193,26 @@ def test_what_has_been_accepted_is_no_news():
     assert not any(one.is_news for one in found(samples, changed).values())
 
 
-@pytest.mark.parametrize(("period", "most"), [(0.5e-3, MOST), (2e-3, round(LATEST / 2e-3) + 1)])
+@pytest.mark.parametrize(("period", "most"), [(0.5e-3, MAX_SAMPLES), (2e-3, round(MAX_SAMPLE_AGE / 2e-3) + 1)])
 def test_what_is_kept_does_not_grow(period: float, most: int):
     ring = SampleRing()
     for k in range(3):
         t = np.asarray((40_000 * k + np.arange(40_000, dtype=float)) * period)
         ring.keep(t, np.tile(t[:, None], (1, 13)))
-    last = ring.since(0.0)
+    last = ring.samples_since(0.0)
     assert most - 1 <= len(last.t) <= most and np.all(np.diff(last.t) > 0)
     assert np.array_equal(last.t, last.u[:, 5]) and last.t[-1] == t[-1]
-    assert ring.since(t[-100]).t[0] == t[-100]
+    assert ring.samples_since(t[-100]).t[0] == t[-100]
 
 
 def test_samples_go_on_while_it_is_looked_for(monkeypatch: pytest.MonkeyPatch):
     may = threading.Event()
 
-    def slow(*_: object) -> tuple[Moved, ...]:
+    def slow(*_: object) -> tuple[ParameterChange, ...]:
         may.wait(10.0)
         return ()
 
-    monkeypatch.setattr(reidentification, "reidentified", slow)
+    monkeypatch.setattr(reidentification, "reidentify", slow)
     one = Reidentifier(TWIN, wait=False)
     one.keep(np.arange(10.0), np.zeros((10, 13)))
     one.ask(0.0, 9.0)
@@ -232,7 +233,7 @@ def followed(adapts: bool) -> tuple[Twin, AlarmWatch, np.ndarray, list[str]]:
     residual, texts = [], []
     for u in (part(samples, k, k + 1.0) for k in range(20)):
         rows = twin.feed(u)
-        residual.append(np.nanmean(named(OUTPUTS, rows["shadow"])["residual_tau"][:, 1]))
+        residual.append(np.nanmean(values_by_port(OUTPUTS, rows["shadow"])["residual_tau"][:, 1]))
         texts += [one.text for one in twin.happenings()]
     return twin, watched, np.array(residual), texts
 

@@ -27,7 +27,7 @@ from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.study import shadow
 from twin.studies.shadow.text import shadow_result
-from twin.studies.shadow.verdict import Followed, verdict_of
+from twin.studies.shadow.verdict import SessionSummary, verdict_of
 
 START = 10**18
 JOINTS, COMMANDS = tuple(range(6)), (6, 7, 8)
@@ -41,28 +41,28 @@ class Topics:
         arrivals: of both.
     """
 
-    name, dropped, ended, has_messages = "robot", 0, False, False
+    name, drop_count, at_end, has_messages = "robot", 0, False, False
 
     def __init__(self, arrivals: list[Arrival]):
         self.arrivals = sorted(arrivals, key=lambda one: one.arrived)
         self.at = self.next = 0
 
-    def seen(self) -> dict[str, str]:
+    def topic_types(self) -> dict[str, str]:
         return {"/joint_states": "sensor_msgs/msg/JointState", "/commands": "sensor_msgs/msg/JointState"}
 
     def subscribe(self, topic: str) -> None:
         """Readings."""
 
-    def publishers(self, topic: str) -> int:
+    def publisher_count(self, topic: str) -> int:
         return 1
 
-    def take(self, wait: float) -> list[Arrival]:
+    def receive(self, wait: float) -> list[Arrival]:
         taken = self.arrivals[self.next : self.next + 50]
-        self.next, self.ended = self.next + 50, not taken
+        self.next, self.at_end = self.next + 50, not taken
         self.at = taken[-1].arrived if taken else self.at
         return taken
 
-    def now(self) -> int:
+    def now_ns(self) -> int:
         return self.at
 
     def close(self) -> None:
@@ -86,14 +86,14 @@ def commands(end: int = N + 900) -> list[Arrival]:
     return [Arrival("/commands", one.stamp, one) for one in readings]
 
 
-def followed(arrivals: list[Arrival], folder: Path, watched: AlarmWatch | None = None) -> Followed:
+def followed(arrivals: list[Arrival], folder: Path, watched: AlarmWatch | None = None) -> SessionSummary:
     """A session beside them."""
     twin = twin_of(EXPERIMENT, MODEL, "robot", watched)
     columns, wanted = column_map([*MAP, *COMMANDED]), wanted_signals(MODEL.belief)
     session = Session(
         Topics(arrivals), columns, wanted, twin, MODEL, 0.03, np.inf, False, lambda text: None, watched=watched
     )
-    session.wait()
+    session.wait_for_topics()
     return session.follow(lambda: folder / "run.mcap")
 
 
@@ -137,7 +137,7 @@ def test_after_a_silence_the_watch_goes_on(tmp_path: Path):
 
 def test_the_summary_says_what_was_watched_and_what_was_not(tmp_path: Path):
     told = followed(joints(), tmp_path)
-    assert told.measured == ["motor angles", "joint angles"]
+    assert told.measured_signals == ["motor angles", "joint angles"]
     text = " ".join(shadow_result(told, FIG4, {}).text.split())
     assert "watched motor angles, joint angles; no force, no commands, no torques" in text
     assert "verdict not watched: " in text
@@ -230,8 +230,8 @@ def test_after_ten_seconds_without_a_topic_domain_interfaces_and_causes_are_prin
     clock, printed = Clock(), list[tuple[float, str]]()
 
     class Late(Topics):
-        def seen(self) -> dict[str, str]:
-            return super().seen() if clock.now > 140.0 else {}
+        def topic_types(self) -> dict[str, str]:
+            return super().topic_types() if clock.now > 140.0 else {}
 
     monkeypatch.setattr(session_module, "time", clock)
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
@@ -240,7 +240,7 @@ def test_after_ten_seconds_without_a_topic_domain_interfaces_and_causes_are_prin
         Late([]), columns, wanted, twin_of(EXPERIMENT, MODEL, "robot"), MODEL, 0.03, np.inf, True, lambda text: None,
         announce=lambda text: printed.append((clock.now, text)),
     )  # fmt: skip
-    session.wait()
+    session.wait_for_topics()
     ((begin, waiting), (at, hint)) = printed
     assert (begin, waiting) == (100.0, "waiting for /joint_states, /commands; no topics here yet")
     assert 10.0 < at - begin < 10.3

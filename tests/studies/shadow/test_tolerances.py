@@ -10,7 +10,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.studies.shadow.alarm import CHANNELS, RateTolerances, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import fleet_limits
 from twin.studies.shadow.tolerances import (
-    SHIPPED,
+    SHIPPED_FOLDER,
     finds_faults,
     fleet_digest,
     read_tolerances,
@@ -19,7 +19,7 @@ from twin.studies.shadow.tolerances import (
     write_tolerances,
 )
 
-NAMES = sorted(path.stem for path in SHIPPED.glob("*.json"))
+NAMES = sorted(path.stem for path in SHIPPED_FOLDER.glob("*.json"))
 
 
 def shipped(name: str) -> RateTolerances:

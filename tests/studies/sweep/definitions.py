@@ -4,7 +4,7 @@ from pathlib import Path
 
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.engine import Job
-from twin.studies.sweep.plan import SweepFile, SweepPlan, planned
+from twin.studies.sweep.plan import SweepFile, SweepPlan, read_plan
 
 STIFFNESS = "contact.stiffness_N_per_m"
 GAIN = "controller.force.kp_mm_per_N"
@@ -24,7 +24,7 @@ def written(folder: Path, text: str, name: str = "s.toml") -> Path:
 
 def stiffnesses(root: Path, folder: Path, values: str, more: str = "") -> SweepPlan:
     """A plan of short runs over contact stiffness."""
-    return planned(written(folder, stiffness_text(root, values, more)))
+    return read_plan(written(folder, stiffness_text(root, values, more)))
 
 
 def stiffness_text(root: Path, values: str, more: str = "") -> str:

@@ -16,16 +16,16 @@ from scipy import stats
 from tests.studies.sweep.definitions import GAIN, SHORT, STIFFNESS, definition, stiffness_text, stiffnesses, written
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.plan import (
-    MOST,
+    MAX_PLANNED_RUNS,
     Condition,
     DesignPoint,
     SweepPlan,
     Value,
     Vary,
     largest_count,
-    planned,
     points,
     read_definition,
+    read_plan,
     saltelli_cube,
     short_definition,
     unit_cube,
@@ -100,12 +100,12 @@ def test_a_draw_is_the_quantile_of_its_distribution(u: float):
     ]
     for table, distribution in quantiles:
         # two libraries' inverses of the normal distribution differ in the last digits
-        assert table.drawn(u) == pytest.approx(float(distribution.ppf(u)), rel=1e-9)
+        assert table.quantile(u) == pytest.approx(float(distribution.ppf(u)), rel=1e-9)
 
 
 @given(numbers, shares)
 def test_a_list_is_drawn_from_evenly(values: list[int], u: float):
-    assert vary(values=values).drawn(u) == values[int(u * len(values))]
+    assert vary(values=values).quantile(u) == values[int(u * len(values))]
 
 
 @given(st.floats(0.1, 10.0), st.floats(1.1, 100.0), st.integers(2, 9))
@@ -142,7 +142,7 @@ def test_draws_that_are_alike_once_conditions_left_keys_out_are_one_run():
 
 def test_more_runs_than_fit_are_refused_before_any_is_made():
     tables = [{"key": key, "from": 0.0, "to": 1.0, "count": 1000} for key in "abc"]
-    with pytest.raises(InputRefused, match=f"1,000,000,000 runs: more than {MOST:,}"):
+    with pytest.raises(InputRefused, match=f"1,000,000,000 runs: more than {MAX_PLANNED_RUNS:,}"):
         points(definition(vary=tables))
 
 
@@ -201,7 +201,7 @@ def test_one_drive_under_two_names_is_two_runs(root: Path, tmp_path: Path):
 
 def test_linked_keys_get_the_same_value(root: Path, tmp_path: Path):
     text = stiffness_text(root, "[500]").replace(SHORT, f"{{ keys = {SPRING}, values = [2.5] }}")
-    (task,) = planned(written(tmp_path, text)).tasks
+    (task,) = read_plan(written(tmp_path, text)).tasks
     assert "plant.k_s_Nm_per_rad=2.5" in task.settings and "controller.model.k_s_Nm_per_rad=2.5" in task.settings
     assert task.parameters == {STIFFNESS: 500, "plant.k_s_Nm_per_rad": 2.5}
 
@@ -216,7 +216,7 @@ def test_keys_know_the_experiments_values_and_the_drives_binary(root: Path, tmp_
     def key(base: str) -> str:
         written(tmp_path, f'extends = "{root}/experiments/fig4_force_position.toml"\n{base}', "e.toml")
         text = f'experiment = "e.toml"\n[[vary]]\nkey = "{STIFFNESS}"\nvalues = [700]\n'
-        return planned(written(tmp_path, text)).tasks[0].key
+        return read_plan(written(tmp_path, text)).tasks[0].key
 
     same = key("")
     assert key("# a comment\n") == same
@@ -254,7 +254,7 @@ def test_a_sweep_with_another_line_is_another_configuration(root: Path, tmp_path
     head = f'experiment = "{root}/experiments/fig4_force_position.toml"\n'
 
     def configuration(text: str) -> dict[str, str]:
-        return planned(written(tmp_path, head + text)).configuration
+        return read_plan(written(tmp_path, head + text)).configuration
 
     before, same = configuration(SAMPLED), configuration(SAMPLED + "# a comment\n")
     after = configuration(SAMPLED.replace(line, other))
@@ -264,7 +264,7 @@ def test_a_sweep_with_another_line_is_another_configuration(root: Path, tmp_path
 
 def refused(root: Path, folder: Path, text: str) -> str:
     with pytest.raises(InputRefused) as refusal:
-        planned(written(folder, f'experiment = "{root}/experiments/fig4_force_position.toml"\n{text}'))
+        read_plan(written(folder, f'experiment = "{root}/experiments/fig4_force_position.toml"\n{text}'))
     return str(refusal.value)
 
 
@@ -294,7 +294,7 @@ def test_a_bad_end_of_a_range_is_found_among_many_runs(root: Path, tmp_path: Pat
 def test_measures_of_the_experiment_are_metrics_that_a_limit_may_name(root: Path, tmp_path: Path):
     def plan(metric: str) -> SweepPlan:
         text = f'[limits]\n"{metric}" = 0.1\n[[vary]]\nkey = "duration_s"\nvalues = [2]\n'
-        return planned(written(tmp_path, f'experiment = "{root}/experiments/step_z_air.toml"\n{text}'))
+        return read_plan(written(tmp_path, f'experiment = "{root}/experiments/step_z_air.toml"\n{text}'))
 
     assert "z.rise_time" in plan("z.rise_time").metrics
     with pytest.raises(InputRefused, match=r"z\.rise_tim: no such metric; did you mean 'z\.rise_time'\?"):
@@ -305,7 +305,7 @@ def test_a_part_of_another_make_is_in_the_key_and_pinned_for_every_run(root: Pat
     def only(content: str) -> tuple[str, tuple[str, ...]]:
         (tmp_path / "mine.py").write_text(content)
         text = f'experiment = "e.toml"\n[[vary]]\nkey = "{STIFFNESS}"\nvalues = [700]\n'
-        (task,) = planned(written(tmp_path, text)).tasks
+        (task,) = read_plan(written(tmp_path, text)).tasks
         return task.key, task.settings
 
     base = f'extends = "{root}/experiments/fig4_force_position.toml"\n[controller]\npython = "mine.py:Controller"\n'

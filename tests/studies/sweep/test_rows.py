@@ -13,9 +13,16 @@ from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.statistics import rows as made_up
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.columns import Columns, Row, Words, columns_of, joined, once
+from twin.studies.sweep.columns import (
+    CategoricalColumn,
+    Columns,
+    Row,
+    cache_per_columns,
+    columns_of,
+    concatenate_columns,
+)
 from twin.studies.sweep.parquet import write_parquet
-from twin.studies.sweep.rows import DiskFailed, RowFile, read_columns, read_rows
+from twin.studies.sweep.rows import DiskError, RowFile, read_columns, read_rows
 
 VALUES = st.one_of(st.booleans(), st.integers(-3, 3), st.floats(-3.0, 3.0), st.sampled_from(["", "1", "x"]))
 TABLES = st.dictionaries(st.sampled_from("abc"), VALUES, max_size=3)
@@ -39,8 +46,8 @@ def typed(values: list[Any]) -> list[tuple[type, Any]]:
 
 def said(columns: Columns, name: str) -> list[Any]:
     """A column with None where the row has nothing, also where the column is not there."""
-    column = columns.of.get(name, Words.of([None] * len(columns)))
-    if isinstance(column, Words):
+    column = columns.by_name.get(name, CategoricalColumn.from_values([None] * len(columns)))
+    if isinstance(column, CategoricalColumn):
         return typed(list(column))
     return typed([None if np.isnan(number) else number for number in column.tolist()])
 
@@ -48,7 +55,7 @@ def said(columns: Columns, name: str) -> list[Any]:
 @pytest.mark.slow
 @given(rows(), rows())
 def test_each_column_is_what_the_rows_say_also_if_they_come_in_parts(first: list[Row], then: list[Row]):
-    columns, both = joined([columns_of(first), columns_of(then)]), [*first, *then]
+    columns, both = concatenate_columns([columns_of(first), columns_of(then)]), [*first, *then]
     assert len(columns) == len(both)
     for name in ("drive", "status", "reason", "within_limits", "key"):
         assert said(columns, name) == typed([one[name] for one in both])
@@ -59,28 +66,28 @@ def test_each_column_is_what_the_rows_say_also_if_they_come_in_parts(first: list
     answers = [one["claims"].get("trigger_time", {}) for one in both]
     assert said(columns, "verdicts/trigger_time") == typed([answer.get("verdict") for answer in answers])
     assert said(columns, "values/trigger_time") == typed([answer.get("value") for answer in answers])
-    assert list(columns.words("has_metrics")) == [bool(one["metrics"]) for one in both]
+    assert list(columns.categorical("has_metrics")) == [bool(one["metrics"]) for one in both]
 
 
 @pytest.mark.slow
 @given(rows())
 def test_in_the_order_of_runs_every_row_keeps_its_values(some: list[Row]):
     columns, ordered = columns_of(some).by_run(), sorted(some, key=lambda one: one["run"])
-    assert [columns.run(n) for n in range(len(columns))] == [one["run"] for one in ordered]
-    assert list(columns.words("drive")) == [one["drive"] for one in ordered]
+    assert [columns.run_number(n) for n in range(len(columns))] == [one["run"] for one in ordered]
+    assert list(columns.categorical("drive")) == [one["drive"] for one in ordered]
 
 
 def test_words_are_counted_in_the_order_of_rows_and_those_that_no_row_has_any_more_are_not():
-    words = Words.of(["b", "a", None, "b"])
+    words = CategoricalColumn.from_values(["b", "a", None, "b"])
     assert list(words.counts.items()) == [("b", 2), ("a", 1), (None, 1)]
-    assert words.at(np.array([1, 2])).counts == {"a": 1, None: 1}
-    assert words.are(lambda word: word == "b").tolist() == [True, False, False, True]
+    assert words.select(np.array([1, 2])).counts == {"a": 1, None: 1}
+    assert words.mask(lambda word: word == "b").tolist() == [True, False, False, True]
 
 
 def test_what_was_found_out_of_columns_is_not_found_out_again():
     asked = []
 
-    @once
+    @cache_per_columns
     def length(columns: Columns, more: int) -> int:
         asked.append(more)
         return len(columns) + more
@@ -114,7 +121,7 @@ def test_a_line_torn_at_any_byte_is_dropped_and_its_run_can_be_added_again(file:
     for end in range(begins, len(whole)):
         file.write_bytes(whole[:end])
         with RowFile(file) as rows:
-            assert list(rows.before.words("key")) == ["k1", "k2"] and rows.count == 2
+            assert list(rows.before.categorical("key")) == ["k1", "k2"] and rows.count == 2
             rows.add([keyed_row(3)])
         assert file.read_bytes() == whole
 
@@ -124,7 +131,9 @@ def test_a_row_that_is_there_twice_counts_once(file: Path):
     file.write_bytes(content + content.replace(b'"done"', b'"tripped"'))
     assert read_rows(file) == [keyed_row(1), keyed_row(2), keyed_row(3)]
     columns, end = read_columns(file)
-    assert list(columns.words("key")) == ["k1", "k2", "k3"] and columns.words("status").counts == {"done": 3}
+    assert list(columns.categorical("key")) == ["k1", "k2", "k3"] and columns.categorical("status").counts == {
+        "done": 3
+    }
     # its bytes are not cut off
     assert end == file.stat().st_size
 
@@ -143,14 +152,14 @@ def test_what_json_of_python_alone_can_read_and_what_another_version_wrote_more_
     with RowFile(file) as rows:
         rows.add([odd])
     assert read_rows(file)[-1] == odd
-    assert read_columns(file)[0].words("reason")[3] == odd["reason"]
+    assert read_columns(file)[0].categorical("reason")[3] == odd["reason"]
 
 
 @pytest.mark.parametrize("spare", [0, 1, 150])
 def test_a_full_disk_keeps_every_row_before_and_room_lets_it_go_on(file: Path, spare: int):
     before = file.read_bytes()
     with RowFile(file) as rows:
-        with largest_file(len(before) + spare), pytest.raises(DiskFailed, match="3 finished runs are kept"):
+        with largest_file(len(before) + spare), pytest.raises(DiskError, match="3 finished runs are kept"):
             rows.add([keyed_row(4), keyed_row(5)])
         assert file.read_bytes() == before
         rows.add([keyed_row(4)])

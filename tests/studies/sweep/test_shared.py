@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import pytest
 
 from twin.robot.experiment.experiment_files import experiment_file
-from twin.robot.run.past import SharedPast
 from twin.robot.run.runs import Runs
+from twin.robot.run.shared_prefix import SharedPrefix
 from twin.studies.sweep import worker
-from twin.studies.sweep.worker import AFTER, NUMBERS
+from twin.studies.sweep.worker import NUMBERS_REQUEST, RUNS_BEFORE_SHARING
 
 PRESSING = experiment_file("pressing")
 DRIFT = 'fault=[{kind = "encoder_drift", target = "motor_encoder_1", onset_s = 6.5, magnitude_deg_per_s = 2.0}]'
@@ -22,7 +22,7 @@ CHANGE = 'change=[{t_s = 6.0, key = "controller.force.kp_mm_per_N", value = 3.0}
 
 @pytest.fixture(autouse=True)
 def _past(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    with Runs(NUMBERS, AFTER, most=1) as runs:
+    with Runs(NUMBERS_REQUEST, RUNS_BEFORE_SHARING, most=1) as runs:
         monkeypatch.setattr(worker, "_runs", runs)
         yield
 
@@ -53,17 +53,17 @@ def found(settings: list[list[str]], drive: str | None = None) -> list[tuple[str
 def test_runs_that_share_a_past_are_those_from_the_start(
     monkeypatch: pytest.MonkeyPatch, table: str, key: str, values: list[float]
 ):
-    settings = [[table, f"{key}={values[0]}"]] * AFTER + [[table, f"{key}={value}"] for value in values]
+    settings = [[table, f"{key}={values[0]}"]] * RUNS_BEFORE_SHARING + [[table, f"{key}={value}"] for value in values]
     shared = found(settings)
     assert lacking() == ""
     worker._runs.close()
-    monkeypatch.setattr(worker, "_runs", Runs(NUMBERS, most=0))
+    monkeypatch.setattr(worker, "_runs", Runs(NUMBERS_REQUEST, most=0))
     assert shared == found(settings)
     assert len(set(shared)) > 1
 
 
 def test_keys_that_act_from_the_start_share_no_past(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(SharedPast, "__init__", lambda *_: pytest.fail("a past was made"))
+    monkeypatch.setattr(SharedPrefix, "__init__", lambda *_: pytest.fail("a past was made"))
     assert {status for status, *_ in found([[DRIFT, f"plant.k_s_Nm_per_rad={1.0 + 0.1 * i}"] for i in range(5)])} == {
         "done"
     }

@@ -15,9 +15,9 @@ from twin.studies.sweep.engine import LocalEngine
 from twin.studies.sweep.margins import trial as margins_of
 from twin.studies.sweep.plan import plan_of, short_definition
 from twin.studies.sweep.show.parts import headline
-from twin.studies.sweep.statistics.ranking import best, equal_to_best, usual_metric, value
+from twin.studies.sweep.statistics.ranking import equal_to_best, ranked_rows, usual_metric, value
 from twin.studies.sweep.stored import stored_sweep
-from twin.studies.sweep.study import carried_out
+from twin.studies.sweep.study import complete_sweep
 from twin.studies.sweep.worker import trial
 
 SPRINGS = (0.2, 0.3, 0.5, 0.8, 0.9, 1.5, 3.0)
@@ -63,7 +63,7 @@ def test_the_ranking_of_springs_is_that_of_the_recorded_forces(root: Path, rows:
         assert metrics["hold_overshoot_percent"] == pytest.approx(overshoot, abs=1e-9)
     sweep = kept(rows)
     by = usual_metric(sweep.columns)
-    ranked = [SPRINGS[row] for row in best(sweep.columns, by)]
+    ranked = [SPRINGS[row] for row in ranked_rows(sweep.columns, by)]
     assert ranked == sorted(SPRINGS, key=found.__getitem__) and ranked[0] == 0.5
     assert (round(found[0.5], 3), round(found[1.5], 3)) == (0.031, 0.153)
     equal = [SPRINGS[row] for row in equal_to_best(sweep.columns, by)]
@@ -73,7 +73,7 @@ def test_the_ranking_of_springs_is_that_of_the_recorded_forces(root: Path, rows:
 
 def test_the_error_since_the_first_touch_would_choose_another_spring(rows: list[Row]):
     sweep = kept(rows)
-    assert SPRINGS[best(sweep.columns, "force_error_N")[0]] == 1.5
+    assert SPRINGS[ranked_rows(sweep.columns, "force_error_N")[0]] == 1.5
     # which is why rows without a hold error say what they are ranked by
     assert value(sweep.columns, "hold_error_N")[SPRINGS.index(1.5)] > 0.15
 
@@ -84,7 +84,7 @@ def test_margins_are_computed_once_at_the_end_and_kept_beside_the_rows(root: Pat
     plan = plan_of(short_definition(original, ["robot.k_s_Nm_per_rad=0.5:1:2"], None), original, "mine", "--sweep")
     said: list[str] = []
     for _ in range(2):
-        carried_out(plan, tmp_path / "s", LocalEngine(1), JobLimits(), lambda text, *_: said.append(text))
+        complete_sweep(plan, tmp_path / "s", LocalEngine(1), JobLimits(), lambda text, *_: said.append(text))
     found = [*stored_sweep(tmp_path / "s").margins.values()]
     assert [(one["run"], one["reason"]) for one in found] == [(1, ""), (2, "")]
     assert [round(one["gain"] or 0.0) for one in found] == [129, 97]

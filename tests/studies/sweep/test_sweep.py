@@ -25,14 +25,14 @@ from tests.studies.sweep.definitions import STIFFNESS, job, stiffnesses, written
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.warm import WarmProcess
-from twin.studies.sweep import SERVED
+from twin.studies.sweep import WORKER_JOB
 from twin.studies.sweep.engine import Job, LocalEngine, Result, run_facts
-from twin.studies.sweep.interrupts import PATIENCE, raise_if_pressed, remembered
+from twin.studies.sweep.interrupts import MAX_PRESSES, defer_interrupts, raise_interrupt
 from twin.studies.sweep.measures import RunFinding
-from twin.studies.sweep.plan import SweepPlan, Task, planned
-from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows
-from twin.studies.sweep.stored import FACTS, stored_sweep
-from twin.studies.sweep.sweep import State, run_sweep
+from twin.studies.sweep.plan import SweepPlan, Task, read_plan
+from twin.studies.sweep.rows import ROWS_FILE, DiskError, read_rows
+from twin.studies.sweep.stored import SWEEP_FILE, stored_sweep
+from twin.studies.sweep.sweep import SweepState, run_sweep
 
 RUNS = 12
 VALUES = str([500 + 10 * number for number in range(RUNS)])
@@ -64,9 +64,9 @@ class Pretender:
 
 def facts(task: Task) -> dict:
     if task.run % 5 == 0:
-        return RunFinding("failed", "because", {}, float("nan"), float("nan")).facts
+        return RunFinding("failed", "because", {}, float("nan"), float("nan")).row_fields
     stiffness = float(task.parameters[STIFFNESS])
-    return RunFinding("done", "", {"force_error_N": stiffness, "peak_N": 1.0 / stiffness}, 0.1, 0.05).facts
+    return RunFinding("done", "", {"force_error_N": stiffness, "peak_N": 1.0 / stiffness}, 0.1, 0.05).row_fields
 
 
 @pytest.fixture(scope="module")
@@ -100,12 +100,12 @@ def test_rows_do_not_depend_on_order_batches_and_interruptions(
             run_sweep(plan, folder, engine)
         except KeyboardInterrupt:
             assert engine.closed
-    rows_before = len(read_rows(folder / ROWS))
+    rows_before = len(read_rows(folder / ROWS_FILE))
     last = Pretender(order, batch)
     run_sweep(plan, folder, last)
     assert len(last.asked) == RUNS - rows_before
     assert stored_sweep(folder).rows == undisturbed
-    assert (folder / ROWS).read_bytes().count(b"\n") == RUNS
+    assert (folder / ROWS_FILE).read_bytes().count(b"\n") == RUNS
 
 
 def test_a_finished_sweep_runs_nothing_again(plan: SweepPlan, tmp_path: Path):
@@ -117,7 +117,7 @@ def test_a_finished_sweep_runs_nothing_again(plan: SweepPlan, tmp_path: Path):
 
 
 def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: SweepPlan, tmp_path: Path):
-    def show(state: State) -> None:
+    def show(state: SweepState) -> None:
         if state.done == 3:
             raise KeyboardInterrupt
 
@@ -132,8 +132,8 @@ def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: 
 def test_a_full_disk_loses_nothing_finished(plan: SweepPlan, undisturbed: list[dict], tmp_path: Path):
     engine = Pretender()
     run_sweep(plan, tmp_path / "all", Pretender())
-    rows, described = ((tmp_path / "all" / name).stat().st_size for name in (ROWS, FACTS))
-    with largest_file(max(rows // 2, described)), pytest.raises(DiskFailed, match=r"No space|File too large"):
+    rows, described = ((tmp_path / "all" / name).stat().st_size for name in (ROWS_FILE, SWEEP_FILE))
+    with largest_file(max(rows // 2, described)), pytest.raises(DiskError, match=r"No space|File too large"):
         run_sweep(plan, tmp_path / "full", engine)
     assert engine.closed
     finished = stored_sweep(tmp_path / "full").rows
@@ -167,7 +167,7 @@ def test_limits_are_a_verdict_and_a_failed_run_keeps_none(undisturbed: list[dict
 
 
 def test_the_state_counts_runs_failures_and_the_best_so_far(plan: SweepPlan, tmp_path: Path):
-    states: list[State] = []
+    states: list[SweepState] = []
     with pytest.raises(KeyboardInterrupt):
         run_sweep(plan, tmp_path, Pretender(until=6), show=states.append)
     assert (states[0].done, states[-1].done, states[-1].failed) == (0, 6, 1)
@@ -182,9 +182,9 @@ def test_the_state_counts_runs_failures_and_the_best_so_far(plan: SweepPlan, tmp
 def test_of_runs_that_are_equally_good_the_first_is_the_best_whatever_came_first(
     plan: SweepPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    equal = RunFinding("done", "", {"force_error_N": 1.0}, 0.1, 0.05).facts
+    equal = RunFinding("done", "", {"force_error_N": 1.0}, 0.1, 0.05).row_fields
     monkeypatch.setitem(globals(), "facts", lambda task: equal)
-    states: list[State] = []
+    states: list[SweepState] = []
     run_sweep(plan, tmp_path, Pretender(range(RUNS)[::-1], 5), show=states.append)
     assert [state.best and state.best[2] for state in states] == [None, 8, 3, 1]
 
@@ -198,7 +198,7 @@ class Gone:
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_sweep_ends_though_ctrl_c_was_swallowed(root: Path, tmp_path: Path):
-    def show(state: State) -> None:
+    def show(state: SweepState) -> None:
         if state.done:
             # swallowed here, in the middle of a sweep
             Gone()
@@ -210,22 +210,22 @@ def test_a_sweep_ends_though_ctrl_c_was_swallowed(root: Path, tmp_path: Path):
 
 
 def test_ctrl_c_is_what_it_was_before_afterwards():
-    with remembered():
-        raise_if_pressed()
+    with defer_interrupts():
+        raise_interrupt()
         # nothing happens where it falls
         os.kill(os.getpid(), signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
-            raise_if_pressed()
+            raise_interrupt()
         # the end of the sweep is not disturbed
         os.kill(os.getpid(), signal.SIGINT)
-        raise_if_pressed()
+        raise_interrupt()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_what_was_pressed_last_of_all_is_not_lost():
-    with pytest.raises(KeyboardInterrupt), remembered():
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():
         os.kill(os.getpid(), signal.SIGINT)
-    raise_if_pressed()
+    raise_interrupt()
 
 
 PRESSED_TWICE = """
@@ -281,7 +281,7 @@ def test_two_at_any_two_moments_do_not_wait_for_each_other():
 
 
 def test_the_third_ends_the_process_whatever_it_is_doing():
-    patient, over = (_said(PRESSED_AGAIN.format(times=times)) for times in (PATIENCE - 1, PATIENCE))
+    patient, over = (_said(PRESSED_AGAIN.format(times=times)) for times in (MAX_PRESSES - 1, MAX_PRESSES))
     # before the end nobody has asked whether it was pressed
     assert patient.stdout == "goes on\n" and "KeyboardInterrupt" in patient.stderr
     assert (over.returncode, over.stdout) == (130, "")
@@ -291,9 +291,9 @@ def test_the_third_ends_the_process_whatever_it_is_doing():
 def test_an_answer_of_somebody_else_is_left_alone():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with remembered():
+        with defer_interrupts():
             os.kill(os.getpid(), signal.SIGINT)
-            raise_if_pressed()
+            raise_interrupt()
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
@@ -301,8 +301,8 @@ def test_an_answer_of_somebody_else_is_left_alone():
 
 def test_another_thread_has_no_ctrl_c_to_remember():
     def work() -> None:
-        with remembered():
-            raise_if_pressed()
+        with defer_interrupts():
+            raise_interrupt()
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -334,7 +334,7 @@ def hostile(root: Path, tmp_path: Path, drive: Path) -> Callable[[int, dict[int,
         text = f'extends = "{root}/experiments/fig4_position.toml"\nduration_s = 1.01\n'
         written(tmp_path, f"{text}[drive.joint_2]\nfmu = '{drive}'\nparameters.droop = 0\n", "e.toml")
         values = [500 + number for number in range(count)]
-        plan = planned(
+        plan = read_plan(
             written(
                 tmp_path, f'experiment = "e.toml"\nvary = [{{ key = "contact.stiffness_N_per_m", values = {values} }}]'
             )
@@ -399,7 +399,7 @@ def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, t
     plan = stiffnesses(root, tmp_path, "[500, 700]")
     first, task = plan.tasks
     common = job(plan, tmp_path)
-    with WarmProcess(SERVED, common.limits) as process:
+    with WarmProcess(WORKER_JOB, common.limits) as process:
         assert run_facts(common, process, first)
         assert process._process is not None
         pid = process._process.pid

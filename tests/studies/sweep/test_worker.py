@@ -15,13 +15,13 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
-from twin.studies.check.measurement import measured, run_for_measures
-from twin.studies.paper.claim import as_facts
+from twin.studies.check.measurement import measure_signals, run_for_measures
+from twin.studies.paper.claim import finding_to_dict
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import fig4_runs
-from twin.studies.sweep.claims import PERIOD, packed, unpacked
+from twin.studies.sweep.claims import CURVE_PERIOD, pack_curves, unpack_curves
 from twin.studies.sweep.measures import BY_KIND, METRICS, metric_names, metrics_of
-from twin.studies.sweep.plan import planned
+from twin.studies.sweep.plan import read_plan
 from twin.studies.sweep.worker import record_run, trial
 
 SETTINGS = ("duration_s=6", f"{STIFFNESS}=2000")
@@ -42,7 +42,7 @@ def test_metrics_equal_those_of_a_recorded_run(root: Path, tmp_path: Path, drive
 def test_measures_are_what_twin_check_measures(root: Path, name: str):
     path = root / f"experiments/{name}.toml"
     experiment = load_experiment(path)
-    found = {metric: m.value for metric, m in measured(experiment, run_for_measures(experiment)).metrics.items()}
+    found = {metric: m.value for metric, m in measure_signals(experiment, run_for_measures(experiment)).metrics.items()}
     mine = trial(path, None, ()).metrics
     assert found and found.items() <= mine.items()
     assert mine.keys() == {*METRICS, *found} <= set(metric_names(experiment.measures))
@@ -81,7 +81,7 @@ def test_a_measure_without_meaning_in_a_run_leaves_its_numbers_out_and_the_other
 def test_values_that_make_no_experiment_are_a_finding(root: Path):
     finding = trial(root / "experiments/fig4_force_position.toml", None, [f"{STIFFNESS}=-1"])
     assert finding.status == "refused" and "stiffness_N_per_m" in finding.reason
-    assert finding.facts["metrics"] == {}
+    assert finding.row_fields["metrics"] == {}
 
 
 def test_a_signal_that_is_not_there_is_a_finding_before_a_step_is_made(root: Path):
@@ -107,9 +107,9 @@ def test_a_recording_is_that_of_twin_run(root: Path, tmp_path: Path):
 def test_a_curve_comes_back_as_it_was_at_every_40_ms():
     t = np.linspace(0.0, 2.0, 2001)
     wave, step = np.sin(5.0 * t), np.where(t < 1.0, -0.105, 5.0)
-    kept = json.loads(json.dumps(packed({"wave": (t, wave), "step": (t, step)}, 1.9)))
-    times, values = unpacked(kept)
-    assert times == pytest.approx(np.arange(48) * PERIOD)
+    kept = json.loads(json.dumps(pack_curves({"wave": (t, wave), "step": (t, step)}, 1.9)))
+    times, values = unpack_curves(kept)
+    assert times == pytest.approx(np.arange(48) * CURVE_PERIOD)
     for name, curve in (("wave", wave), ("step", step)):
         # 32 bit floats have 24 bits: half of 2^-23 of a number up to 5
         assert values[name] == pytest.approx(np.interp(times, t, curve), abs=3e-7)
@@ -117,25 +117,25 @@ def test_a_curve_comes_back_as_it_was_at_every_40_ms():
 
 def test_curves_say_which_they_are_whatever_their_order():
     t = np.array([0.0, 1.0])
-    one, other = (packed({name: (t, t * scale) for name, scale in pairs}, 1.0) for pairs in
+    one, other = (pack_curves({name: (t, t * scale) for name, scale in pairs}, 1.0) for pairs in
                   ([("a", 1.0), ("b", 2.0)], [("b", 2.0), ("a", 1.0)]))  # fmt: skip
-    assert unpacked(one)[1]["b"][-1] == unpacked(other)[1]["b"][-1] == 2.0
+    assert unpack_curves(one)[1]["b"][-1] == unpack_curves(other)[1]["b"][-1] == 2.0
 
 
 def test_the_same_curve_is_kept_in_the_same_bytes():
     t = np.linspace(0.0, 1.0, 11)
-    assert packed({"a": (t, t**2)}, 1.0) == packed({"a": (t, t**2)}, 1.0)
+    assert pack_curves({"a": (t, t**2)}, 1.0) == pack_curves({"a": (t, t**2)}, 1.0)
 
 
 @pytest.fixture(scope="module")
 def facts(root: Path) -> dict:
-    return trial(root / "experiments/fig4_force_position.toml", None, [], "fig4").facts
+    return trial(root / "experiments/fig4_force_position.toml", None, [], "fig4").row_fields
 
 
 def test_claims_measure_and_judge_as_on_recordings(facts: dict, force_position: Recording, position: Recording):
     pair = fig4_runs(force_position, position)
     score = fig4_score(replace(pair, imperfect=(pair.force_position, pair.position)))
-    expected = [as_facts(finding) for finding in (*score.claims, *score.quality)]
+    expected = [finding_to_dict(finding) for finding in (*score.claims, *score.quality)]
     judged = {one["claim"]: one for one in expected if one["claim"] != "backlash_offset"}
     assert list(facts["claims"]) == list(judged)
     for key, found in facts["claims"].items():
@@ -147,12 +147,12 @@ def test_claims_measure_and_judge_as_on_recordings(facts: dict, force_position: 
 
 def test_a_drawn_plant_that_is_not_symmetrical_is_judged_in_x(root: Path):
     settings = ["plant.joint_zero_deg.2=0.05", "contact.tilt_deg=1"]
-    found = trial(root / "experiments/fig4_force_position.toml", None, settings, "fig4").facts["claims"]
+    found = trial(root / "experiments/fig4_force_position.toml", None, settings, "fig4").row_fields["claims"]
     assert {found[key]["verdict"] for key in ("x_small", "friction_smaller_x")} <= {"holds", "fails"}
 
 
 def test_curves_are_those_of_the_recordings(facts: dict, force_position: Recording, position: Recording):
-    t, curves = unpacked(facts["curves"])
+    t, curves = unpack_curves(facts["curves"])
     for name, run in (("force_position", force_position), ("position", position)):
         truth = np.interp(t, run.time("plant"), -run["plant.F_ee_B"][:, 2])
         # 32 bit floats: half of 2^-23 of 5 N
@@ -165,7 +165,7 @@ def test_curves_are_those_of_the_recordings(facts: dict, force_position: Recordi
 
 
 def test_a_sweep_without_claims_keeps_neither_claims_nor_curves(root: Path):
-    found = trial(root / "experiments/fig4_force_position.toml", None, ["duration_s=0.02"]).facts
+    found = trial(root / "experiments/fig4_force_position.toml", None, ["duration_s=0.02"]).row_fields
     assert not found.keys() & {"claims", "curves"}
 
 
@@ -179,11 +179,11 @@ def test_an_experiment_that_fig4_cannot_be_asked_of_is_refused_before_the_first_
     text = f'experiment = "{root}/experiments/{experiment}"\nclaims = "fig4"\n'
     text += 'vary = [{ key = "plant.eta", values = [0.9, 1.0] }]'
     with pytest.raises(InputRefused, match=sentence):
-        planned(written(tmp_path, text))
+        read_plan(written(tmp_path, text))
 
 
 def test_the_plant_alone_is_uncertain_in_the_shipped_sweep(root: Path):
-    plan = planned(root / "experiments/sweeps/uncertainty.toml")
+    plan = read_plan(root / "experiments/sweeps/uncertainty.toml")
     assert plan.definition.claims == "fig4"
     nominal = load_experiment(plan.experiment)
     drawn = load_experiment(plan.experiment, plan.tasks[0].settings)

@@ -10,11 +10,11 @@ from tests.kernel.fmi.odd import odd_fmu
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
 from twin.kernel.systems.reading import read_system
-from twin.studies.systems.joined import joined
+from twin.studies.systems.joined import join_fmus
 
 
 def wires(*fmus: Path) -> list[str]:
-    package, _ = joined(fmus)
+    package, _ = join_fmus(fmus)
     return [f"{'.'.join(one.start)} -> {'.'.join(one.end)}" for one in package.structure.system.connections]
 
 
@@ -39,9 +39,9 @@ def test_two_fmus_of_one_name_are_two_components_of_the_system(tmp_path: Path):
 def test_what_is_no_fmu_or_has_nothing_to_join_is_refused(tmp_path: Path):
     a, two = odd_fmu(tmp_path / "A.fmu"), odd_fmu(tmp_path / "two.fmu", types=("Real", "Integer"))
     with pytest.raises(InputRefused, match="each has to be an FMU"):
-        joined([a, tmp_path / "x.ssp"])
+        join_fmus([a, tmp_path / "x.ssp"])
     with pytest.raises(InputRefused, match="no output has the name"):
-        joined([two, a])
+        join_fmus([two, a])
 
 
 @pytest.mark.parametrize("source", ["file://[x", "x" * 300, "file:///\0"])

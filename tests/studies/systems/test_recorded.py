@@ -16,7 +16,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.opening import open_system
 from twin.studies.systems.recorded import system_result
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))
@@ -133,10 +133,10 @@ def test_values_at_the_start_go_from_one_fmu_to_the_next_before_the_first_step(t
     wires = [connection("b.theta_m", "a.tau_load", more='suppressUnitConversion="true"')]
     whole = system([component("a", "a.fmu"), component("b", "a.fmu", bindings=values("theta_m=0.25"))], wires)
     package = read_package(archive(tmp_path / "x.ssp", structure(whole, 0.01), {"a.fmu": ideal}))
-    with opened(package, MasterChoice(scheme="jacobi")) as (plan, made):
+    with open_system(package, MasterChoice(scheme="jacobi")) as (plan, made):
         first = made.system.components[0]
         assert isinstance(first, FmuComponent) and made.settled
-        assert first.instance.read([plan.parts[0].inputs[0].variable]) == [0.25]
+        assert first.instance.read_floats([plan.parts[0].inputs[0].variable]) == [0.25]
 
 
 def test_the_step_is_that_of_an_annotation_or_else_the_shortest_that_an_fmu_wants(ran: Ran):

@@ -10,13 +10,13 @@ from tests.studies.tune.corners import fig4_corners
 from twin.kernel.errors import InputRefused
 from twin.studies.analyse.linear.loops import closed_loops, closed_poles
 from twin.studies.analyse.linear.margins import margins
-from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.linearised import Linearisation
 from twin.studies.tune.prediction import (
     Goals,
     LawGains,
-    closed,
-    confirmed,
-    predicted,
+    close_loops,
+    confirms_sensitivity,
+    predict,
     sensitivities,
     step_response,
     stiffness_range,
@@ -63,12 +63,12 @@ FAST = LawGains(5.0, 1.5e-3, 3.5e-3)
 def analysed(i: int, gains: LawGains):
     """The loops of a corner as `twin analyse` makes them, with the compiled laws."""
     corner = fig4_corners()[i]
-    return Linearised(with_gains(corner.experiment, gains), [corner.point]).at(corner.point)
+    return Linearisation(with_gains(corner.experiment, gains), [corner.point]).linear_point(corner.point)
 
 
 @pytest.fixture(scope="module")
-def shared() -> Linearised:
-    return Linearised(fig4_corners()[0].experiment, [corner.point for corner in fig4_corners()])
+def shared() -> Linearisation:
+    return Linearisation(fig4_corners()[0].experiment, [corner.point for corner in fig4_corners()])
 
 
 @given(ONE_OF, GAINS)
@@ -77,7 +77,7 @@ def test_the_poles_are_those_of_the_compiled_laws(shared, i, gains):
     corner = fig4_corners()[i]
     shared.experiment = with_gains(corner.experiment, gains)
     point = shared.at(corner.point)
-    ours, theirs = (np.linalg.eigvals(closed(corner, gains)[0]), closed_poles(point.loops, point.gains))
+    ours, theirs = (np.linalg.eigvals(close_loops(corner, gains)[0]), closed_poles(point.loops, point.gains))
     distances = np.abs(ours[:, None] - theirs[None])
     # eigenvalues that nearly coincide lose half the digits
     assert distances.min(axis=0).max() < 1e-6 and distances.min(axis=1).max() < 1e-6
@@ -88,9 +88,9 @@ def test_sensitivity_and_bandwidth_are_those_that_twin_analyse_tells(i):
     point, corner = analysed(i, FAST), fig4_corners()[i]
     found = {name: margins(point.loops, point.gains, name) for name in point.gains}
     # both search on a grid, 2 % and 1 % apart
-    assert predicted(corner, FAST).sensitivity == pytest.approx(max(m.sensitivity for m in found.values()), rel=0.02)
+    assert predict(corner, FAST).sensitivity == pytest.approx(max(m.sensitivity for m in found.values()), rel=0.02)
     if corner.point.force_on:
-        bandwidth = predicted(corner, FAST).answers["force"].bandwidth
+        bandwidth = predict(corner, FAST).answers["force"].bandwidth
         assert bandwidth == pytest.approx(found["force"].bandwidth, rel=0.05)
 
 
@@ -118,8 +118,8 @@ def test_a_larger_force_reference_presses_harder():
 
 def test_gains_beyond_the_limit_of_free_air_are_unstable():
     # docs/analysis.md: the limit of kp in air is 19.4 1/s
-    assert predicted(fig4_corners()[1], FIG4._replace(kp=18.5)).stable
-    assert not predicted(fig4_corners()[1], FIG4._replace(kp=20.5)).stable
+    assert predict(fig4_corners()[1], FIG4._replace(kp=18.5)).stable
+    assert not predict(fig4_corners()[1], FIG4._replace(kp=20.5)).stable
 
 
 @given(ONE_OF, GAINS, st.floats(0.2, 5.0))
@@ -130,7 +130,7 @@ def test_a_factor_on_every_loop_of_a_law_is_one_on_its_gains(i, gains, factor):
         ((factor, factor, factor, 1.0), gains._replace(kp=factor * gains.kp)),
         ((1.0, 1.0, 1.0, factor), LawGains(gains.kp, factor * gains.force_kp, factor * gains.force_ki)),
     ):
-        for ours, theirs in zip(closed(corner, gains, factors), closed(corner, scaled), strict=True):
+        for ours, theirs in zip(close_loops(corner, gains, factors), close_loops(corner, scaled), strict=True):
             # rounding
             np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
 
@@ -138,10 +138,10 @@ def test_a_factor_on_every_loop_of_a_law_is_one_on_its_gains(i, gains, factor):
 @pytest.mark.parametrize("i", [1, 3, 5])
 def test_eigenvalues_bear_out_the_sensitivity_and_no_smaller_one_that_the_gain_margin_forbids(i):
     corner = fig4_corners()[i]
-    M_s = predicted(corner, FAST).sensitivity
-    assert confirmed(corner, FAST, M_s)
+    M_s = predict(corner, FAST).sensitivity
+    assert confirms_sensitivity(corner, FAST, M_s)
     # M_s of 1.001 would leave room for 40 times the gain, which no loop has
-    assert not confirmed(corner, FAST, 1.001)
+    assert not confirms_sensitivity(corner, FAST, 1.001)
 
 
 def test_where_the_force_law_does_not_act_its_gains_change_nothing():

@@ -12,20 +12,20 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.measures import MeasuredValue
 from twin.studies.analyse.stability import stability
-from twin.studies.result import WIDTH, laid_out
+from twin.studies.result import TEXT_WIDTH, lay_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Goals
 from twin.studies.tune.schedule import (
-    WORSE,
-    Scheduled,
-    ladder,
+    MAX_ERROR_RATIO,
+    GainSchedule,
+    design_schedule,
+    geometric_grid,
     schedule_lines,
     schedule_parts,
-    scheduled,
     with_schedule,
 )
 from twin.studies.tune.text import fragment
-from twin.studies.tune.tuned import tuned
+from twin.studies.tune.tuned import tune_gains
 
 PRESSING = EXPERIMENTS / "pressing.toml"
 TWO = (
@@ -35,53 +35,53 @@ TWO = (
 
 
 @pytest.fixture(scope="module")
-def over_two() -> Scheduled:
+def over_two() -> GainSchedule:
     """A schedule of two points, by a search that is short."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "GENERATIONS", 10)
-        base = tuned([load_experiment(PRESSING)], Goals(), (600.0, 1200.0))
-        return scheduled(base)
+        patch.setattr(search, "MAX_GENERATIONS", 10)
+        base = tune_gains([load_experiment(PRESSING)], Goals(), (600.0, 1200.0))
+        return design_schedule(base)
 
 
 @pytest.mark.parametrize(("low", "high", "count"), [(300.0, 5000.0, 6), (600.0, 1200.0, 2), (600.0, 700.0, 2)])
 def test_points_are_at_most_twofold_apart_and_reach_both_ends(low: float, high: float, count: int):
-    found = ladder(low, high)
+    found = geometric_grid(low, high)
     assert len(found) == count and (found[0], found[-1]) == (low, high)
     # three digits
     assert np.all(np.array(found[1:]) / found[:-1] < 2.01)
 
 
 @pytest.mark.endurance
-def test_on_each_point_the_gains_are_faster_than_one_set_and_the_force_is_held_better(over_two: Scheduled):
+def test_on_each_point_the_gains_are_faster_than_one_set_and_the_force_is_held_better(over_two: GainSchedule):
     one = over_two.base.after.gains
     for point in over_two.points:
         assert point.gains.kp == one.kp and all(prediction.stable for prediction in point.predictions)
         # the co-simulation with the drive itself, the estimator and the schedule in it
         assert point.ratio(0) < 0.7
     assert over_two.points[0].gains.force_ki > over_two.points[1].gains.force_ki
-    assert over_two.between[0].stable
+    assert over_two.midpoint_predictions[0].stable
 
 
 @pytest.mark.endurance
-def test_a_schedule_that_is_worse_somewhere_is_told(over_two: Scheduled):
+def test_a_schedule_that_is_worse_somewhere_is_told(over_two: GainSchedule):
     point = over_two.points[0]
     fixed, followed = point.wholes[0]
     assert fixed.outcome and fixed.outcome.force_error and followed.outcome
     fixed_hold = fixed.measures["hold_error"].value or 0.0
-    slower = replace(followed.outcome, force_error=1.1 * WORSE * fixed.outcome.force_error)
+    slower = replace(followed.outcome, force_error=1.1 * MAX_ERROR_RATIO * fixed.outcome.force_error)
     looser = replace(followed.outcome, measures={**followed.measures, "hold_error": MeasuredValue(fixed_hold + 0.06)})
     for outcome, sentence in ((slower, "error since the first touch is 116 % of that"), (looser, "hold error")):
         points = [replace(point, wholes=[(fixed, replace(followed, outcome=outcome))]), *over_two.points[1:]]
         told = replace(over_two, points=points)
         (doubt,) = told.contradictions
         assert doubt.startswith("touch-down on 600 N/m with velocity_servo") and sentence in doubt
-        assert not told.met and laid_out(schedule_parts(told)).splitlines()[0].endswith(
+        assert not told.meets_goals and lay_out(schedule_parts(told)).splitlines()[0].endswith(
             "this is the best that was found"
         )
 
 
 @pytest.mark.endurance
-def test_what_is_written_is_an_experiment_with_the_schedule_that_was_tried(over_two: Scheduled, tmp_path: Path):
+def test_what_is_written_is_an_experiment_with_the_schedule_that_was_tried(over_two: GainSchedule, tmp_path: Path):
     file = tmp_path / "tuned.toml"
     file.write_text(fragment(over_two.base, PRESSING, tmp_path, ()) + schedule_lines(over_two, own_tissue=False))
     tomllib.loads(file.read_text())
@@ -95,18 +95,19 @@ def test_what_is_written_is_an_experiment_with_the_schedule_that_was_tried(over_
 
 
 @pytest.mark.endurance
-def test_the_text_keeps_to_80_columns(over_two: Scheduled):
-    assert max(map(len, laid_out(schedule_parts(over_two)).splitlines())) <= WIDTH
+def test_the_text_keeps_to_80_columns(over_two: GainSchedule):
+    assert max(map(len, lay_out(schedule_parts(over_two)).splitlines())) <= TEXT_WIDTH
 
 
 @pytest.mark.endurance
-def test_a_schedule_is_no_single_stiffness(over_two: Scheduled):
+def test_a_schedule_is_no_single_stiffness(over_two: GainSchedule):
     with pytest.raises(InputRefused, match="a schedule needs a range"):
-        scheduled(replace(over_two.base, stiffness=(600.0, 600.0)))
+        design_schedule(replace(over_two.base, stiffness=(600.0, 600.0)))
 
 
 @pytest.mark.parametrize(("asked", "said"), [
-    (lambda e: tuned([e], Goals()), "twin tune finds one set"), (stability, "twin analyse takes one set. For point 1"),
+    (lambda e: tune_gains([e], Goals()), "twin tune finds one set"),
+    (stability, "twin analyse takes one set. For point 1"),
 ])  # fmt: skip
 def test_where_a_schedule_is_in_force_those_who_know_one_set_say_so(asked, said):
     with pytest.raises(InputRefused, match=said):

@@ -11,12 +11,12 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, FORCE, co_simulated, shipped
 from tests.studies.tune.corners import fig4_corners
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.measures import MEASURES, MeasuredValue, RunOutcome, unmeasured
-from twin.studies.command import silent
+from twin.robot.run.measures import ROWS_BY_KEY, MeasuredValue, RunOutcome, missing_measures
+from twin.studies.command import ignore_progress
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Goals, LawGains
 from twin.studies.tune.study import tune
-from twin.studies.tune.touchdown import Whole, price, shortfalls, whole_runs
+from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
 
 FIG4 = LawGains(1.5, 2e-3, 0.5e-3)
 TOO_FAST = LawGains(6.3, 1.3e-3, 3.45e-3)
@@ -28,12 +28,13 @@ GRACE = 2.0
 
 def whole(
     over: float | None, settling: float | None, hold: float | None, stiffness: float | None = None, trip: str = ""
-) -> Whole:
+) -> WholeRun:
     values = {"hold_overshoot": over, "hold_settling_time": settling, "hold_error": hold}
-    measures = unmeasured("none here") | {
-        key: MeasuredValue(value, "" if value is not None else MEASURES[key].missing) for key, value in values.items()
+    measures = missing_measures("none here") | {
+        key: MeasuredValue(value, "" if value is not None else ROWS_BY_KEY[key].missing)
+        for key, value in values.items()
     }
-    return Whole("drive", RunOutcome(0, 0, 0, 0, 0, None, None, None, None, measures), trip, stiffness)
+    return WholeRun("drive", RunOutcome(0, 0, 0, 0, 0, None, None, None, None, measures), trip, stiffness)
 
 
 BEFORE = whole(0.0, 0.85, 0.094)
@@ -49,7 +50,7 @@ BEFORE = whole(0.0, 0.85, 0.094)
         (BEFORE, whole(0.0, 0.85, 0.145), "hold error 0.145 N (0.094 N before)"),
         (BEFORE, whole(None, None, None, 300.0), "hold error none (0.094 N before)"),
         (BEFORE, whole(0.0, 0.85, 0.094, trip="too fast"), "the safety monitor trips in the experiment itself"),
-        (BEFORE, Whole("drive", None, ""), "the experiment itself with drive fails"),
+        (BEFORE, WholeRun("drive", None, ""), "the experiment itself with drive fails"),
         # a file that overshoots is no excuse
         (whole(0.2, 0.85, 0.1), whole(0.1, 0.85, 0.1), "overshoots by 10.0 %"),
         # on another stiffness the file's own overshoot is the limit if it is beyond the goal
@@ -61,7 +62,7 @@ BEFORE = whole(0.0, 0.85, 0.094)
         (whole(None, None, None, 300.0), whole(0.0, 1.0, 0.3, 300.0), ""),
     ],
 )
-def test_a_run_misses_a_goal_where_its_measures_do(before: Whole, after: Whole, sentence: str):
+def test_a_run_misses_a_goal_where_its_measures_do(before: WholeRun, after: WholeRun, sentence: str):
     missed = [one.text for one in shortfalls(before, after, 0.05)]
     assert len(missed) == bool(sentence) and all(sentence in text for text in missed)
 
@@ -70,7 +71,7 @@ def test_runs_after_the_first_that_misses_a_goal_are_not_made():
     bad, good = whole(0.2, 1.0, 0.1), whole(0.0, 1.0, 0.1)
     made = []
 
-    def runs(*each: Whole):
+    def runs(*each: WholeRun):
         for one in each:
             made.append(one)
             yield one
@@ -98,7 +99,7 @@ def test_the_search_keeps_to_gains_that_the_co_simulation_confirms():
 def test_where_every_run_misses_the_gains_keep_the_goals_of_the_linear_model():
     goals = Goals(law="position")
     found = search.best_gains(fig4_corners()[1:2], goals, FIG4._replace(kp=60.0), simulated=lambda gains: 0.9)
-    assert not list(search.misses(search.predicted(fig4_corners()[1], found), goals))
+    assert not list(search.misses(search.predict(fig4_corners()[1], found), goals))
 
 
 def test_gains_of_the_file_stay_where_none_better_are_found():
@@ -112,7 +113,7 @@ def test_gains_of_the_file_stay_where_none_better_are_found():
 @pytest.mark.parametrize("missing", ["overshoot", "nothing"])
 def test_gains_whose_experiment_overshoots_are_exit_code_1(missing: str, tmp_path: Path, monkeypatch):
     monkeypatch.setattr(search, "best_gains", lambda *args, **options: TOO_FAST if missing == "overshoot" else FIG4)
-    done = tune(EXPERIMENTS / f"{FORCE}.toml", say=silent, out=tmp_path)
+    done = tune(EXPERIMENTS / f"{FORCE}.toml", say=ignore_progress, out=tmp_path)
     assert done.exit_code == (1 if missing == "overshoot" else 0)
     text = done.text
     if missing == "overshoot":
@@ -192,7 +193,7 @@ def test_gains_that_never_overshoot_but_hold_the_file_s_force_worse_are_no_answe
 
 @pytest.mark.slow
 def test_the_gains_for_soft_and_stiff_are_better_by_hand_on_every_stiffness(tmp_path: Path):
-    done = tune(EXPERIMENTS / f"{FORCE}.toml", say=silent, stiffness="300:5000", out=tmp_path)
+    done = tune(EXPERIMENTS / f"{FORCE}.toml", say=ignore_progress, stiffness="300:5000", out=tmp_path)
     assert done.exit_code == 0
     found = LawGains(**done.facts["after"]["gains"])
     before, after = by_hand(FIG4), by_hand(found)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.studies.tune.corners import fig4_corners
-from twin.studies.tune.prediction import Goals, LawGains, Prediction, StepAnswer, predicted
+from twin.studies.tune.prediction import Goals, LawGains, Prediction, StepAnswer, predict
 from twin.studies.tune.tuned import StepTrial, contradiction
 
 GOALS = Goals(overshoot=0.05)
@@ -15,7 +15,7 @@ GOALS = Goals(overshoot=0.05)
 @cache
 def fast() -> Prediction:
     """Of quick gains on the stiffest surface."""
-    return predicted(fig4_corners()[5], LawGains(5.0, 1.5e-3, 3.5e-3))
+    return predict(fig4_corners()[5], LawGains(5.0, 1.5e-3, 3.5e-3))
 
 
 def linear() -> StepAnswer:

@@ -10,21 +10,21 @@ from tests.laws.runs import EXPERIMENTS, shipped
 from tests.studies.tune.corners import fig4_corners
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.studies.result import WIDTH, laid_out
+from twin.studies.result import TEXT_WIDTH, lay_out
 from twin.studies.tune import tuned as search
-from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predicted, rounded
+from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predict, round_gains
 from twin.studies.tune.text import fragment, tuning_parts
 from twin.studies.tune.touchdown import whole_run
 from twin.studies.tune.tuned import (
-    Tuned,
+    TuningResult,
     best_gains,
-    can_be_tried,
+    can_simulate_step,
     cost,
     lasting_swing,
     misses,
     step_bandwidth,
     step_trial,
-    tuned,
+    tune_gains,
     worst_misses,
 )
 
@@ -45,10 +45,10 @@ def test_the_best_gain_in_air_is_the_largest_that_keeps_the_margin():
     goals = Goals(law="position")
     found = best_gains(air(), goals, FIG4)
     assert found[1:] == FIG4[1:]
-    assert not list(misses(predicted(air()[0], found), goals))
+    assert not list(misses(predict(air()[0], found), goals))
     # 5 % more is too much: nothing else than the margin limits it
     more = found._replace(kp=1.05 * found.kp)
-    assert [miss.goal for miss in misses(predicted(air()[0], more), goals)] == ["margin"]
+    assert [miss.goal for miss in misses(predict(air()[0], more), goals)] == ["margin"]
 
 
 def test_the_same_search_finds_the_same_gains():
@@ -59,17 +59,17 @@ def test_the_same_search_finds_the_same_gains():
 @pytest.mark.slow
 def test_gains_for_soft_and_stiff_meet_the_goals_on_both_and_are_faster(monkeypatch):
     # something is left to find, but this is quicker
-    monkeypatch.setattr(search, "GENERATIONS", 15)
+    monkeypatch.setattr(search, "MAX_GENERATIONS", 15)
     goals = Goals()
     found = best_gains(soft_and_stiff(), goals, FIG4)
-    before, after = ([predicted(corner, gains) for corner in soft_and_stiff()] for gains in (FIG4, found))
+    before, after = ([predict(corner, gains) for corner in soft_and_stiff()] for gains in (FIG4, found))
     assert worst_misses(after, goals) == []
     assert cost(after, goals) < cost(before, goals)
-    assert found == rounded(found)
+    assert found == round_gains(found)
 
 
 def test_a_force_that_jumps_near_its_end_and_then_creeps_costs_more_than_one_that_gets_there():
-    made = predicted(soft_and_stiff()[2], FIG4)
+    made = predict(soft_and_stiff()[2], FIG4)
     # 4 % off for 8 s, inside the band from 20 ms on
     creeping = replace(made, answers={"force": replace(made.answers["force"], settling=0.02, error=0.32)})
     arriving = replace(made, answers={"force": replace(made.answers["force"], settling=0.1, error=0.1)})
@@ -78,7 +78,7 @@ def test_a_force_that_jumps_near_its_end_and_then_creeps_costs_more_than_one_tha
 
 def test_every_missed_goal_costs_more_than_any_slowness_and_instability_most():
     def price(gains: LawGains, goals: Goals) -> float:
-        return cost([predicted(corner, gains) for corner in soft_and_stiff()], goals)
+        return cost([predict(corner, gains) for corner in soft_and_stiff()], goals)
 
     slow = price(FIG4, Goals())
     without_bandwidth, without_margin = price(FIG4, Goals(bandwidth=100.0)), price(FIG4, Goals(sensitivity=1.01))
@@ -87,7 +87,7 @@ def test_every_missed_goal_costs_more_than_any_slowness_and_instability_most():
 
 
 def test_misses_are_told_where_they_are_worst():
-    predictions = [predicted(corner, FIG4) for corner in soft_and_stiff()]
+    predictions = [predict(corner, FIG4) for corner in soft_and_stiff()]
     (miss,) = worst_misses(predictions, Goals(bandwidth=100.0))
     # the softest surface has the slowest force loop
     assert miss.goal == "bandwidth" and miss.at is predictions[1]
@@ -103,7 +103,7 @@ def test_the_co_simulation_answers_a_step_as_predicted_in_spite_of_backlash_and_
     corner = fig4_corners()[i]
     trial = step_trial(corner, FAST)
     assert trial is not None
-    (found,) = predicted(corner, FAST).answers.values()
+    (found,) = predict(corner, FAST).answers.values()
     # backlash and encoder counts: 0.05 N of 2 N, 0.02 mm of 1 mm
     assert trial.answer.overshoot == pytest.approx(found.overshoot, abs=0.03)
     assert trial.answer.bandwidth == pytest.approx(found.bandwidth, rel=0.15)
@@ -140,7 +140,7 @@ def test_a_swing_is_told_from_creeping():
 
 
 def test_the_position_law_is_tried_in_air_and_the_force_law_pressing():
-    assert all(can_be_tried(corner) for corner in fig4_corners())
+    assert all(can_simulate_step(corner) for corner in fig4_corners())
 
 
 def test_the_experiment_itself_comes_to_what_twin_run_says():
@@ -155,18 +155,18 @@ AIR = EXPERIMENTS / "step_z_air.toml"
 
 
 @pytest.fixture(scope="module")
-def in_air() -> Tuned:
+def in_air() -> TuningResult:
     """A step in free air, from gains that are unstable."""
-    return tuned([load_experiment(AIR, ["controller.position.kp_per_s=60"])], Goals())
+    return tune_gains([load_experiment(AIR, ["controller.position.kp_per_s=60"])], Goals())
 
 
-def test_unstable_gains_become_stable_and_the_co_simulation_agrees(in_air: Tuned):
+def test_unstable_gains_become_stable_and_the_co_simulation_agrees(in_air: TuningResult):
     assert [miss.goal for miss in in_air.before.misses] == ["stability"]
-    assert in_air.met and in_air.contradictions == []
+    assert in_air.meets_goals and in_air.contradictions == []
     assert in_air.before.trials == {} and len(in_air.after.trials) == 1
 
 
-def test_the_gains_written_are_the_gains_found(in_air: Tuned, tmp_path: Path):
+def test_the_gains_written_are_the_gains_found(in_air: TuningResult, tmp_path: Path):
     file = tmp_path / "tuned.toml"
     file.write_text(fragment(in_air, AIR, tmp_path, ()))
     experiment = load_experiment(file)
@@ -175,7 +175,7 @@ def test_the_gains_written_are_the_gains_found(in_air: Tuned, tmp_path: Path):
     assert "force" not in tomllib.loads(file.read_text())["controller"]
 
 
-def test_gains_that_were_off_while_tuning_are_off_in_what_is_written(in_air: Tuned, tmp_path: Path):
+def test_gains_that_were_off_while_tuning_are_off_in_what_is_written(in_air: TuningResult, tmp_path: Path):
     experiment = tmp_path / "mine.toml"
     experiment.write_text(f'extends = "{AIR}"\n[controller.position]\nki_per_s2 = 3\n')
     setting = "controller.position.ki_per_s2=0"
@@ -185,7 +185,7 @@ def test_gains_that_were_off_while_tuning_are_off_in_what_is_written(in_air: Tun
     assert f"--set {setting}" in file.read_text().splitlines()[0]
 
 
-def test_what_is_written_finds_its_experiment_from_anywhere(in_air: Tuned, tmp_path: Path, monkeypatch):
+def test_what_is_written_finds_its_experiment_from_anywhere(in_air: TuningResult, tmp_path: Path, monkeypatch):
     (tmp_path / "mine.toml").write_text(f'extends = "{AIR}"\n')
     monkeypatch.chdir(tmp_path)
     for folder, name in ((tmp_path / "results", "mine.toml"), (tmp_path.parent, str(tmp_path / "mine.toml"))):
@@ -193,17 +193,17 @@ def test_what_is_written_finds_its_experiment_from_anywhere(in_air: Tuned, tmp_p
         assert tomllib.loads(written)["extends"] == name
 
 
-def test_the_text_begins_with_the_verdict_and_keeps_to_80_columns(in_air: Tuned):
-    lines = laid_out(tuning_parts(in_air)).splitlines()
+def test_the_text_begins_with_the_verdict_and_keeps_to_80_columns(in_air: TuningResult):
+    lines = lay_out(tuning_parts(in_air)).splitlines()
     assert lines[0].startswith("step_z_air  GOALS MET")
-    assert max(map(len, lines)) <= WIDTH
+    assert max(map(len, lines)) <= TEXT_WIDTH
 
 
 def test_a_goal_that_cannot_be_met_is_named_with_the_best_that_was_found():
-    done = tuned([load_experiment(AIR)], Goals(bandwidth=2.0 * math.pi * 50.0))
-    assert not done.met
+    done = tune_gains([load_experiment(AIR)], Goals(bandwidth=2.0 * math.pi * 50.0))
+    assert not done.meets_goals
     assert [miss.goal for miss in done.after.misses] == ["bandwidth"]
-    assert "bandwidth at least 50 Hz: it is" in laid_out(tuning_parts(done))
+    assert "bandwidth at least 50 Hz: it is" in lay_out(tuning_parts(done))
 
 
 def test_gains_that_are_not_tuned_are_refused():
@@ -213,4 +213,4 @@ def test_gains_that_are_not_tuned_are_refused():
 
 def test_a_range_of_stiffness_is_refused_where_nothing_is_pressed_on():
     with pytest.raises(InputRefused, match="there is no contact"):
-        tuned([load_experiment(AIR)], Goals(), (300.0, 5000.0))
+        tune_gains([load_experiment(AIR)], Goals(), (300.0, 5000.0))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.compiled.numba_internals import Typed, declared, infer, refresh
+from twin.kernel.compiled.numba_internals import NumbaObject, declare_function, infer, refresh
 
 
 class _Module:
@@ -43,11 +43,11 @@ class _Layout:
 c = _Layout()
 
 
-class OnlyCompiled(TypeError):
+class CompiledOnlyError(TypeError):
     """Source that Python cannot run: it calls something that machine code alone has."""
 
 
-class Name(Typed):
+class LazyObject(NumbaObject):
     """Something that compiled functions call, made when numba meets it for the first time.
 
     Args:
@@ -58,7 +58,7 @@ class Name(Typed):
         self._make = make
 
     @cached_property
-    def made(self) -> Any:  # type: ignore[override]
+    def numba_object(self) -> Any:  # type: ignore[override]
         """What numba works with."""
         made = self._make()
         # numba may be in the middle of the compilation of a function that calls it
@@ -66,10 +66,10 @@ class Name(Typed):
         return made
 
     def __call__(self, *arguments: Any) -> Any:
-        raise OnlyCompiled("a name of compiled code, called from Python")
+        raise CompiledOnlyError("a name of compiled code, called from Python")
 
 
-class Function(Name):
+class Function(LazyObject):
     """A compiled function: what is compiled calls it as such, Python calls its source.
 
     So no command waits for numba because of one number; what has to be fast in Python, or takes records, is a
@@ -93,16 +93,16 @@ class Function(Name):
                 return self.__wrapped__(*arguments)
         except (ArithmeticError, ValueError):
             # compiled code has infinity and NaN where Python's mathematics raises
-            return self.compiled(*arguments)
-        except OnlyCompiled as missing:
+            return self.dispatcher(*arguments)
+        except CompiledOnlyError as missing:
             try:
-                return self.compiled(*arguments)
+                return self.dispatcher(*arguments)
             except Exception as problem:
                 # what it takes or gives is nothing for Python, but its caller may be
                 raise missing from problem
 
     @cached_property
-    def compiled(self) -> Callable:
+    def dispatcher(self) -> Callable:
         """It as machine code that takes what Python has, compiled anew by each process: for trials."""
         options = {**self.options, "cache": False}
         made: Callable = importlib.import_module("numba").njit(**options)(self.__wrapped__)
@@ -112,7 +112,7 @@ class Function(Name):
         # of numba's dispatcher, by which it knows what to inline; what any object may be asked for is not there
         if name.startswith("_"):
             raise AttributeError(name)
-        return getattr(self.made, name)
+        return getattr(self.numba_object, name)
 
 
 def njit(**options: Any) -> Callable[[Callable], Any]:
@@ -122,10 +122,10 @@ def njit(**options: Any) -> Callable[[Callable], Any]:
 
 def intrinsic(function: Callable) -> Any:
     """Decorator: `numba.extending.intrinsic`."""
-    return Name(lambda: importlib.import_module("numba.extending").intrinsic(function))
+    return LazyObject(lambda: importlib.import_module("numba.extending").intrinsic(function))
 
 
-carray: Any = Name(lambda: importlib.import_module("numba").carray)
+carray: Any = LazyObject(lambda: importlib.import_module("numba").carray)
 """`numba.carray`: the array at a pointer."""
 
 
@@ -146,11 +146,11 @@ def pointer_to(item: Any) -> Any:
 
         return intrinsic(at)
 
-    return Name(make)
+    return LazyObject(make)
 
 
 @cache
-def _made() -> tuple[Any, Any]:
+def _lane_functions() -> tuple[Any, Any]:
     """The type made known to numba, and what makes values of it."""
     from numba.extending import intrinsic, lower_builtin, models, register_model
 
@@ -229,14 +229,14 @@ def _made() -> tuple[Any, Any]:
     return three, with_lane
 
 
-three: Any = Name(lambda: _made()[0])
+three: Any = LazyObject(lambda: _lane_functions()[0])
 """Three numbers, see above."""
-with_lane: Any = Name(lambda: _made()[1])
+with_lane: Any = LazyObject(lambda: _lane_functions()[1])
 """`with_lane(lanes, k, number)`: the lanes with another number k."""
 
 
 @intrinsic
-def put(typingctx, address, value):
+def store_number(typingctx, address, value):
     """Write the number `value`, as wide as its type is, to an address that may be no multiple of that."""
 
     def codegen(context, builder, signature, arguments):
@@ -258,7 +258,7 @@ def copy(typingctx, to, source, count):
     def codegen(context, builder, signature, arguments):
         to_, source_, count_ = arguments
         kind = ir.FunctionType(c.pointer, [c.pointer, c.pointer, c.i64])
-        memcpy = declared(builder.module, kind, "memcpy")
+        memcpy = declare_function(builder.module, kind, "memcpy")
         builder.call(memcpy, [builder.inttoptr(to_, c.pointer), builder.inttoptr(source_, c.pointer), count_])
         return context.get_dummy_value()
 

@@ -19,16 +19,16 @@ from twin.kernel.compiled import store
 from twin.kernel.compiled.numba_internals import inner_module
 from twin.kernel.errors import InputRefused
 
-MATHEMATICS = re.compile(
+MATH_SYMBOLS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
     r"nearbyint|round|fabs|fmod|copysign|memcpy|memset|memmove)"
 )
 """What a module may ask of its surroundings: libm, and the functions of memory that a compiler takes for granted."""
-RAISED = -1
+EXCEPTION_STATUS = -1
 """What a function returns that should have raised an exception."""
-VARIABLE = "TWIN_PROCESSOR"
+PROCESSOR_VARIABLE = "TWIN_PROCESSOR"
 """Names a form of X86_64 in place of the richest that this processor can run."""
-OLDEST = "x86-64"
+BASELINE_CPU = "x86-64"
 """The oldest processor of this kind."""
 
 
@@ -51,7 +51,7 @@ def module_of(signature: Any, function: Callable, symbol: str) -> Module:
     return Module(symbol, *inner_module(signature, function))
 
 
-def bare(module: Module, machine: Any) -> Any:
+def strip_module(module: Module, machine: Any) -> Any:
     """The LLVM module of `module` with its inner function alone visible, for a target machine.
 
     Returns:
@@ -70,10 +70,10 @@ def bare(module: Module, machine: Any) -> Any:
 def _is_mathematics(name: str) -> bool:
     if name.startswith("llvm."):
         return not name.startswith("llvm.x86.")
-    return MATHEMATICS.fullmatch(name) is not None
+    return MATH_SYMBOLS.fullmatch(name) is not None
 
 
-def callable_by_c(module: Module, returned: str) -> Module:
+def with_c_entry(module: Module, returned: str) -> Module:
     """`module` with a function in front of the inner one that takes its arguments and returns its result.
 
     Args:
@@ -84,7 +84,7 @@ def callable_by_c(module: Module, returned: str) -> Module:
     kinds = [str(argument.type) for argument in inner.arguments][2:]
     taken = ", ".join(f"{kind} %a{i}" for i, kind in enumerate(kinds))
     passed = ", ".join(filter(None, ("ptr %result", "ptr %exception", taken)))
-    bad = RAISED if returned.startswith("i") else float(RAISED)
+    bad = EXCEPTION_STATUS if returned.startswith("i") else float(EXCEPTION_STATUS)
     body = f"""
 define {returned} @"{module.symbol}"({taken}) {{
   %result = alloca {"i64" if returned == "void" else returned}
@@ -104,7 +104,7 @@ define {returned} @"{module.symbol}"({taken}) {{
     return module._replace(inner=module.symbol, text=module.text + body)
 
 
-class Form(NamedTuple):
+class ProcessorForm(NamedTuple):
     """Machine code for what not every processor of a kind has.
 
     Attributes:
@@ -121,7 +121,7 @@ class Form(NamedTuple):
         return self.suffix.lstrip("_") or "any"
 
 
-X86_64 = (Form("", ""), Form("_avx", "+avx"), Form("_avx512", "+avx512f,+avx512vl"))
+X86_64 = (ProcessorForm("", ""), ProcessorForm("_avx", "+avx"), ProcessorForm("_avx512", "+avx512f,+avx512vl"))
 """All three give the same bits. Fig. 4's plant takes 1.14, 1.09 and 1.02 times as long as what is compiled for one
 processor alone."""
 
@@ -130,13 +130,13 @@ _loaded: set[str] = set()
 
 
 @cache
-def compilers() -> tuple[str, ...]:
+def compiler_versions() -> tuple[str, ...]:
     """What machine code depends on besides its source and its form."""
     return version("numba"), version("llvmlite")
 
 
 @cache
-def chosen_form() -> Form:
+def chosen_form() -> ProcessorForm:
     """The form that this process makes and loads.
 
     Raises:
@@ -148,21 +148,23 @@ def chosen_form() -> Form:
     else:
         # of others there is one, for this very processor
         known_by = f"{llvm.get_host_cpu_name()} {able.flatten()}".encode()
-        forms = [Form(f"_{hashlib.blake2b(known_by, digest_size=8).hexdigest()}", able.flatten())]
+        forms = [ProcessorForm(f"_{hashlib.blake2b(known_by, digest_size=8).hexdigest()}", able.flatten())]
     named = {form.name: form for form in forms}
-    given = os.environ.get(VARIABLE) or forms[-1].name
+    given = os.environ.get(PROCESSOR_VARIABLE) or forms[-1].name
     if given not in named:
-        raise InputRefused(f"{VARIABLE}={given}: expected one of what this processor can run: {', '.join(named)}")
+        raise InputRefused(
+            f"{PROCESSOR_VARIABLE}={given}: expected one of what this processor can run: {', '.join(named)}"
+        )
     return named[given]
 
 
 @cache
-def machine(form: Form) -> Any:
+def target_machine(form: ProcessorForm) -> Any:
     """A processor of `form`, and code that may lie anywhere in memory."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=OLDEST if form in X86_64 else llvm.get_host_cpu_name(),
+        cpu=BASELINE_CPU if form in X86_64 else llvm.get_host_cpu_name(),
         features=form.features,
         opt=3,
         jit=True,
@@ -171,27 +173,27 @@ def machine(form: Form) -> Any:
     )
 
 
-def file_of(name: str, form: Form) -> str:
+def object_name(name: str, form: ProcessorForm) -> str:
     """The object file of the function `name` in a form."""
-    return f"{name}{form.suffix}{store.OBJECT}"
+    return f"{name}{form.suffix}{store.OBJECT_SUFFIX}"
 
 
-def has(name: str) -> bool:
+def load_object(name: str) -> bool:
     """Whether there is an object file of the function `name`, which has an address from now on."""
     if name not in _loaded:
-        content = store.stored_code(file_of(name, chosen_form()))
+        content = store.stored_code(object_name(name, chosen_form()))
         if content:
             _load(name, content)
     return name in _loaded
 
 
-def take(name: str, content: bytes) -> None:
+def store_object(name: str, content: bytes) -> None:
     """Take a new object file; it is there for other processes too if that is possible."""
-    store.keep(file_of(name, chosen_form()), content)
+    store.store_file(object_name(name, chosen_form()), content)
     _load(name, content)
 
 
-def address(symbol: str) -> int:
+def function_address(symbol: str) -> int:
     """Of a function of an object file that is there."""
     return int(_engine().get_function_address(symbol))
 
@@ -204,5 +206,5 @@ def _load(name: str, content: bytes) -> None:
 
 @cache
 def _engine() -> Any:
-    here = machine(chosen_form())
+    here = target_machine(chosen_form())
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), here)

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from twin.kernel.compiled.machine import Module
 
 Kind = str | np.dtype
-"""Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
+"""Of what a function takes or returns: a key of `_TYPE_NAMES`, or a record's dtype, which it takes by its address."""
 
-_KINDS: dict[str, tuple[str, str, Any]] = {
+_TYPE_NAMES: dict[str, tuple[str, str, Any]] = {
     "int": ("int64", "i64", ctypes.c_int64),
     "int32": ("int32", "i32", ctypes.c_int32),
     "byte": ("uint8", "i8", ctypes.c_uint8),
@@ -69,57 +69,57 @@ class Native:
     def address(self) -> int:
         """Where the machine code is."""
         if not self.name:
-            return self._of_numba()
-        if not self.is_there:
+            return self._compile_with_numba()
+        if not self.has_code:
             while HOOKS.before_compiling:
                 HOOKS.before_compiling.pop()()
-            with compiling(), store.alone(self.name):
-                code = b"" if self.is_there else self.emitted(machine.chosen_form())
+            with compiling(), store.object_lock(self.name):
+                code = b"" if self.has_code else self.emit_object(machine.chosen_form())
                 if code:
-                    machine.take(self.name, code)
-        return machine.address(self.name) if self.is_there else self._of_numba()
+                    machine.store_object(self.name, code)
+        return machine.function_address(self.name) if self.has_code else self._compile_with_numba()
 
     @property
-    def is_there(self) -> bool:
+    def has_code(self) -> bool:
         """Whether it need not be compiled any more."""
-        return bool(self.name) and machine.has(self.name)
+        return bool(self.name) and machine.load_object(self.name)
 
     @property
     def signature(self) -> Any:
         """Its types as numba has them."""
-        return _of_numba(self.returns)(*map(_of_numba, self.takes))
+        return _numba_type(self.returns)(*map(_numba_type, self.takes))
 
     @cached_property
-    def called(self) -> Callable:
+    def c_function(self) -> Callable:
         """It, for Python, where addresses are numbers. The interpreter's lock is free meanwhile."""
-        return self._of_python(ctypes.CFUNCTYPE)
+        return self._ctypes_function(ctypes.CFUNCTYPE)
 
     @cached_property
-    def called_at_once(self) -> Callable:
+    def c_function_with_gil(self) -> Callable:
         """The same, with the interpreter's lock: for what is over before another thread would have taken its turn."""
-        return self._of_python(ctypes.PYFUNCTYPE)
+        return self._ctypes_function(ctypes.PYFUNCTYPE)
 
-    def _of_python(self, make: Callable) -> Callable:
-        if not (self.address and self.is_there):
+    def _ctypes_function(self, make: Callable) -> Callable:
+        if not (self.address and self.has_code):
             raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
         kinds = ["pointer" if isinstance(kind, np.dtype) else kind for kind in (self.returns, *self.takes)]
-        found: Callable = make(*(_KINDS[kind][2] for kind in kinds))(self.address)
+        found: Callable = make(*(_TYPE_NAMES[kind][2] for kind in kinds))(self.address)
         return found
 
     @cached_property
     def name(self) -> str:
         """Of what is kept of it; "" if nothing can be."""
         kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
-        with contextlib.suppress(store.Unnamed):
-            return store.name_of(self.function, f"{self.returns} {kinds} {machine.compilers()}")
+        with contextlib.suppress(store.UnnamedFunction):
+            return store.name_of(self.function, f"{self.returns} {kinds} {machine.compiler_versions()}")
         return ""
 
-    def emitted(self, form: machine.Form) -> bytes:
+    def emit_object(self, form: machine.ProcessorForm) -> bytes:
         """Object code of a form; none if it needs more than mathematics."""
-        returns = _KINDS[self.returns][1]
-        module = machine.callable_by_c(self.module(self.name), returns)
-        made, foreign = machine.bare(module, machine.machine(form))
-        return b"" if foreign else bytes(machine.machine(form).emit_object(made))
+        returns = _TYPE_NAMES[self.returns][1]
+        module = machine.with_c_entry(self.module(self.name), returns)
+        made, foreign = machine.strip_module(module, machine.target_machine(form))
+        return b"" if foreign else bytes(machine.target_machine(form).emit_object(made))
 
     def module(self, symbol: str) -> "Module":
         """As numba leaves it, with a function that shall be called `symbol`.
@@ -135,10 +135,10 @@ class Native:
             return machine.Module(symbol, inner, text)
         made = machine.module_of(self.signature, self.function, symbol)
         if file:
-            store.keep(file, zstandard.compress(f"{made.inner}\n{made.text}".encode(), level=1))
+            store.store_file(file, zstandard.compress(f"{made.inner}\n{made.text}".encode(), level=1))
         return made
 
-    def _of_numba(self) -> int:
+    def _compile_with_numba(self) -> int:
         from numba import cfunc
 
         with compiling():
@@ -172,7 +172,7 @@ class Entry(Function):
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""
-        called = self.native.called_at_once if self._at_once else self.native.called
+        called = self.native.c_function_with_gil if self._at_once else self.native.c_function
         return called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
@@ -182,11 +182,11 @@ def entry(returns: str, *takes: Kind, at_once: bool = False) -> Callable[[Callab
     return lambda function: Entry(returns, takes, function, at_once)
 
 
-def _of_numba(kind: Kind) -> Any:
+def _numba_type(kind: Kind) -> Any:
     from numba import from_dtype
 
     if isinstance(kind, np.dtype):
         return from_dtype(kind)
-    name, _, item = _KINDS[kind][0].rstrip(")").partition("(")
+    name, _, item = _TYPE_NAMES[kind][0].rstrip(")").partition("(")
     found = getattr(types, name)
     return found(getattr(types, item)) if item else found

@@ -8,22 +8,22 @@ import gc
 from collections.abc import Callable
 from typing import Any
 
-SELDOM = (50_000, 20, 20)
+GC_THRESHOLDS = (50_000, 20, 20)
 """When garbage is looked for (`gc.set_threshold`). Numba makes objects by the million, hardly any of them in circles;
 to look as often as usual takes a tenth of all."""
 
 
-class Typed:
+class NumbaObject:
     """What numba meets in the source of a function, and asks for its type."""
 
     @property
-    def made(self) -> Any:
+    def numba_object(self) -> Any:
         """What numba works with in its place."""
         raise NotImplementedError
 
     @property
     def _numba_type_(self) -> Any:
-        return _target().typing_context.resolve_value_type(self.made)
+        return _target().typing_context.resolve_value_type(self.numba_object)
 
 
 def refresh() -> None:
@@ -37,7 +37,7 @@ def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
     from numba import cfunc
 
     often = gc.get_threshold()
-    gc.set_threshold(*SELDOM)
+    gc.set_threshold(*GC_THRESHOLDS)
     try:
         # anew: what comes from numba's cache has no module
         compiled = cfunc(signature, error_model="numpy")(function)
@@ -46,7 +46,7 @@ def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
     return compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module)
 
 
-def declared(module: Any, kind: Any, name: str) -> Any:
+def declare_function(module: Any, kind: Any, name: str) -> Any:
     """The function `name` of LLVM's type `kind`, declared in `module`."""
     from numba.core import cgutils
 

@@ -21,8 +21,8 @@ from importlib.util import decode_source, resolve_name
 from pathlib import Path
 from typing import NamedTuple
 
-PACKAGE = Path(__file__).parents[2]
-INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
+PACKAGE_FOLDER = Path(__file__).parents[2]
+INSTALLED_PATTERN = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
 """Paths of files that are identified by the version of Python or of a package; this package's own are not."""
 
 
@@ -45,7 +45,7 @@ def digest_of(content: bytes) -> str:
     return blake2b(content, digest_size=8).hexdigest()
 
 
-def parsed(content: bytes) -> SourceFile:
+def parse_source(content: bytes) -> SourceFile:
     """Parse the content of a Python file; other content is hashed whole."""
     try:
         text = decode_source(content)
@@ -118,7 +118,7 @@ class Sources:
             if module not in reached:
                 source = self.source(module)
                 reached[module] = source.digest if source else ""
-                ahead += self._imported(module, source) if source else ()
+                ahead += self._imported_modules(module, source) if source else ()
         return digest_of("".join(name + digest for name, digest in sorted(reached.items()) if digest).encode())
 
     def place(self, function: Callable) -> int:
@@ -130,18 +130,18 @@ class Sources:
         """What is in the file of `module`; None if it has none, or an installed one."""
         if module not in self._of:
             file = source_file(module)
-            self._of[module] = self._read(Path(file)) if file else None
+            self._of[module] = self._read_source(Path(file)) if file else None
         return self._of[module]
 
-    def _read(self, path: Path) -> SourceFile:
+    def _read_source(self, path: Path) -> SourceFile:
         content = path.read_bytes()
         whole = digest_of(content)
         if whole not in self.known:
-            self.known[whole] = parsed(content)
+            self.known[whole] = parse_source(content)
             self.parsed += 1
         return self.known[whole]
 
-    def _imported(self, module: str, source: SourceFile) -> set[str]:
+    def _imported_modules(self, module: str, source: SourceFile) -> set[str]:
         """Modules that `module` may import; a name imported from a package may be a module."""
         file = source_file(module) or ""
         package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
@@ -160,8 +160,8 @@ class Sources:
 def source_file(module: str) -> str | None:
     """The file of a module of this package, or of one that is loaded and not installed."""
     top, _, below = module.partition(".")
-    if top == PACKAGE.name:
-        stem = os.path.join(PACKAGE, *below.split("."))
+    if top == PACKAGE_FOLDER.name:
+        stem = os.path.join(PACKAGE_FOLDER, *below.split("."))
         return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
     found: str | None = getattr(sys.modules.get(module), "__file__", None)
-    return found if found and os.path.isfile(found) and not INSTALLED.match(found) else None
+    return found if found and os.path.isfile(found) and not INSTALLED_PATTERN.match(found) else None

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.cache_folder import cache_folder, discard_foreign, evict, private_folder, remove
-from twin.kernel.compiled.source import PACKAGE, SourceFile, Sources, digest_of, source_file
+from twin.kernel.compiled.source import PACKAGE_FOLDER, SourceFile, Sources, digest_of, source_file
 from twin.kernel.errors import InputRefused
 
 try:
@@ -28,25 +28,25 @@ except ImportError:
     # Windows, where two processes may make the same file
     fcntl = None  # type: ignore[assignment]
 
-VARIABLE = "NUMBA_CACHE_DIR"
+FOLDER_VARIABLE = "NUMBA_CACHE_DIR"
 """Names a folder of the user's own choice."""
-MOST = 1000
+MAX_FILES = 1000
 """Files that are kept: seven sources of all there is, two files each."""
-OBJECT = ".o"
-SEAL = 16
+OBJECT_SUFFIX = ".o"
+SEAL_SIZE = 16
 """Bytes of the hash at the end of a file."""
-CARRIED = Path(__file__).with_name("objects")
+PACKAGED_OBJECTS = Path(__file__).with_name("objects")
 """Where a wheel has object files; they are looked at first and never written."""
-DIGESTS = "sources.json"
+DIGESTS_FILE = "sources.json"
 """File of parsed source files, see `twin.kernel.compiled.source`."""
 MAX_DIGESTS = 1000
 """Maximum number of source files in it: seven versions of each."""
-_OBJECT = re.compile(r".+\.(o|ll)")
+_FILE_PATTERN = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()
 
 
-class Unnamed(Exception):
+class UnnamedFunction(Exception):
     """A function whose code has no unique name."""
 
 
@@ -65,32 +65,32 @@ def name_of(function: Any, made_for: str) -> str:
     return f"{function.__module__}.{function.__name__}-{variant}-{source_digest(*modules)}"
 
 
-def keep(file: str, content: bytes) -> None:
+def store_file(file: str, content: bytes) -> None:
     """Put a file beside the object files, if that is possible."""
-    aside = folder() / f".{file}-{os.getpid()}"
+    aside = object_folder() / f".{file}-{os.getpid()}"
     # a full disk, a folder that is gone: the code runs all the same
     with contextlib.suppress(OSError):
         # whatever the umask leaves to others
         with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
-            written.write(sealed(file, content))
-        aside.replace(folder() / file)
-        evict(folder(), MOST, _OBJECT)
+            written.write(seal(file, content))
+        aside.replace(object_folder() / file)
+        evict(object_folder(), MAX_FILES, _FILE_PATTERN)
 
 
-def sealed(file: str, content: bytes) -> bytes:
+def seal(file: str, content: bytes) -> bytes:
     """The bytes of a file of that name; one that was renamed is none of ours."""
-    return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL).digest()
+    return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL_SIZE).digest()
 
 
 def stored_code(file: str) -> bytes:
     """What came with the package or was kept under that name; nothing if it is not there, or not as it was written."""
     with contextlib.suppress(OSError):
-        if content := _whole(CARRIED / file):
+        if content := _unseal(PACKAGED_OBJECTS / file):
             return content
-    path = folder() / file
+    path = object_folder() / file
     try:
         discard_foreign(path)
-        content = _whole(path)
+        content = _unseal(path)
         os.utime(path)
     except FileNotFoundError:
         return b""
@@ -99,17 +99,17 @@ def stored_code(file: str) -> bytes:
     if not content:
         with contextlib.suppress(OSError):
             remove(path)
-        if folder() not in _reported:
-            _reported.add(folder())
-            print(f"twin: compiled code in {folder()}/ was damaged: compiled again", file=sys.stderr)
+        if object_folder() not in _reported:
+            _reported.add(object_folder())
+            print(f"twin: compiled code in {object_folder()}/ was damaged: compiled again", file=sys.stderr)
     return content
 
 
 @contextlib.contextmanager
-def alone(name: str) -> Iterator[None]:
+def object_lock(name: str) -> Iterator[None]:
     """No other process makes the object file of that name meanwhile."""
     try:
-        lock = open(folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
+        lock = open(object_folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
     except OSError:
         # nothing can be stored, so no process can wait for it
         yield
@@ -122,37 +122,37 @@ def alone(name: str) -> Iterator[None]:
 
 
 @cache
-def folder() -> Path:
+def object_folder() -> Path:
     """Where object files are: beside the package, or in the user's cache folder where that is not the user's alone.
 
     Where neither is, nothing is kept beyond this process and those that it starts.
     """
-    given = os.environ.get(VARIABLE)
+    given = os.environ.get(FOLDER_VARIABLE)
     try:
         if given:
             return private_folder(Path(given, "objects").absolute())
         try:
-            return private_folder(PACKAGE / "__pycache__" / "native")
+            return private_folder(PACKAGE_FOLDER / "__pycache__" / "native")
         except InputRefused:
             return cache_folder("native")
     except InputRefused as refused:
         _refusal.append(str(refused))
-        os.environ[VARIABLE] = _passing()
-        return private_folder(Path(os.environ[VARIABLE], "objects"))
+        os.environ[FOLDER_VARIABLE] = _temporary_folder()
+        return private_folder(Path(os.environ[FOLDER_VARIABLE], "objects"))
 
 
 def refusal() -> str:
     """Why nothing that is compiled is kept, as a sentence; "" if it is."""
-    folder()
+    object_folder()
     return "".join(_refusal)
 
 
 def object_files(place: Path | None = None) -> list[Path]:
-    """Those that are kept, of all sources; or those of another place, `CARRIED` say."""
-    return sorted((place or folder()).glob(f"[!.]*{OBJECT}"))
+    """Those that are kept, of all sources; or those of another place, `PACKAGED_OBJECTS` say."""
+    return sorted((place or object_folder()).glob(f"[!.]*{OBJECT_SUFFIX}"))
 
 
-def compiled_pieces() -> int:
+def object_count() -> int:
     """How many object files are kept; what a run needs beyond them is compiled when it is needed."""
     return len(object_files())
 
@@ -162,7 +162,7 @@ def damaged_files(files: Iterable[Path]) -> list[Path]:
 
     def is_damaged(path: Path) -> bool:
         try:
-            return not _whole(path)
+            return not _unseal(path)
         except OSError as problem:
             # another process may have cleared it
             return not isinstance(problem, FileNotFoundError)
@@ -176,7 +176,7 @@ def source_digest(*modules: str) -> str:
     before = sources.parsed
     found = sources.digest(*modules)
     if sources.parsed > before:
-        _keep_digests(sources)
+        _store_digests(sources)
     return found
 
 
@@ -188,19 +188,19 @@ def _sources() -> Sources:
 def _read_digests() -> dict[str, SourceFile]:
     """What earlier processes have found in source files; empty if nothing is kept, or it is damaged."""
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
-        path = folder() / DIGESTS
+        path = object_folder() / DIGESTS_FILE
         discard_foreign(path)
         return {
             whole: SourceFile(digest, tuple((origin, tuple(names)) for origin, names in imports), tuple(functions))
-            for whole, (digest, imports, functions) in json.loads(_whole(path)).items()
+            for whole, (digest, imports, functions) in json.loads(_unseal(path)).items()
         }
     return {}
 
 
-def _keep_digests(sources: Sources) -> None:
+def _store_digests(sources: Sources) -> None:
     """Keep them beside the object files, with those that another process has kept meanwhile."""
     both = _read_digests() | sources.known
-    keep(DIGESTS, json.dumps(dict([*both.items()][-MAX_DIGESTS:])).encode())
+    store_file(DIGESTS_FILE, json.dumps(dict([*both.items()][-MAX_DIGESTS:])).encode())
 
 
 def _identity(value: Any, modules: set[str]) -> str:
@@ -227,16 +227,16 @@ def _identity(value: Any, modules: set[str]) -> str:
         modules.add(value.__module__)
         closed = [cell.cell_contents for cell in value.__closure__ or ()]
         return f"{value.__module__}.{value.__qualname__}:{_sources().place(value)}{_identity(closed, modules)}"
-    raise Unnamed
+    raise UnnamedFunction
 
 
-def _whole(path: Path) -> bytes:
+def _unseal(path: Path) -> bytes:
     """What was sealed in a file; nothing if it is not as it was written."""
     content = path.read_bytes()
-    return content[:-SEAL] if content == sealed(path.name, content[:-SEAL]) else b""
+    return content[:-SEAL_SIZE] if content == seal(path.name, content[:-SEAL_SIZE]) else b""
 
 
-def _passing() -> str:
+def _temporary_folder() -> str:
     """A folder that goes with this process."""
     import atexit
     import shutil

@@ -11,9 +11,9 @@ from twin.kernel.compiled.native import Kind, Native, entry
 from twin.kernel.cosim.port import Port, by_port, port_record, record, state_fields, width
 from twin.kernel.errors import InputRefused
 
-PIECE = record(array="i8", copy="i8", size="i8")
+PIECE_RECORD = record(array="i8", copy="i8", size="i8")
 """Addresses of a piece of memory and of its copy, and their bytes."""
-_PIECES = record(table="i8", count="i8")
+_PIECES_RECORD = record(table="i8", count="i8")
 NOT_FINITE = 1 << 32
 """Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
 
@@ -96,19 +96,19 @@ class Rewind:
     keep: Any = field(default=None, repr=False)
 
 
-pieces_at = pointer_to(PIECE)
+pieces_at = pointer_to(PIECE_RECORD)
 
 
 @njit(cache=True)
-def keep_pieces(table, count):
-    """Copy the `count` pieces of memory of the `PIECE` records at address `table`."""
+def save_pieces(table, count):
+    """Copy the `count` pieces of memory of the `PIECE_RECORD` records at address `table`."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         copy(pieces[i].copy, pieces[i].array, pieces[i].size)
 
 
 @njit(cache=True)
-def put_back_pieces(table, count):
+def restore_pieces(table, count):
     """The copies become what is there again."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
@@ -126,37 +126,37 @@ def copy_pieces(table, count, buffer, back):
             copy(buffer + pieces[i].copy, pieces[i].array, pieces[i].size)
 
 
-@step_function(_PIECES)
+@step_function(_PIECES_RECORD)
 def _save(m, t, h, u, y):
-    keep_pieces(m.table, m.count)
+    save_pieces(m.table, m.count)
     return 0
 
 
-@step_function(_PIECES)
+@step_function(_PIECES_RECORD)
 def _restore(m, t, h, u, y):
-    put_back_pieces(m.table, m.count)
+    restore_pieces(m.table, m.count)
     return 0
 
 
-def runs_of(array: np.ndarray) -> list[tuple[int, int]]:
+def contiguous_parts(array: np.ndarray) -> list[tuple[int, int]]:
     """(address, bytes) of the parts of `array` that lie in one piece, in the order of its values."""
     if array.flags.c_contiguous:
         return [(array.ctypes.data, array.nbytes)] if array.size else []
-    return [run for part in array for run in runs_of(part)] if array.ndim > 1 else _items_of(array)
+    return [run for part in array for run in contiguous_parts(part)] if array.ndim > 1 else _single_elements(array)
 
 
-def _items_of(array: np.ndarray) -> list[tuple[int, int]]:
+def _single_elements(array: np.ndarray) -> list[tuple[int, int]]:
     start, (stride,) = array.ctypes.data, array.strides
     return [(start + i * stride, array.itemsize) for i in range(len(array))]
 
 
 def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
-    """The `PIECE` records of `arrays` with copies one after the other from `copy_address` on."""
+    """The `PIECE_RECORD` records of `arrays` with copies one after the other from `copy_address` on."""
     rows = []
-    for address, size in (run for array in arrays for run in runs_of(array)):
+    for address, size in (run for array in arrays for run in contiguous_parts(array)):
         rows.append((address, copy_address, size))
         copy_address += size
-    return np.array(rows, dtype=PIECE)
+    return np.array(rows, dtype=PIECE_RECORD)
 
 
 class Pieces:
@@ -166,7 +166,7 @@ class Pieces:
         arrays: in which they lie.
 
     Attributes:
-        at: address of a table of `PIECE`, with the place of each in the row, and how many there are.
+        at: address of a table of `PIECE_RECORD`, with the place of each in the row, and how many there are.
         size: of the row, bytes.
     """
 
@@ -176,13 +176,13 @@ class Pieces:
         self.size = int(self._table["size"].sum())
         self.at = self._table.ctypes.data, len(self._table)
 
-    def take(self) -> np.ndarray:
+    def save(self) -> np.ndarray:
         """What is there now (size,)."""
         row = np.empty(self.size, dtype=np.uint8)
         copy_pieces(*self.at, row.ctypes.data, 0)
         return row
 
-    def put_back(self, row: np.ndarray) -> None:
+    def restore(self, row: np.ndarray) -> None:
         """Let `row`, taken here or of like pieces elsewhere, be what is there."""
         copy_pieces(*self.at, row.ctypes.data, 1)
 
@@ -191,7 +191,7 @@ def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
     """Of a component whose whole state are `pieces`."""
     copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)
     table = piece_table(pieces.values(), copies.ctypes.data)
-    memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES)
+    memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES_RECORD)
     return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, table, copies, pieces))
 
 
@@ -201,10 +201,10 @@ class Holder(Protocol):
     A token stands for what was held at one time. It belongs to its holder, which frees all of them when it is closed.
     """
 
-    def take(self) -> Any:
+    def save_state(self) -> Any:
         """A token of what is held now."""
 
-    def give_back(self, token: Any) -> None:
+    def restore_state(self, token: Any) -> None:
         """Hold what `token` stands for; as often as it is asked for."""
 
     def free(self, token: Any) -> None:
@@ -222,7 +222,7 @@ class Holder(Protocol):
 
 
 @njit(cache=True)
-def outcome(status, outputs, part):
+def step_status(status, outputs, part):
     """0 if a step went well, else its status, or `NOT_FINITE`; `master` asks by itself, which is faster.
 
     Args:
@@ -284,7 +284,7 @@ class Component:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
         return f"returned status {status}"
 
-    def asks_to_end(self, status: int) -> bool:
+    def requests_end(self, status: int) -> bool:
         """Whether a bad `status` of its step says that the run is to end here, regularly."""
         return False
 
@@ -380,14 +380,14 @@ class NativeComponent(Component):
 
     def pieces(self) -> dict[str, np.ndarray]:
         fields = state_fields(self.memory.dtype)
-        return {one.name: self.pointers.get(one.name, one.of(self.memory)) for one in fields}
+        return {one.name: self.pointers.get(one.name, one.view_in(self.memory)) for one in fields}
 
     def lacks_state(self, portable: bool = True) -> str:
         return ""
 
     def refuse_index(self) -> None:
         for one in state_fields(self.memory.dtype):
-            values = one.of(self.memory)
+            values = one.view_in(self.memory)
             # -1, before the first step, is the last one to compiled code
             if one.below and not np.all((values >= -1) & (values < np.maximum(one.limit(self.memory), 1))):
                 raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: leads beyond what it counts")

@@ -19,10 +19,10 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.histogram import Histogram, count_in
 from twin.kernel.cosim.port import memory_of, record
 
-SHORTEST = 1e-3
+MIN_WAIT = 1e-3
 """Wall time (s) between two deadlines, at least: what a sleep oversleeps by is to be little of it."""
-ABSOLUTE, SECOND = 1, 10**9
-DEADLINES = record(
+TIMER_ABSTIME, NS_PER_SECOND = 1, 10**9
+DEADLINE_RECORD = record(
     advance="i8",  # address of what makes ticks
     loop="i8",  # and of its memory
     clock="i8",  # address of clock_gettime
@@ -46,7 +46,7 @@ DEADLINES = record(
 )
 """What the waiting is made of, and what it came to."""
 
-_deadlines_at, _times_at = pointer_to(DEADLINES), pointer_to(np.int64)
+_deadlines_at, _times_at = pointer_to(DEADLINE_RECORD), pointer_to(np.int64)
 
 
 @cache
@@ -67,12 +67,12 @@ def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
 
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, timespec)
     def clock(number: int, at: Any) -> int:
-        at[0], at[1] = divmod(round(monotonic() * SECOND), SECOND)
+        at[0], at[1] = divmod(round(monotonic() * NS_PER_SECOND), NS_PER_SECOND)
         return 0
 
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int, timespec, ctypes.c_void_p)
     def nap(number: int, flags: int, until: Any, rest: int) -> int:
-        sleep(max(0.0, until[0] + until[1] / SECOND - monotonic()))
+        sleep(max(0.0, until[0] + until[1] / NS_PER_SECOND - monotonic()))
         return 0
 
     return clock, nap
@@ -112,23 +112,23 @@ def _advance_call(typingctx, function, loop, first, count, row):
 
 
 @njit(cache=True)
-def _now(m):
+def _clock_ns(m):
     """ns."""
     _clock_call(m.clock, m.clock_id, m.time, 0, 0)
     at = carray(_times_at(m.time), 2)
-    return at[0] * SECOND + at[1]
+    return at[0] * NS_PER_SECOND + at[1]
 
 
 @njit(cache=True)
-def _keep(m, k):
+def _wait_until_due(m, k):
     """Wait until tick `k` is due; False: a signal came first, which Python is to see."""
     due = m.begun + np.int64(np.rint(k * m.tick))
-    now = _now(m)
+    now = _clock_ns(m)
     if now < due:
         at = carray(_times_at(m.time), 2)
-        at[0], at[1] = due // SECOND, due % SECOND
-        interrupted = _sleep_call(m.sleep, m.clock_id, ABSOLUTE, m.time, 0) != 0
-        woken = _now(m)
+        at[0], at[1] = due // NS_PER_SECOND, due % NS_PER_SECOND
+        interrupted = _sleep_call(m.sleep, m.clock_id, TIMER_ABSTIME, m.time, 0) != 0
+        woken = _clock_ns(m)
         m.waited += 1e-9 * (woken - now)
         if interrupted:
             return False
@@ -150,15 +150,15 @@ def advance(deadlines, first, count, row):
     """As `master.advance`, each tick when it is due; fewer rows if a signal came.
 
     Args:
-        deadlines: address of a record of `DEADLINES`.
+        deadlines: address of a record of `DEADLINE_RECORD`.
     """
     m = carray(_deadlines_at(deadlines), 1)[0]
     if m.start < 0 and count > 0:
-        m.start, m.begun = first, _now(m) - np.int64(np.rint(first * m.tick))
+        m.start, m.begun = first, _clock_ns(m) - np.int64(np.rint(first * m.tick))
     done = 0
     while done < count:
         k = first + done
-        if k % m.every == 0 and k > m.start and not _keep(m, k):
+        if k % m.every == 0 and k > m.start and not _wait_until_due(m, k):
             return done
         most = min(m.every - k % m.every, count - done)
         made = _advance_call(m.advance, m.loop, k, most, row + done)
@@ -178,7 +178,7 @@ class Deadlines:
         functions: see `clock_functions`.
 
     Attributes:
-        memory: (1,) of `DEADLINES`.
+        memory: (1,) of `DEADLINE_RECORD`.
         address: of it.
         lateness: time from a deadline to going on.
     """
@@ -189,20 +189,20 @@ class Deadlines:
         self._time = np.zeros(2, dtype=np.int64)
         self.lateness = Histogram()
         self.memory = memory_of(
-            DEADLINES, clock=clock, sleep=sleep, clock_id=number, time=self._time.ctypes.data, start=-1,
-            tick=tick * SECOND, every=max(1, math.ceil(SHORTEST / tick - 1e-9)), bins=self.lateness.bins.ctypes.data,
+            DEADLINE_RECORD, clock=clock, sleep=sleep, clock_id=number, time=self._time.ctypes.data, start=-1,
+            tick=tick * NS_PER_SECOND, every=max(1, math.ceil(MIN_WAIT / tick - 1e-9)), bins=self.lateness.bins.ctypes.data,
         )  # fmt: skip
         self.address = self.memory.ctypes.data
 
-    def before(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
+    def paced_advance(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
         """`advance`, which calls `ticks`, a function of C like it, with the memory at `loop`."""
         self.memory["advance"], self.memory["loop"] = ctypes.cast(ticks, ctypes.c_void_p).value, loop
-        found: Callable[[int, int, int, int], int] = advance.native.called
+        found: Callable[[int, int, int, int], int] = advance.native.c_function
         return found
 
     @property
     def counts(self) -> dict[str, float]:
-        """What the waiting came to so far, by the names of `DEADLINES`."""
-        found = dict(zip(DEADLINES.names or (), self.memory[0].item(), strict=True))
+        """What the waiting came to so far, by the names of `DEADLINE_RECORD`."""
+        found = dict(zip(DEADLINE_RECORD.names or (), self.memory[0].item(), strict=True))
         self.lateness.largest = found["largest"]
         return found

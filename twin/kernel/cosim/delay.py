@@ -16,11 +16,11 @@ from twin.kernel.cosim.component import (
 )
 from twin.kernel.cosim.port import Port, by_port, record, state, width
 
-MEMORY = record(size="i8", ticks="i8", position=state("i8", below="ticks"), ring=state("i8"))
-NOTHING = Pieces([])
+DELAY_MEMORY = record(size="i8", ticks="i8", position=state("i8", below="ticks"), ring=state("i8"))
+NO_PIECES = Pieces([])
 
 
-@step_function(MEMORY)
+@step_function(DELAY_MEMORY)
 def step(m, t, h, u, y):
     ring = carray(doubles_at(m.ring), m.size * m.ticks)
     u_, y_ = carray(u, m.size), carray(y, m.size)
@@ -32,8 +32,8 @@ def step(m, t, h, u, y):
     return 0
 
 
-@step_function(MEMORY)
-def filled(m, t, h, u, y):
+@step_function(DELAY_MEMORY)
+def fill_ring(m, t, h, u, y):
     """What a delay that is taken elsewhere does before its first step: its inputs have been as they are."""
     ring = carray(doubles_at(m.ring), m.size * m.ticks)
     u_, y_ = carray(u, m.size), carray(y, m.size)
@@ -47,7 +47,7 @@ def filled(m, t, h, u, y):
 def delay(name: str, ports: tuple[Port, ...], ticks: int, initial: np.ndarray) -> Component:
     """Sampled component: its outputs `ports` are its inputs of `ticks` (>= 1) ticks ago, before that `initial`."""
     ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))
-    memory = np.array([(width(ports), ticks, 0, 0)], dtype=MEMORY)
+    memory = np.array([(width(ports), ticks, 0, 0)], dtype=DELAY_MEMORY)
     return NativeComponent(name, ports, ports, True, step, memory, ring[0].copy(), pointers={"ring": ring})
 
 
@@ -81,7 +81,7 @@ def play(
     u: NDArray[np.float64],
     steps: NDArray[np.int64] | None = None,
     before: NDArray[np.float64] | None = None,
-    pieces: Pieces = NOTHING,
+    pieces: Pieces = NO_PIECES,
     copies: NDArray[np.uint8] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
     """Step `component` from where it stands, once per row of `u`.
@@ -112,10 +112,10 @@ def play(
 
 def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """`rows` (n, outputs) by port: (n,), or (n, size) of a port of several."""
-    return named(component.outputs, rows)
+    return values_by_port(component.outputs, rows)
 
 
-def named(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def values_by_port(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """The same of outputs `ports`."""
     parts = by_port(ports, rows)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in parts.items()}

@@ -1,6 +1,6 @@
 """Expressions of time, such as `2*step(1.0) - 0.5*sin(2*pi*t)`: read without executing anything, run compiled.
 
-The grammar is numbers, `t` (s), `pi`, + - * / **, brackets and the functions of `FUNCTIONS`. Python's parser reads it,
+The grammar is numbers, `t` (s), `pi`, + - * / **, brackets and the functions of `FUNCTION_CODES`. Python's parser reads it,
 and what is not in the grammar is refused. What remains is a list of operations on a stack.
 """
 
@@ -16,24 +16,41 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import doubles_at, integers_at
 from twin.kernel.errors import InputRefused, nearest
 
-LONGEST = 1000
+MAX_LENGTH = 1000
 """Characters."""
-SLACK = 1e-9
+TIME_TOLERANCE = 1e-9
 """s, and relative: t is a whole number of ticks and rounds; what begins at 0.3 s begins at the tick next to that."""
-NUMBER, TIME, ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, SIN, COS, EXP, STEP, RAMP, RISE, PULSE, PULSES = range(16)
-OPERATORS = {ast.Add: ADD, ast.Sub: SUBTRACT, ast.Mult: MULTIPLY, ast.Div: DIVIDE, ast.Pow: POWER}
-FUNCTIONS: dict[str, dict[int, int]] = {
-    "sin": {1: SIN},
-    "cos": {1: COS},
-    "exp": {1: EXP},
-    "step": {1: STEP},
-    "ramp": {1: RAMP, 2: RISE},
-    "pulse": {2: PULSE, 3: PULSES},
+(
+    OP_NUMBER,
+    OP_TIME,
+    OP_ADD,
+    OP_SUBTRACT,
+    OP_MULTIPLY,
+    OP_DIVIDE,
+    OP_POWER,
+    OP_NEGATE,
+    OP_SIN,
+    OP_COS,
+    OP_EXP,
+    OP_STEP,
+    OP_RAMP,
+    OP_RISE,
+    OP_PULSE,
+    OP_PULSES,
+) = range(16)
+OPERATOR_CODES = {ast.Add: OP_ADD, ast.Sub: OP_SUBTRACT, ast.Mult: OP_MULTIPLY, ast.Div: OP_DIVIDE, ast.Pow: OP_POWER}
+FUNCTION_CODES: dict[str, dict[int, int]] = {
+    "sin": {1: OP_SIN},
+    "cos": {1: OP_COS},
+    "exp": {1: OP_EXP},
+    "step": {1: OP_STEP},
+    "ramp": {1: OP_RAMP, 2: OP_RISE},
+    "pulse": {2: OP_PULSE, 3: OP_PULSES},
 }
 """By name and number of arguments: sin, cos and exp of a number; `step(start)` 1 from there on; `ramp(start)` the time
 since then; `ramp(start, duration)` from 0 to 1; `pulse(start, width)` 1 so long, `pulse(start, width, period)` again
 and again; each 0 before its start."""
-USES = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTIONS)
+GRAMMAR_PHRASE = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTION_CODES)
 
 
 @dataclass(frozen=True)
@@ -51,7 +68,7 @@ class Expression:
     numbers: np.ndarray
     depth: int
 
-    def at(self, t: float) -> float:
+    def value_at(self, t: float) -> float:
         """Its value at `t` (s); NaN where it has none."""
         stack = np.empty(self.depth)
         return float(
@@ -61,7 +78,7 @@ class Expression:
         )
 
 
-def expression(text: str, where: str) -> Expression:
+def parse_expression(text: str, where: str) -> Expression:
     """What `text` says.
 
     Args:
@@ -70,14 +87,16 @@ def expression(text: str, where: str) -> Expression:
     Raises:
         InputRefused: it is none of the grammar.
     """
-    if len(text) > LONGEST:
-        raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {LONGEST}")
+    if len(text) > MAX_LENGTH:
+        raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {MAX_LENGTH}")
     try:
         tree = ast.parse(text.strip(), mode="eval")
     # of brackets without end
     except (SyntaxError, ValueError, MemoryError, RecursionError):
-        raise InputRefused(f"{where}: '{text}' is neither a file nor an expression; expected {USES}") from None
-    reader = _Reader(where)
+        raise InputRefused(
+            f"{where}: '{text}' is neither a file nor an expression; expected {GRAMMAR_PHRASE}"
+        ) from None
+    reader = _ExpressionReader(where)
     try:
         reader.visit(tree.body)
     except RecursionError:
@@ -86,7 +105,7 @@ def expression(text: str, where: str) -> Expression:
     return Expression(text, operations.astype(np.int64), numbers.astype(float), reader.deepest)
 
 
-class _Reader:
+class _ExpressionReader:
     """Turns a tree into operations, what an operation takes standing before it."""
 
     def __init__(self, where: str):
@@ -97,32 +116,34 @@ class _Reader:
     def visit(self, node: ast.expr) -> None:
         match node:
             case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-                self._put(NUMBER, 0, self._number(value))
+                self._append(OP_NUMBER, 0, self._number(value))
             case ast.Name(id="t"):
-                self._put(TIME, 0)
+                self._append(OP_TIME, 0)
             case ast.Name(id="pi"):
-                self._put(NUMBER, 0, math.pi)
-            case ast.BinOp(op=op) if type(op) in OPERATORS:
+                self._append(OP_NUMBER, 0, math.pi)
+            case ast.BinOp(op=op) if type(op) in OPERATOR_CODES:
                 self.visit(node.left)
                 self.visit(node.right)
-                self._put(OPERATORS[type(op)], 2)
+                self._append(OPERATOR_CODES[type(op)], 2)
             case ast.UnaryOp(op=ast.USub()):
                 self.visit(node.operand)
-                self._put(NEGATE, 1)
+                self._append(OP_NEGATE, 1)
             case ast.UnaryOp(op=ast.UAdd()):
                 self.visit(node.operand)
-            case ast.Call(func=ast.Name(id=name), keywords=[]) if name in FUNCTIONS:
-                kinds = FUNCTIONS[name]
+            case ast.Call(func=ast.Name(id=name), keywords=[]) if name in FUNCTION_CODES:
+                kinds = FUNCTION_CODES[name]
                 if len(node.args) not in kinds:
                     expected = " or ".join(map(str, kinds))
                     self._refuse(f"{name} of {len(node.args)} arguments; expected {expected}")
                 for one in node.args:
                     self.visit(one)
-                self._put(kinds[len(node.args)], len(node.args))
-            case ast.Call(func=ast.Name(id=name)) | ast.Name(id=name) if name not in FUNCTIONS:
-                self._refuse(f"'{name}' is not known; {nearest(name, [*FUNCTIONS, 't', 'pi'], f'expected {USES}')}")
+                self._append(kinds[len(node.args)], len(node.args))
+            case ast.Call(func=ast.Name(id=name)) | ast.Name(id=name) if name not in FUNCTION_CODES:
+                self._refuse(
+                    f"'{name}' is not known; {nearest(name, [*FUNCTION_CODES, 't', 'pi'], f'expected {GRAMMAR_PHRASE}')}"
+                )
             case _:
-                self._refuse(f"'{ast.unparse(node)}' is not allowed; expected {USES}")
+                self._refuse(f"'{ast.unparse(node)}' is not allowed; expected {GRAMMAR_PHRASE}")
 
     def _number(self, value: float) -> float:
         try:
@@ -133,7 +154,7 @@ class _Reader:
             self._refuse("a number beyond the range of numbers")
         return number
 
-    def _put(self, operation: int, taken: int, number: float = 0.0) -> None:
+    def _append(self, operation: int, taken: int, number: float = 0.0) -> None:
         self.program.append((operation, number))
         self._depth += 1 - taken
         self.deepest = max(self.deepest, self._depth)
@@ -143,66 +164,66 @@ class _Reader:
 
 
 @njit(cache=True, error_model="numpy")
-def begun(t, start):
+def has_begun(t, start):
     """Whether `t` is at `start` or later, as far as ticks round."""
-    return t - start >= -SLACK * max(1.0, abs(start))
+    return t - start >= -TIME_TOLERANCE * max(1.0, abs(start))
 
 
 @njit(cache=True, error_model="numpy")
-def evaluated(operations_at, numbers_at, count, stack_at, t):
+def evaluate(operations_at, numbers_at, count, stack_at, t):
     """The value at `t` of the expression whose operations, numbers and stack are at these addresses."""
     operations, numbers = carray(integers_at(operations_at), count), carray(doubles_at(numbers_at), count)
     stack = carray(doubles_at(stack_at), count)
     top = -1
     for k in range(count):
         what = operations[k]
-        if what == NUMBER:
+        if what == OP_NUMBER:
             top += 1
             stack[top] = numbers[k]
-        elif what == TIME:
+        elif what == OP_TIME:
             top += 1
             stack[top] = t
-        elif what == NEGATE:
+        elif what == OP_NEGATE:
             stack[top] = -stack[top]
-        elif what == SIN:
+        elif what == OP_SIN:
             stack[top] = math.sin(stack[top])
-        elif what == COS:
+        elif what == OP_COS:
             stack[top] = math.cos(stack[top])
-        elif what == EXP:
+        elif what == OP_EXP:
             stack[top] = math.exp(stack[top])
-        elif what == STEP:
-            stack[top] = 1.0 if begun(t, stack[top]) else 0.0
-        elif what == RAMP:
+        elif what == OP_STEP:
+            stack[top] = 1.0 if has_begun(t, stack[top]) else 0.0
+        elif what == OP_RAMP:
             stack[top] = max(0.0, t - stack[top])
         else:
-            if what == PULSES:
+            if what == OP_PULSES:
                 top -= 2
                 start, wide, period = stack[top], stack[top + 1], stack[top + 2]
                 since = t - start
                 # what has begun as far as ticks round is in the new period
-                since -= period * math.floor((since + SLACK * max(1.0, abs(t))) / period)
-                value = 1.0 if begun(t, start) and not begun(since, wide) else 0.0
+                since -= period * math.floor((since + TIME_TOLERANCE * max(1.0, abs(t))) / period)
+                value = 1.0 if has_begun(t, start) and not has_begun(since, wide) else 0.0
                 stack[top] = value if period > 0.0 else math.nan
                 continue
             top -= 1
             a, b = stack[top], stack[top + 1]
-            if what == ADD:
+            if what == OP_ADD:
                 stack[top] = a + b
-            elif what == SUBTRACT:
+            elif what == OP_SUBTRACT:
                 stack[top] = a - b
-            elif what == MULTIPLY:
+            elif what == OP_MULTIPLY:
                 stack[top] = a * b
-            elif what == DIVIDE:
+            elif what == OP_DIVIDE:
                 stack[top] = a / b
-            elif what == POWER:
+            elif what == OP_POWER:
                 stack[top] = a**b
-            elif what == RISE:
-                stack[top] = 1.0 if begun(t, a + b) else max(0.0, (t - a) / b)
+            elif what == OP_RISE:
+                stack[top] = 1.0 if has_begun(t, a + b) else max(0.0, (t - a) / b)
             else:
-                stack[top] = 1.0 if begun(t, a) and not begun(t, a + b) else 0.0
+                stack[top] = 1.0 if has_begun(t, a) and not has_begun(t, a + b) else 0.0
     return stack[0]
 
 
 @entry("double", "int", "int", "int", "int", "double")
 def _value(operations, numbers, count, stack, t):
-    return evaluated(operations, numbers, count, stack, t)
+    return evaluate(operations, numbers, count, stack, t)

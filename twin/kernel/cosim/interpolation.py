@@ -16,18 +16,23 @@ from twin.kernel.cosim.port import Port
 Inputs = Literal["hold", "linear"]
 Scheme = Literal["gauss_seidel", "jacobi"]
 
-VALID, NEWEST, BEFORE = np.eye(3)
+VALID_WEIGHTS, NEWEST_WEIGHTS, PREVIOUS_WEIGHTS = np.eye(3)
 """What is valid at the start of the step, the newest result, and what was valid one step earlier."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
-    """Weights (2, 3) of `VALID`, `NEWEST` and `BEFORE` in the first step of a tick and in a repeated one.
+    """Weights (2, 3) of `VALID_WEIGHTS`, `NEWEST_WEIGHTS` and `PREVIOUS_WEIGHTS` in the first step of a tick and in a repeated one.
 
     Args:
         port: the input.
         seen: whether its source's result is known in the first step.
     """
-    ends = np.array([NEWEST if seen else VALID if inputs == "hold" else 2.0 * VALID - BEFORE, NEWEST])
+    ends = np.array(
+        [
+            NEWEST_WEIGHTS if seen else VALID_WEIGHTS if inputs == "hold" else 2.0 * VALID_WEIGHTS - PREVIOUS_WEIGHTS,
+            NEWEST_WEIGHTS,
+        ]
+    )
     if inputs == "hold" or port.instant == "end":
         return ends
-    return np.array([VALID, VALID]) if port.instant == "start" else 0.5 * (VALID + ends)
+    return np.array([VALID_WEIGHTS, VALID_WEIGHTS]) if port.instant == "start" else 0.5 * (VALID_WEIGHTS + ends)

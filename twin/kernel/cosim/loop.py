@@ -24,18 +24,18 @@ from twin.kernel.cosim.component import (
     call_step,
     doubles_at,
     integers_at,
-    outcome,
     step_function,
+    step_status,
 )
 from twin.kernel.cosim.port import Port, record, state, width
 from twin.kernel.errors import InputRefused
-from twin.kernel.settings import alike
+from twin.kernel.settings import fields_of_form
 
-MEMBER = record(
+MEMBER_RECORD = record(
     step="i8",
     self="i8",
     react="i8",  # 0: it goes back instead
-    **alike("i8", "save restore rewind"),
+    **fields_of_form("i8", "save restore rewind"),
     sources="i8",  # indices into all values
     u="i8",
     u_size="i8",
@@ -44,7 +44,7 @@ MEMBER = record(
     finite="i8",
 )
 """What the loop knows of a member; addresses and sizes."""
-LOOP = record(
+LOOP_MEMORY = record(
     members="i8",
     count="i8",
     given="i8",  # how many values the loop is given
@@ -54,7 +54,7 @@ LOOP = record(
     led="i8",  # indices of the outputs that z is to agree with
     inverse="i8",  # M
     scale="i8",  # the largest that each of z has been
-    work="i8",  # see `_WORK`
+    work="i8",  # see `_WORK_ROWS`
     known=state("i8"),  # whether M is
     culprit="i8",
     status="i8",
@@ -62,25 +62,25 @@ LOOP = record(
     residual="f8",  # of the last pass
     correction="f8",  # of z, that Newton's method asks for then
 )
-_WORK = 6
+_WORK_ROWS = 6
 """Rows of scratch of the size of z: residual, the one before, step, three more; the matrix stands behind them."""
 
-BOUND = 1e-8
+MAX_RESIDUAL = 1e-8
 """Largest residual, of the largest value that has been there: FMUs with solvers of their own are no smoother."""
-FAR, FARTHEST = 1e-4, 1e6
+MAX_CORRECTION, MAX_GROWTH = 1e-4, 1e6
 """Largest correction that is left out, likewise, and how many times as large as at first values may become: where they
 are larger, a loop has no solution, or many."""
-LEAST = 1e-12
+MIN_SCALE = 1e-12
 """What a value that has always been 0 counts as."""
-NUDGE = 1e-4
+DIFFERENCE_STEP = 1e-4
 """Of a value, by which it is changed to see what follows."""
-MOST_PASSES, RENEWALS = 60, (8, 20, 40)
+MAX_PASSES, JACOBIAN_PASSES = 60, (8, 20, 40)
 """Passes before it is given up, and those at which dg/dz is found anew."""
-MOST_VALUES = 200
+MAX_LOOP_VALUES = 200
 """Of z; for each a pass is made to find dg/dz."""
 MEMBER_FAILED, NOT_CONVERGED = 2, 3
 
-_members_at = pointer_to(MEMBER)
+_members_at = pointer_to(MEMBER_RECORD)
 
 
 @njit(cache=True)
@@ -93,16 +93,16 @@ def _gather(m, part):
 
 
 @njit(cache=True)
-def _checked(m, c, part, status):
+def _check_member(m, c, part, status):
     """Whether a member went on, with finite outputs; if not, who and why is noted."""
-    status = outcome(status, part.y, part)
+    status = step_status(status, part.y, part)
     if status != 0:
         m.culprit, m.status = c, status
     return status == 0
 
 
 @njit(cache=True)
-def _passed(m, t, h):
+def _run_pass(m, t, h):
     """One pass over the members with the present z; the residual g(z) - z goes to the first row of the scratch."""
     members = carray(_members_at(m.members), m.count)
     m.passes += 1
@@ -115,7 +115,7 @@ def _passed(m, t, h):
             status = call_step(part.restore, part.rewind, 0.0, 0.0, 0, 0)
             if status == 0:
                 status = call_step(part.step, part.self, t, h, part.u, part.y)
-        if not _checked(m, c, part, status):
+        if not _check_member(m, c, part, status):
             return False
     values = carray(doubles_at(m.values), m.given + m.outputs + m.size)
     led, f = carray(integers_at(m.led), m.size), carray(doubles_at(m.work), m.size)
@@ -159,11 +159,11 @@ def _invert(a, inverse, n):
 
 
 @njit(cache=True)
-def _differentiated(m, t, h):
+def _differentiate(m, t, h):
     """Find M where z is, whose residual is known; False: a member failed."""
     n = m.size
-    work = carray(doubles_at(m.work), (_WORK, n))
-    matrix = carray(doubles_at(m.work + 8 * _WORK * n), (n, n))
+    work = carray(doubles_at(m.work), (_WORK_ROWS, n))
+    matrix = carray(doubles_at(m.work + 8 * _WORK_ROWS * n), (n, n))
     inverse, scale = carray(doubles_at(m.inverse), (n, n)), carray(doubles_at(m.scale), n)
     z = carray(doubles_at(m.values), m.given + m.outputs + n)[m.given + m.outputs :]
     here = work[5]
@@ -171,9 +171,9 @@ def _differentiated(m, t, h):
         here[i] = work[0, i]
     residual = m.residual
     for j in range(n):
-        before, nudge = z[j], NUDGE * max(scale[j], abs(here[j]))
+        before, nudge = z[j], DIFFERENCE_STEP * max(scale[j], abs(here[j]))
         z[j] = before + nudge
-        if not _passed(m, t, h):
+        if not _run_pass(m, t, h):
             return False
         z[j] = before
         for i in range(n):
@@ -192,10 +192,10 @@ def _differentiated(m, t, h):
 
 
 @njit(cache=True)
-def _corrected(m):
+def _correct_inverse(m):
     """Broyden's correction of M by the last step and what it did to the residual."""
     n = m.size
-    work, inverse = carray(doubles_at(m.work), (_WORK, n)), carray(doubles_at(m.inverse), (n, n))
+    work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     step, change, row = work[2], work[3], work[4]
     below = 0.0
     for i in range(n):
@@ -211,20 +211,20 @@ def _corrected(m):
 
 
 @njit(cache=True)
-def _solved(m, t, h):
+def _solve(m, t, h):
     """Passes until the residual is small enough; 0, or a bad status."""
     n = m.size
-    work, inverse = carray(doubles_at(m.work), (_WORK, n)), carray(doubles_at(m.inverse), (n, n))
+    work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     z = carray(doubles_at(m.values), m.given + m.outputs + n)[m.given + m.outputs :]
     scale = carray(doubles_at(m.scale), n)
     best, reach = np.inf, 0.0
-    for number in range(MOST_PASSES):
-        if not _passed(m, t, h):
+    for number in range(MAX_PASSES):
+        if not _run_pass(m, t, h):
             return MEMBER_FAILED
         for i in range(n):
             if number == 0:
                 reach = max(reach, scale[i], abs(z[i] + work[0, i]))
-            elif not abs(z[i]) <= FARTHEST * reach:
+            elif not abs(z[i]) <= MAX_GROWTH * reach:
                 # of what the values were: of those that ran away anything is small
                 m.residual = abs(work[0, i]) / reach
                 return NOT_CONVERGED
@@ -235,19 +235,19 @@ def _solved(m, t, h):
                 for j in range(n):
                     correction += inverse[i, j] * work[0, j]
                 m.correction = max(m.correction, abs(correction) / scale[i])
-        if m.residual <= BOUND and m.correction <= FAR:
+        if m.residual <= MAX_RESIDUAL and m.correction <= MAX_CORRECTION:
             return 0
         grown = m.residual > 2.0 * best
-        if grown and number not in RENEWALS:
+        if grown and number not in JACOBIAN_PASSES:
             for i in range(n):
                 work[2, i] *= 0.5
                 z[i] -= work[2, i]
             continue
-        if m.known == 0 or number in RENEWALS:
-            if not _differentiated(m, t, h):
+        if m.known == 0 or number in JACOBIAN_PASSES:
+            if not _differentiate(m, t, h):
                 return MEMBER_FAILED
         elif number > 0:
-            _corrected(m)
+            _correct_inverse(m)
         best = m.residual
         for i in range(n):
             work[1, i] = work[0, i]
@@ -260,7 +260,7 @@ def _solved(m, t, h):
     return NOT_CONVERGED
 
 
-@step_function(LOOP)
+@step_function(LOOP_MEMORY)
 def _step(m, t, h, u, y):
     members = carray(_members_at(m.members), m.count)
     copy(m.values, address_of(u), 8 * m.given)
@@ -274,9 +274,9 @@ def _step(m, t, h, u, y):
             status = call_step(part.step, part.self, t, h, part.u, part.y)
         else:
             status = call_step(part.save, part.rewind, 0.0, 0.0, 0, 0)
-        if not _checked(m, c, part, status):
+        if not _check_member(m, c, part, status):
             return MEMBER_FAILED
-    status = _solved(m, t, h)
+    status = _solve(m, t, h)
     if status != 0:
         return status
     copy(address_of(y), m.values + 8 * m.given, 8 * m.outputs)
@@ -301,7 +301,7 @@ class LoopComponent(Component):
         InputRefused: a member neither reacts nor goes back, or too many values lead back.
     """
 
-    GIVEN = "given"
+    INPUT_OWNER = "given"
 
     def __init__(
         self,
@@ -314,7 +314,7 @@ class LoopComponent(Component):
     ):
         self.members, self._path, self._cure = tuple(members), path, cure
         given, outputs = width(inputs), sum(width(member.outputs) for member in members)
-        places = _places(self.GIVEN, inputs, members)
+        places = _value_offsets(self.INPUT_OWNER, inputs, members)
         order = {member.name: number for number, member in enumerate(members)}
         fed = dict((target, source) for source, target in wires)
         led: list[int] = []
@@ -331,18 +331,18 @@ class LoopComponent(Component):
                 else:
                     sources += slots
             self._sources.append(np.array(sources, dtype=np.uint64))
-        if len(led) > MOST_VALUES:
-            raise InputRefused(f"{path}: {len(led)} values lead back, expected at most {MOST_VALUES}; {cure}")
+        if len(led) > MAX_LOOP_VALUES:
+            raise InputRefused(f"{path}: {len(led)} values lead back, expected at most {MAX_LOOP_VALUES}; {cure}")
         n = self.size = len(led)
         initial = np.concatenate([np.zeros(0), *(member.initial_outputs for member in members)])
         self._led = np.array(led, dtype=np.uint64)
         self._values = np.zeros(given + outputs + n)
         self._values[given : given + outputs] = initial
         self._values[given + outputs :] = self._values[led]
-        self._inverse, self._work = np.zeros((n, n)), np.zeros(_WORK * n + n * n)
-        self._scale = np.maximum(np.abs(self._values[led]), LEAST)
+        self._inverse, self._work = np.zeros((n, n)), np.zeros(_WORK_ROWS * n + n * n)
+        self._scale = np.maximum(np.abs(self._values[led]), MIN_SCALE)
         self._u = [np.zeros(width(member.inputs)) for member in members]
-        self._table = np.zeros(len(members), dtype=MEMBER)
+        self._table = np.zeros(len(members), dtype=MEMBER_RECORD)
         self._rewinds = []
         place = self._values.ctypes.data + 8 * given
         for row, member, u, sources_ in zip(self._table, members, self._u, self._sources, strict=True):
@@ -361,7 +361,7 @@ class LoopComponent(Component):
                 self._rewinds.append(rewind)
                 row["save"], row["restore"] = rewind.save_address, rewind.restore_address
                 row["rewind"] = rewind.self_address
-        self._memory = np.zeros(1, dtype=LOOP)
+        self._memory = np.zeros(1, dtype=LOOP_MEMORY)
         m = self._memory[0]
         m["members"], m["count"], m["given"] = self._table.ctypes.data, len(members), given
         m["outputs"], m["size"], m["values"] = outputs, n, self._values.ctypes.data
@@ -388,9 +388,9 @@ class LoopComponent(Component):
         """That the last step took."""
         return int(self._memory["passes"][0])
 
-    def asks_to_end(self, status: int) -> bool:
+    def requests_end(self, status: int) -> bool:
         culprit, bad = int(self._memory["culprit"][0]), int(self._memory["status"][0])
-        return status == MEMBER_FAILED and self.members[culprit].asks_to_end(bad)
+        return status == MEMBER_FAILED and self.members[culprit].requests_end(bad)
 
     def explain(self, status: int) -> str:
         culprit, bad, passes, residual = (
@@ -399,7 +399,7 @@ class LoopComponent(Component):
         if status == NOT_CONVERGED:
             return (
                 f"{self._path} does not converge: the residual is {residual:.3g} after {passes} passes, expected at "
-                f"most {BOUND:g}; {self._cure}; it failed"
+                f"most {MAX_RESIDUAL:g}; {self._cure}; it failed"
             )
         member = self.members[culprit]
         what = "returned NaN or infinity" if bad == NOT_FINITE else member.explain(bad)
@@ -432,7 +432,7 @@ class LoopComponent(Component):
             component.close()
 
 
-def _places(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:
+def _value_offsets(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:
     """Where each given value and each output stands among all values, by "component.port"."""
     found, place = {}, 0
     for owner, ports in ((given, inputs), *((member.name, member.outputs) for member in members)):

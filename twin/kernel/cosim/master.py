@@ -17,7 +17,7 @@ from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import NOT_FINITE, call_step, clock_cycles, doubles_at, integers_at
 
-TABLE = np.dtype(
+COMPONENT_RECORD = np.dtype(
     [
         ("step", "i8"),
         ("self", "i8"),
@@ -53,7 +53,7 @@ Addresses, because asking an array for its own costs an atomic reference count, 
 
 NO_COMPONENT = -1
 """What the mark says between slices, when no component is being stepped."""
-LOOP = np.dtype(
+LOOP_RECORD = np.dtype(
     [
         ("table", "i8"),
         ("components", "i8"),
@@ -73,7 +73,7 @@ LOOP = np.dtype(
     ],
     align=True,
 )
-"""What the loop works on: address of a `TABLE` of components, how many there are, and how many of them, the first, are
+"""What the loop works on: address of a `COMPONENT_RECORD` of components, how many there are, and how many of them, the first, are
 sampled; whether to count cycles; how often the continuous components make each step, 1 or more; whether their newest
 outputs stand apart from the valid ones; duration of a tick (s); address of all outputs, one to three times, and how
 many they are; address of the memory of rows, and how many outputs are written to each; the tick that gets a row but no
@@ -83,11 +83,11 @@ step that crashes or never returns reports nothing itself.
 What it tells: component -1 if all went well, else the one whose step failed, and its status.
 """
 
-_parts_at, _loop_at = pointer_to(TABLE), pointer_to(LOOP)
+_parts_at, _loop_at = pointer_to(COMPONENT_RECORD), pointer_to(LOOP_RECORD)
 
 
 @njit(cache=True, inline="always")
-def _due(part, k):
+def _is_due(part, k):
     # a division costs more than the step of a small drive
     return part.period == 1 or k % part.period == 0
 
@@ -148,7 +148,7 @@ def _call_all(m, table, mark, restoring):
 
 
 @njit(cache=True, inline="always")
-def _go_on(m, table, mark, timed, y, k, again, apart):
+def _step_continuous(m, table, mark, timed, y, k, again, apart):
     """Step every continuous component that is due; False, and `status` set, if one fails.
 
     Args:
@@ -157,7 +157,7 @@ def _go_on(m, table, mark, timed, y, k, again, apart):
     """
     for c in range(np.uint64(m.sampled), np.uint64(m.components)):
         part = table[c]
-        if not apart or _due(part, k):
+        if not apart or _is_due(part, k):
             mark[1] = c
             status = _step(part, timed, y, k * m.dt, m.dt, m.width, again, not apart)
             if status != 0:
@@ -167,11 +167,11 @@ def _go_on(m, table, mark, timed, y, k, again, apart):
 
 
 @njit(cache=True)
-def ticks(m, first, count, row):
+def run_ticks(m, first, count, row):
     """Run ticks `first` to `first + count - 1`, at most to the last; the last gets a row but no step.
 
     Args:
-        m: record of `LOOP`.
+        m: record of `LOOP_RECORD`.
         row: number of the first row to be written.
 
     Returns:
@@ -188,7 +188,7 @@ def ticks(m, first, count, row):
         mark[0] = k
         for c in range(np.uint64(0), sampled):
             part = table[c]
-            if _due(part, k):
+            if _is_due(part, k):
                 mark[1] = c
                 status = _step(part, timed, y, k * dt, dt, width, 0, True)
                 if status != 0:
@@ -198,7 +198,7 @@ def ticks(m, first, count, row):
         if k == m.last:
             return k - first + 1
         if not m.apart:
-            if not _go_on(m, table, mark, timed, y, k, 0, False):
+            if not _step_continuous(m, table, mark, timed, y, k, 0, False):
                 return k - first + 1
             continue
         if m.iterations > 1 and not _call_all(m, table, mark, False):
@@ -206,23 +206,23 @@ def ticks(m, first, count, row):
         for n in range(m.iterations):
             if n > 0 and not _call_all(m, table, mark, True):
                 return k - first + 1
-            if not _go_on(m, table, mark, timed, y, k, min(n, 1), True):
+            if not _step_continuous(m, table, mark, timed, y, k, min(n, 1), True):
                 return k - first + 1
         for c in range(sampled, components):
             part = table[c]
-            if _due(part, k + 1):
+            if _is_due(part, k + 1):
                 _publish(part)
     return min(count, m.last + 1 - first)
 
 
 @entry("int", "int", "int", "int", "int")
 def advance(loop, first, count, row):
-    """`ticks` of the loop at this address, for Python: numbers alone are handed over in a fifth of a microsecond.
+    """`run_ticks` of the loop at this address, for Python: numbers alone are handed over in a fifth of a microsecond.
 
     Returns:
         Rows written; -1 less them if a component failed.
     """
     m = carray(_loop_at(loop), 1)[0]
-    done = ticks(m, first, count, row)
+    done = run_ticks(m, first, count, row)
     carray(integers_at(m.mark), 2)[1] = NO_COMPONENT
     return done if m.culprit < 0 else -1 - done

@@ -9,12 +9,12 @@ from typing import Any, Literal, NamedTuple, Protocol, Self
 import numpy as np
 
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SavedState, of_plain, plain
+from twin.kernel.cosim.state import SavedState, decode_json, encode_json
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 
 Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
-LONG_SLICE = 1000
+MAX_SLICE = 1000
 """Ticks. Where no observer waits for a slice it may be long; but its rows are to stay in the processor's cache."""
 
 
@@ -51,7 +51,7 @@ class Observer:
 
     def state(self) -> Any:
         """What it has found out so far, as JSON says it."""
-        return plain({name: getattr(self, name) for name in self.lasting})
+        return encode_json({name: getattr(self, name) for name in self.lasting})
 
     def restore(self, state: Any) -> None:
         """Go on from what `state` returned when as many ticks were over as now.
@@ -59,16 +59,16 @@ class Observer:
         Raises:
             InputRefused: it is nothing that `state` returns.
         """
-        found = of_plain(state, type(self).__name__)
+        found = decode_json(state, type(self).__name__)
         if not isinstance(found, dict) or set(found) != set(self.lasting):
             raise InputRefused(f"the state of {type(self).__name__} has other contents than {', '.join(self.lasting)}")
         for name, value in found.items():
             mine = getattr(self, name)
-            if not _alike(value, mine):
+            if not _is_same_kind(value, mine):
                 raise InputRefused(f"the state of {type(self).__name__} has no valid {name}")
             setattr(self, name, value)
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """A slice is over.
 
         Args:
@@ -80,7 +80,7 @@ class Observer:
         """
 
 
-def _alike(value: Any, mine: Any) -> bool:
+def _is_same_kind(value: Any, mine: Any) -> bool:
     """Whether `value` may take the place of `mine`."""
     if isinstance(mine, np.ndarray):
         return isinstance(value, np.ndarray) and (value.dtype, value.ndim) == (mine.dtype, mine.ndim)
@@ -95,29 +95,29 @@ class ProgressObserver(Observer):
     def __init__(self, report: Callable[[int, int], None], ticks: int):
         self._report, self._ticks = report, ticks
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self._report(first + len(rows), self._ticks)
 
 
-class Messages(Observer):
+class MessageObserver(Observer):
     """Reports the messages of a system's components as events."""
 
     def __init__(self, system: System):
         self._system = system
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if len(rows):
-            events += sorted(messages(self._system), key=lambda event: event.tick)
+            events += sorted(message_events(self._system), key=lambda event: event.tick)
 
 
-def messages(system: System) -> Iterator[TickEvent]:
+def message_events(system: System) -> Iterator[TickEvent]:
     """The messages of the components of `system` since they were last asked for."""
     for component in system.components:
         for tick, text in component.take_messages():
             yield TickEvent(tick, "WARNING", text, component.name)
 
 
-class Assembled(Protocol):
+class SystemOwner(Protocol):
     """What has a system."""
 
     @property
@@ -126,7 +126,7 @@ class Assembled(Protocol):
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulationResult:
     """A simulation that is over.
 
     Attributes:
@@ -143,7 +143,7 @@ class Simulated:
     def failure(self) -> ComponentFailed | None:
         return self.simulation.failure
 
-    def completed(self) -> Self:
+    def require_success(self) -> Self:
         """The same, of a simulation in which no component failed.
 
         Raises:
@@ -162,16 +162,16 @@ class Simulated:
 
 
 def simulate(
-    assembly: Assembled,
+    assembly: SystemOwner,
     last_tick: int,
     observers: Sequence[Observer] = (),
-    slice_ticks: int = LONG_SLICE,
+    slice_ticks: int = MAX_SLICE,
     timed: bool = False,
     state: SavedState | None = None,
     lasting: Mapping[str, Observer] = MappingProxyType({}),
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     start: Callable[[Simulation], None] | None = None,
-) -> Simulated:
+) -> SimulationResult:
     """Step a system from its first tick to `last_tick`, or until a component fails or an observer has seen enough.
 
     Args:
@@ -204,16 +204,16 @@ def simulate(
         # a state may hold anything, and each observer checks its own part only
         except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as problem:
             raise InputRefused(f"the state of {name} is damaged: {problem}") from None
-    return stepped(simulation, observers, last_tick + 1)
+    return step_until(simulation, observers, last_tick + 1)
 
 
-def stepped(simulation: Simulation, observers: Sequence[Observer], until: int) -> Simulated:
+def step_until(simulation: Simulation, observers: Sequence[Observer], until: int) -> SimulationResult:
     """Step `simulation`, which the `observers` know, from where it stands to the beginning of tick `until`, a failure,
     or until one of them has seen enough."""
     halts = sorted({until, *(tick for observer in observers for tick in observer.halts)})
     stepping, began_at = 0.0, simulation.next_tick
-    waited = simulation.waited
-    while simulation.next_tick < until and not simulation.finished and not any(o.enough for o in observers):
+    waited = simulation.wait_time
+    while simulation.next_tick < until and not simulation.is_over and not any(o.enough for o in observers):
         first = simulation.next_tick
         for observer in observers:
             observer.ready(first)
@@ -224,5 +224,5 @@ def stepped(simulation: Simulation, observers: Sequence[Observer], until: int) -
         stepping += time.perf_counter() - began
         events: list[TickEvent] = []
         for observer in observers:
-            observer.take(first, rows, events)
-    return Simulated(simulation, stepping - (simulation.waited - waited), began_at)
+            observer.on_rows(first, rows, events)
+    return SimulationResult(simulation, stepping - (simulation.wait_time - waited), began_at)

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twin.kernel.settings import Settings, Values, taken
+from twin.kernel.settings import Settings, Values, setting_fields
 
-FORMS = {float: "f8", tuple[float, float, float]: "3f8"}
-STATE, BELOW = "state", "below"
+FIELD_FORMS = {float: "f8", tuple[float, float, float]: "3f8"}
+STATE_KEY, BELOW_KEY = "state", "below"
 """Keys of a dtype's metadata; they change nothing of a record's layout."""
 
 
@@ -50,16 +50,16 @@ def port_record(ports: tuple[Port, ...]) -> np.dtype:
 
 def by_port(ports: tuple[Port, ...], values: np.ndarray) -> dict[str, np.ndarray]:
     """`values` (..., width of `ports`) by the name of the port, (..., size) each, views."""
-    return {name: values[..., place] for name, place in places(ports).items()}
+    return {name: values[..., place] for name, place in port_slices(ports).items()}
 
 
-def places(ports: tuple[Port, ...]) -> dict[str, slice]:
+def port_slices(ports: tuple[Port, ...]) -> dict[str, slice]:
     """Which of the values of `ports` are those of each, by its name."""
     ends = np.cumsum([port.size for port in ports]).tolist()
     return {port.name: slice(end - port.size, end) for port, end in zip(ports, ends, strict=True)}
 
 
-def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
+def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
     """`speed = 0.13 rad/s, torque = 0.061 N m`: the values of `ports`, for people."""
     texts = []
     for port, part in zip(ports, by_port(ports, values).values(), strict=True):
@@ -88,7 +88,7 @@ def state(form: Any, below: str = "") -> np.dtype:
     """
     kind = np.dtype(form)
     base, shape = kind.subdtype or (kind, ())
-    marked = np.dtype(base, metadata={STATE: True, BELOW: below})
+    marked = np.dtype(base, metadata={STATE_KEY: True, BELOW_KEY: below})
     return np.dtype((marked, shape)) if shape else marked
 
 
@@ -113,7 +113,7 @@ class StateField:
     def name(self) -> str:
         return ".".join(self.path)
 
-    def of(self, memory: np.ndarray) -> np.ndarray:
+    def view_in(self, memory: np.ndarray) -> np.ndarray:
         """The values in `memory`, a view."""
         for name in self.path:
             memory = memory[name]
@@ -122,7 +122,7 @@ class StateField:
     def limit(self, memory: np.ndarray) -> np.ndarray:
         """What each of the values stays below, shaped as these."""
         path = (self.below[1:],) if self.below.startswith("/") else (*self.path[:-1], self.below)
-        return StateField(path, "").of(memory)
+        return StateField(path, "").view_in(memory)
 
 
 def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateField]:
@@ -130,8 +130,8 @@ def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateFi
     for name, (field, *_) in (kind.fields or {}).items():
         base = field.base
         metadata: Mapping[str, Any] = base.metadata or {}
-        if metadata.get(STATE):
-            yield StateField((*path, name), metadata[BELOW])
+        if metadata.get(STATE_KEY):
+            yield StateField((*path, name), metadata[BELOW_KEY])
         else:
             yield from state_fields(base, (*path, name))
 
@@ -152,9 +152,9 @@ def record_of(values: type, **more: Any) -> np.dtype:
             them, and whole numbers, as truth values and the members of an IntEnum are.
     """
     if issubclass(values, Settings):
-        forms = {name: source.form for name, source in taken(values).items()}
+        forms = {name: source.form for name, source in setting_fields(values).items()}
     elif issubclass(values, Values):
         forms = values.forms
     else:
-        forms = {name: FORMS.get(form, "i8") for name, form in values.__annotations__.items()}
+        forms = {name: FIELD_FORMS.get(form, "i8") for name, form in values.__annotations__.items()}
     return record(**forms, **more)

@@ -19,20 +19,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from twin.kernel.cosim.component import Component, Holder
-from twin.kernel.cosim.port import Port, places, width
-from twin.kernel.cosim.state import of_plain, plain
+from twin.kernel.cosim.port import Port, port_slices, width
+from twin.kernel.cosim.state import decode_json, encode_json
 from twin.kernel.errors import ComponentFailed, InputRefused, nearest
-from twin.kernel.files import json_of, read_bytes
+from twin.kernel.files import parse_json, read_bytes
 from twin.kernel.units import known_unit, weight_hint
 
-FAILED = 2
-STATEFUL = ("state", "restore")
+STEP_FAILED = 2
+STATE_METHODS = ("state", "restore")
 """Methods of a class whose state can be saved: `state()` gives numbers, texts and arrays, in lists and dictionaries;
 `restore(state)` goes back to what it gave, tuples as lists."""
-STEP = ctypes.CFUNCTYPE(
+STEP_FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
-LONGEST_TEXT = 200
+MAX_EXCEPTION_TEXT = 200
 """Of an exception that is quoted."""
 
 
@@ -83,16 +83,16 @@ class PythonComponent(Component):
 
         def callback(_self: int, t: float, h: float, u: int, y: int) -> int:
             if (u, y) not in views:
-                views[u, y] = (doubles(u, width(inputs)), doubles(y, width(outputs)))
+                views[u, y] = (doubles_view(u, width(inputs)), doubles_view(y, width(outputs)))
             try:
                 model.step(t, h, *views[u, y])
             # Anything that leaves a callback would be printed and lost; it is kept for `explain`.
             except BaseException as exception:
                 self.exception = exception
-                return FAILED
+                return STEP_FAILED
             return 0
 
-        function = STEP(callback)
+        function = STEP_FUNCTION(callback)
         self._states = ObjectStates(label or type(model).__name__, getattr(model, "stateful", model))
         super().__init__(
             name=name,
@@ -118,9 +118,9 @@ class PythonComponent(Component):
     def explain(self, status: int) -> str:
         if isinstance(self.exception, KeyboardInterrupt):
             raise self.exception
-        if isinstance(self.exception, OutputsRefused):
+        if isinstance(self.exception, InvalidOutputs):
             return str(self.exception)
-        return raised(self.exception)
+        return exception_phrase(self.exception)
 
 
 class ObjectStates:
@@ -136,15 +136,15 @@ class ObjectStates:
 
     def __init__(self, label: str, model: Any):
         self._label, self._model = label, model
-        missing = [name for name in STATEFUL if not callable(getattr(model, name, None))]
+        missing = [name for name in STATE_METHODS if not callable(getattr(model, name, None))]
         self.lacking = f"is a Python class without {' and '.join(f'{name}()' for name in missing)}" if missing else ""
 
-    def take(self) -> bytes:
-        return self._called("state", lambda: json.dumps(plain(self._model.state()))).encode()
+    def save_state(self) -> bytes:
+        return self._call_method("state", lambda: json.dumps(encode_json(self._model.state()))).encode()
 
-    def give_back(self, token: bytes) -> None:
-        state = of_plain(json_of(token, self._label), self._label)
-        self._called("restore", lambda: self._model.restore(state))
+    def restore_state(self, token: bytes) -> None:
+        state = decode_json(parse_json(token, self._label), self._label)
+        self._call_method("restore", lambda: self._model.restore(state))
 
     def free(self, token: bytes) -> None:
         """Nothing is held."""
@@ -155,24 +155,24 @@ class ObjectStates:
     def unpack(self, content: bytes) -> bytes:
         return content
 
-    def _called(self, name: str, call: Callable[[], Any]) -> Any:
+    def _call_method(self, name: str, call: Callable[[], Any]) -> Any:
         try:
             return call()
         except Exception as problem:
-            raise ComponentFailed(f"{self._label}: {name}() {raised(problem)}") from None
+            raise ComponentFailed(f"{self._label}: {name}() {exception_phrase(problem)}") from None
 
 
-def doubles(address: int, count: int) -> np.ndarray:
+def doubles_view(address: int, count: int) -> np.ndarray:
     if count == 0:
         return np.empty(0)
     return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
 
 
-class OutputsRefused(Exception):
+class InvalidOutputs(Exception):
     """What a step returned is not what its class has said."""
 
 
-class Wanted:
+class DeclaredPorts:
     """Ports that a class names, with units of its own where it says so.
 
     Attributes:
@@ -194,7 +194,7 @@ class Wanted:
         self.ports = tuple(port for port in offered if port.name in units)
         self.gains = {port.name: _gain(label, port, units[port.name]) for port in self.ports}
         self.units = {port.name: units[port.name] or port.unit for port in self.ports}
-        at = places(self.ports)
+        at = port_slices(self.ports)
         self.places = [(port.name, port.size, at[port.name], self.gains[port.name]) for port in self.ports]
 
 
@@ -221,41 +221,43 @@ class NamedPorts:
 
     sampled = True
 
-    def __init__(self, model: Any, inputs: Wanted, outputs: Wanted):
+    def __init__(self, model: Any, inputs: DeclaredPorts, outputs: DeclaredPorts):
         self.inputs, self.outputs, self.stateful = inputs.ports, outputs.ports, model
         self._model, self._inputs, self._outputs = model, inputs, outputs
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
         # copies, so that what a class keeps stays what it was
         given = {n: u[p] / g if s > 1 else float(u[p][0]) / g for n, s, p, g in self._inputs.places}
-        _put(self._model.step(t, given), self._outputs, y)
+        _write_outputs(self._model.step(t, given), self._outputs, y)
 
 
-def _put(answer: Any, wanted: Wanted, into: np.ndarray) -> None:
+def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None:
     """Write what a step has returned to `into`.
 
     Raises:
         OutputsRefused: it is not what the class has said, as the verb phrase of a sentence.
     """
     if not isinstance(answer, Mapping):
-        raise OutputsRefused(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
+        raise InvalidOutputs(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:
         if name not in answer:
-            raise OutputsRefused(f"returned no {name!r} from step (its outputs name it)")
+            raise InvalidOutputs(f"returned no {name!r} from step (its outputs name it)")
         try:
             value = np.asarray(answer[name], dtype=float)
         except (TypeError, ValueError):
-            raise OutputsRefused(f"returned {_short(answer[name])} for {name} from step (expected numbers)") from None
+            raise InvalidOutputs(
+                f"returned {_short_repr(answer[name])} for {name} from step (expected numbers)"
+            ) from None
         if value.size != size:
-            raise OutputsRefused(f"returned {value.size} values for {name} from step (expected {size})")
+            raise InvalidOutputs(f"returned {value.size} values for {name} from step (expected {size})")
         into[place] = value.ravel() * gain
     if len(answer) > len(wanted.places):
         other = next(name for name in answer if name not in wanted.gains)
-        raise OutputsRefused(f"returned {_short(other)} from step (its outputs do not name it)")
+        raise InvalidOutputs(f"returned {_short_repr(other)} from step (its outputs do not name it)")
 
 
 class PythonSource:
-    """A Python file as it was read once; it is run by `class_of`, not before.
+    """A Python file as it was read once; it is run by `load_class`, not before.
 
     Attributes:
         file: where it lies.
@@ -275,7 +277,7 @@ class PythonSource:
         except ValueError as problem:
             raise InputRefused(f"{file}: no Python: {problem}") from None
 
-    def class_of(self, name: str) -> type:
+    def load_class(self, name: str) -> type:
         """The class `name`, of a module made anew; the file can import those beside it.
 
         Raises:
@@ -292,7 +294,7 @@ class PythonSource:
             raise
         # whatever a file of somebody does when it is imported, it is a reason to refuse it
         except BaseException as problem:
-            raise InputRefused(f"{self.file}: cannot be imported: it {raised(problem)}") from None
+            raise InputRefused(f"{self.file}: cannot be imported: it {exception_phrase(problem)}") from None
         finally:
             sys.path.remove(str(self.file.parent))
         found = getattr(module, name, None)
@@ -302,9 +304,9 @@ class PythonSource:
         return found
 
 
-def wanted_of(
+def declared_ports(
     label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]
-) -> tuple[Wanted, Wanted]:
+) -> tuple[DeclaredPorts, DeclaredPorts]:
     """What a class, or an instance, says that it takes and gives.
 
     Args:
@@ -318,17 +320,17 @@ def wanted_of(
     for attribute in ("inputs", "outputs", "step"):
         if not hasattr(kind, attribute):
             raise InputRefused(f"{label}: has no '{attribute}'; expected inputs, outputs and step(t, inputs)")
-    found = Wanted(label, "inputs", kind.inputs, inputs), Wanted(label, "outputs", kind.outputs, outputs)
+    found = DeclaredPorts(label, "inputs", kind.inputs, inputs), DeclaredPorts(label, "outputs", kind.outputs, outputs)
     for name in required:
         if name not in found[1].gains:
             raise InputRefused(f"{label}: outputs lacks {name!r}, which the robot needs")
     own = (None,) if isinstance(kind, type) else ()
-    if not _takes(kind.step, *own, 0.0, {}):
+    if not _accepts(kind.step, *own, 0.0, {}):
         raise InputRefused(f"{label}: step{_signature(kind.step)}; expected step(self, t, inputs)")
     return found
 
 
-def made(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
+def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
     """An instance.
 
     Raises:
@@ -338,7 +340,7 @@ def made(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
         known = list(inspect.signature(kind).parameters)
     except ValueError:
         known = []
-    if not _takes(kind, **parameters):
+    if not _accepts(kind, **parameters):
         other = next((name for name in parameters if name not in known), "")
         if other:
             raise InputRefused(f"{label}: no parameter '{other}'; {nearest(other, known, 'it has {}')}")
@@ -346,24 +348,26 @@ def made(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
     try:
         return kind(**parameters)
     except Exception as problem:
-        raise InputRefused(f"{label}: cannot be made: it {raised(problem)}") from None
+        raise InputRefused(f"{label}: cannot be made: it {exception_phrase(problem)}") from None
 
 
-def raised(problem: BaseException | None) -> str:
+def exception_phrase(problem: BaseException | None) -> str:
     """`raised ValueError: text (my_controller.py, line 12)`: where in somebody's own file it came from."""
-    frames = [f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _ours(f.filename)]
+    frames = [
+        f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _is_this_file(f.filename)
+    ]
     # what the user's file has called may be numpy's: the last line of the user's own is the one to look at
     own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
     where = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
     text = " ".join(str(problem).split())
-    return f"raised {type(problem).__name__}{': ' if text else ''}{text[:LONGEST_TEXT]}{where}"
+    return f"raised {type(problem).__name__}{': ' if text else ''}{text[:MAX_EXCEPTION_TEXT]}{where}"
 
 
-def _ours(file: str) -> bool:
+def _is_this_file(file: str) -> bool:
     return os.path.abspath(file) == os.path.abspath(__file__)
 
 
-def _takes(called: Callable[..., Any], *positional: Any, **named: Any) -> bool:
+def _accepts(called: Callable[..., Any], *positional: Any, **named: Any) -> bool:
     try:
         inspect.signature(called).bind(*positional, **named)
     except (TypeError, ValueError):
@@ -378,6 +382,6 @@ def _signature(called: Callable[..., Any]) -> str:
         return ""
 
 
-def _short(value: Any) -> str:
+def _short_repr(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 40 else f"{text[:40]}..."

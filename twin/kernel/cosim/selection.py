@@ -8,10 +8,12 @@ from twin.kernel.compiled.function import carray
 from twin.kernel.cosim.component import Component, Holder, Rewind, call_step, doubles_at, integers_at, step_function
 from twin.kernel.cosim.port import Port, record, width
 
-_MEMORY = record(step="i8", self="i8", taken="i8", u="i8", inputs="i8", given="i8", y="i8", outputs="i8", width="i8")
+_SELECTION_MEMORY = record(
+    step="i8", self="i8", taken="i8", u="i8", inputs="i8", given="i8", y="i8", outputs="i8", width="i8"
+)
 
 
-@step_function(_MEMORY)
+@step_function(_SELECTION_MEMORY)
 def _step(m, t, h, u, y):
     outer, taken, inner = carray(u, 1), carray(integers_at(m.taken), m.inputs), carray(doubles_at(m.u), m.inputs)
     for i in range(m.inputs):
@@ -53,7 +55,7 @@ class Selection(Component):
         memory = np.array(
             [(inner.step_address, inner.self_address, *addresses[:2], len(taken), *addresses[2:], len(given),
               width(outputs))],
-            dtype=_MEMORY,
+            dtype=_SELECTION_MEMORY,
         )  # fmt: skip
         initial = np.zeros(width(outputs))
         initial[list(given)] = inner.initial_outputs

@@ -12,14 +12,14 @@ import numpy as np
 from twin.kernel.cosim.component import NOT_FINITE, Component
 from twin.kernel.cosim.deadlines import Deadlines
 from twin.kernel.cosim.master import NO_COMPONENT, advance
-from twin.kernel.cosim.port import by_port, named_values, width
+from twin.kernel.cosim.port import by_port, format_values, width
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
 from twin.kernel.hooks import HOOKS
 
 
-def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
+def failure_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
     """What went wrong: component, function, simulated time and last inputs, without a full stop.
 
     Args:
@@ -30,7 +30,7 @@ def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, st
     component = system.components[culprit]
     what = _not_finite(system, y, culprit) if status == NOT_FINITE else component.explain(status)
     label = f"{component.label} ({component.name})" if component.label else component.name
-    inputs = named_values(component.inputs, u[system.u_start[culprit] : system.u_start[culprit + 1]]) or "none"
+    inputs = format_values(component.inputs, u[system.u_start[culprit] : system.u_start[culprit + 1]]) or "none"
     when = f"t = {tick * system.tick:.6g} s, tick {tick}"
     where = f"at {when}" if component.sampled else f"in the step from {when}"
     return f"{label} {what} {where}. Last inputs: {inputs}"
@@ -39,7 +39,7 @@ def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, st
 def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
     component = system.components[culprit]
     start = int(system.y_start[culprit])
-    if system.apart and not component.sampled:
+    if system.has_separate_newest and not component.sampled:
         start += system.outputs_width
     outputs = y[start : start + width(component.outputs)]
     if component.unread is not None:
@@ -104,23 +104,23 @@ class Simulation:
         self._unchanged = [change.memory.copy() for change in system.changes]
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
-        self._advance = advance.native.called
+        self._advance = advance.native.c_function
         self._advance(self._address, 0, 0, 0)
         self._deadlines: Deadlines | None = None
 
     def pace(self, waits: Deadlines) -> None:
         """From now on no tick begins before it is due."""
-        self._advance = waits.before(self._advance, self._address)
+        self._advance = waits.paced_advance(self._advance, self._address)
         self._deadlines, self._address = waits, waits.address
         self._advance(self._address, 0, 0, 0)
 
     @property
-    def waited(self) -> float:
+    def wait_time(self) -> float:
         """Wall time (s) that was waited for ticks to be due."""
         return float(self._deadlines.memory["waited"][0]) if self._deadlines else 0.0
 
     @property
-    def finished(self) -> bool:
+    def is_over(self) -> bool:
         return self.next_tick > self.last_tick or self.failure is not None
 
     @property
@@ -136,7 +136,7 @@ class Simulation:
             component failed, the rows before it, and `failure` says what happened.
         """
         done, most = 0, min(len(self._rows), most or len(self._rows))
-        # what `finished` says, which would cost a tenth of a slice of small drives to ask
+        # what `is_over` says, which would cost a tenth of a slice of small drives to ask
         while done < most and self.next_tick <= self.last_tick and self.failure is None:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
             made = self._advance(self._address, self.next_tick, count, done)
@@ -146,7 +146,7 @@ class Simulation:
             done += made
             self.next_tick += made
             if failed:
-                self.failure = self._failed()
+                self.failure = self._make_failure()
         return self._rows if done == len(self._rows) else self._rows[:done]
 
     def state(self) -> SystemState:
@@ -156,7 +156,7 @@ class Simulation:
             InputRefused: a component has no state, see `stateless`.
             ComponentFailed: an FMU refuses.
         """
-        return self._places.take(self.next_tick)
+        return self._places.save_state(self.next_tick)
 
     def restore(self, state: SystemState | SavedState) -> None:
         """Go to where `state` was taken, here or of the same system elsewhere; `last_tick` stays.
@@ -167,17 +167,17 @@ class Simulation:
         """
         if isinstance(state, SavedState):
             self._refuse_other_time(state)
-        taken = self._places.taken(state) if isinstance(state, SavedState) else state
+        taken = self._places.import_state(state) if isinstance(state, SavedState) else state
         if taken is not state:
             self._refuse_not_finite(taken)
         if taken.places is not self._places:
             raise InputRefused("the state was taken in another simulation; restore what its `saved` returns")
-        self._places.put_back(taken)
+        self._places.restore_state(taken)
         for component in self.system.components if taken is not state else ():
             component.refuse_index()
         for change, value in zip(self.system.changes, self._unchanged, strict=True):
             change.memory[...] = value
-        self._go_to(taken.tick)
+        self._set_tick(taken.tick)
         self.failure, self.culprit = None, ""
         if taken is not state:
             taken.close()
@@ -198,10 +198,10 @@ class Simulation:
         new = self._places.adopt(saved)
         for component in self.system.components:
             component.refuse_index()
-        self._go_to(saved.tick)
+        self._set_tick(saved.tick)
         return new
 
-    def take_over(self, other: "Simulation") -> list[str]:
+    def copy_from(self, other: "Simulation") -> list[str]:
         """Go to where `other` stands: of a system of the same components, but for some that only one of both has.
 
         What components hold is theirs, so it is not copied; only from one that has another of its name in the other
@@ -223,10 +223,10 @@ class Simulation:
                     array[...] = value
             size = width(component.outputs)
             mine[:, start : start + size] = theirs[:, place : place + size]
-        self._go_to(other.next_tick)
+        self._set_tick(other.next_tick)
         return new
 
-    def place(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
+    def jump_to(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
         """Be at the beginning of `tick`; what components hold is put there by others.
 
         Args:
@@ -240,10 +240,10 @@ class Simulation:
                 copies[:, start : start + width(component.outputs)] = outputs[component.name]
         for change, value in zip(self.system.changes, self._unchanged, strict=True):
             change.memory[...] = value
-        self._go_to(tick)
+        self._set_tick(tick)
         self.failure, self.culprit = None, ""
 
-    def join(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
+    def derive_outputs(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
         """Let the outputs of `component` be what `passed_on` makes of the outputs that feed it; and so at all instants
         of which the system keeps outputs, the newest last."""
         c = self.system.components.index(component)
@@ -263,7 +263,7 @@ class Simulation:
         """All outputs, (instants of which they are kept, outputs_width), a view."""
         return self._y.reshape(-1, self.system.outputs_width)
 
-    def _go_to(self, tick: int) -> None:
+    def _set_tick(self, tick: int) -> None:
         """Be at the beginning of `tick`, with the changes until then made."""
         for change in self.system.changes:
             if change.tick < tick:
@@ -308,7 +308,7 @@ class Simulation:
             ComponentFailed: with the sentence that names component, function, simulated time and last inputs.
         """
         slices = []
-        while not self.finished:
+        while not self.is_over:
             slices.append(self.advance().copy())
         if self.failure:
             raise self.failure
@@ -334,11 +334,11 @@ class Simulation:
             default=len(self._rows),
         )
 
-    def _failed(self) -> ComponentFailed:
+    def _make_failure(self) -> ComponentFailed:
         culprit, status = self._loop[["culprit", "status"]][0].tolist()
         # a continuous component fails in a tick whose row is already written
         tick = self.next_tick - (culprit >= self.system.sampled)
         component = self.system.components[culprit]
         self.culprit = component.name
-        kind = EndRequested if component.asks_to_end(status) else ComponentFailed
-        return kind(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")
+        kind = EndRequest if component.requests_end(status) else ComponentFailed
+        return kind(failure_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

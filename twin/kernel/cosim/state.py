@@ -23,18 +23,18 @@ import zstandard
 from twin.kernel.cosim.component import Component, Holder, Pieces
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import json_of
+from twin.kernel.files import parse_json
 
 MEDIA_TYPE = "application/x-twin-state"
 VERSION = 1
 """Of what `SavedState.to_bytes` writes."""
-SIDES = ("outputs", "inputs")
+PORT_SIDES = ("outputs", "inputs")
 """Pieces that lie in the master's memory."""
-LARGEST = 64 * 2**20
+MAX_STATE_SIZE = 64 * 2**20
 """Bytes of a state, unpacked: those of the shipped experiments have some kilobytes."""
-_FORM = re.compile(r"[<>|=](?:[?bhilqBHILQfdiu]\d?|V\d{1,6})")
+_DTYPE_PATTERN = re.compile(r"[<>|=](?:[?bhilqBHILQfdiu]\d?|V\d{1,6})")
 """Of numbers, or of a record, in a piece."""
-SIMPLE = "?bhilqBHILQfd"
+SIMPLE_DTYPES = "?bhilqBHILQfd"
 """Kinds of numbers that an array read from a file may hold."""
 
 
@@ -56,7 +56,7 @@ class SavedPiece(NamedTuple):
         return f"{self.component}.{self.name} ({self.kind} {self.shape})"
 
 
-class SavedInside(NamedTuple):
+class SavedContent(NamedTuple):
     """What an FMU, a Python object or another process holds of a component's state: whose, its name, its bytes."""
 
     component: str
@@ -77,7 +77,7 @@ class SavedState:
 
     tick: int
     pieces: list[SavedPiece]
-    inside: list[SavedInside]
+    inside: list[SavedContent]
     about: dict[str, Any]
 
     def to_bytes(self) -> bytes:
@@ -102,30 +102,30 @@ class SavedState:
         """
         try:
             size = zstandard.frame_content_size(content)
-            if not 8 <= size <= LARGEST:
-                raise InputRefused(f"{where}: a state of {size} bytes; expected 8 to {LARGEST}")
+            if not 8 <= size <= MAX_STATE_SIZE:
+                raise InputRefused(f"{where}: a state of {size} bytes; expected 8 to {MAX_STATE_SIZE}")
             whole = zstandard.decompress(content, max_output_size=size)
         except zstandard.ZstdError:
             raise InputRefused(f"{where}: this is no state that twin saved: it does not decompress") from None
         (length,) = struct.unpack("<Q", whole[:8])
-        front = json_of(whole[8 : 8 + length], f"{where}: the state's description")
+        front = parse_json(whole[8 : 8 + length], f"{where}: the state's description")
         other = InputRefused(f"{where}: this is no state that twin saved")
-        if not _shaped(front, {"version": int, "pieces": list, "inside": list, "about": dict}):
+        if not _has_form(front, {"version": int, "pieces": list, "inside": list, "about": dict}):
             raise other
         if front["version"] != VERSION:
             raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
         tick, about, contents = front.get("tick"), front["about"], BytesIO(whole[8 + length :])
         if type(tick) is not int or not 0 <= tick < 1 << 62:
             raise InputRefused(f"{where}: this is no state that twin saved: tick {tick!r}")
-        if not all(_shaped(one, [str, str, str, list, int]) and all(type(n) is int for n in one[3])
-                   and _FORM.fullmatch(one[2]) and 0 <= one[4] <= LARGEST for one in front["pieces"]):  # fmt: skip
+        if not all(_has_form(one, [str, str, str, list, int]) and all(type(n) is int for n in one[3])
+                   and _DTYPE_PATTERN.fullmatch(one[2]) and 0 <= one[4] <= MAX_STATE_SIZE for one in front["pieces"]):  # fmt: skip
             raise other
-        if not all(_shaped(one, [str, str, int]) and 0 <= one[2] <= LARGEST for one in front["inside"]):
+        if not all(_has_form(one, [str, str, int]) and 0 <= one[2] <= MAX_STATE_SIZE for one in front["inside"]):
             raise other
         pieces = [
             SavedPiece(c, name, kind, shape, contents.read(size)) for c, name, kind, shape, size in front["pieces"]
         ]
-        inside = [SavedInside(component, name, contents.read(size)) for component, name, size in front["inside"]]
+        inside = [SavedContent(component, name, contents.read(size)) for component, name, size in front["inside"]]
         for piece in pieces:
             size = math.prod(piece.shape) * np.dtype(piece.kind).itemsize
             if min(piece.shape, default=0) < 0 or len(piece.content) != size:
@@ -135,14 +135,16 @@ class SavedState:
         return cls(tick, pieces, inside, about)
 
 
-def _shaped(value: Any, form: dict[str, type] | list[type]) -> bool:
+def _has_form(value: Any, form: dict[str, type] | list[type]) -> bool:
     """Whether JSON's `value` is a table with these keys, or a list of these items, of these very types."""
     if isinstance(form, list):
-        return isinstance(value, list) and len(value) == len(form) and all(map(_is_of, value, form))
-    return isinstance(value, dict) and all(name in value and _is_of(value[name], kind) for name, kind in form.items())
+        return isinstance(value, list) and len(value) == len(form) and all(map(_has_type, value, form))
+    return isinstance(value, dict) and all(
+        name in value and _has_type(value[name], kind) for name, kind in form.items()
+    )
 
 
-def _is_of(value: Any, kind: type) -> bool:
+def _has_type(value: Any, kind: type) -> bool:
     return type(value) is kind
 
 
@@ -167,7 +169,7 @@ class SystemState:
             InputRefused: a component's state cannot be written down.
             ComponentFailed: an FMU refuses.
         """
-        return self.places.saved(self, about)
+        return self.places.export_state(self, about)
 
     def close(self) -> None:
         """Free what FMUs hold of it; safe to call twice. It happens by itself when nothing refers to the state."""
@@ -196,7 +198,7 @@ class StatePlaces:
         self._components = components
         self._pieces: list[tuple[str, str, np.ndarray]] = []
         self._holders: list[tuple[str, str, Holder]] = []
-        for name, memory in zip(SIDES, (outputs, inputs), strict=True) if outputs.size else ():
+        for name, memory in zip(PORT_SIDES, (outputs, inputs), strict=True) if outputs.size else ():
             ends = np.cumsum([0, *(width(getattr(c, name)) for c in components)])
             copies = memory.reshape(-1, ends[-1]) if ends[-1] else memory.reshape(1, 0)
             self._pieces += [
@@ -207,30 +209,30 @@ class StatePlaces:
             self._holders += [(component.name, name, holder) for name, holder in component.holders().items()]
         self._memory = Pieces(array for *_, array in self._pieces)
 
-    def take(self, tick: int) -> SystemState:
+    def save_state(self, tick: int) -> SystemState:
         """The present state, at the beginning of `tick`.
 
         Raises:
             ComponentFailed: an FMU refuses.
         """
-        return SystemState(self, tick, self._memory.take(), [holder.take() for *_, holder in self._holders])
+        return SystemState(self, tick, self._memory.save(), [holder.save_state() for *_, holder in self._holders])
 
-    def put_back(self, state: SystemState) -> None:
+    def restore_state(self, state: SystemState) -> None:
         """Make `state`, taken here, the present one.
 
         Raises:
             ComponentFailed: an FMU refuses.
         """
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
-            holder.give_back(token)
-        self._memory.put_back(state.memory)
+            holder.restore_state(token)
+        self._memory.restore(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
         """Let holders forget `tokens`."""
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 
-    def saved(self, state: SystemState, about: dict[str, Any]) -> SavedState:
+    def export_state(self, state: SystemState, about: dict[str, Any]) -> SavedState:
         """`state`, taken here, for another process; raises as `SystemState.saved`."""
         refuse_stateless(self._components)
         packed = [holder.pack(token) for (*_, holder), token in zip(self._holders, state.tokens, strict=True)]
@@ -239,43 +241,43 @@ class StatePlaces:
             content = state.memory[place : place + array.nbytes].tobytes()
             own.append(SavedPiece(component, name, array.dtype.str, list(array.shape), content))
             place += array.nbytes
-        pieces = [piece for piece in own if piece.name in SIDES]
+        pieces = [piece for piece in own if piece.name in PORT_SIDES]
         of_own: dict[str, list[SavedPiece]] = defaultdict(list)
         for piece in own:
-            if piece.name not in SIDES:
+            if piece.name not in PORT_SIDES:
                 of_own[piece.component].append(piece)
         held: dict[str, list[tuple[str, Holder, bytes]]] = defaultdict(list)
         for (component, name, holder), content in zip(self._holders, packed, strict=True):
             held[component].append((name, holder, content))
-        inside: list[SavedInside] = []
+        inside: list[SavedContent] = []
         for one in self._components:
             pieces += of_own[one.name]
             for name, holder, content in held[one.name]:
                 if holds_all(holder):
-                    there, before = SavedState.from_bytes(content, one.name), _before(name)
+                    there, before = SavedState.from_bytes(content, one.name), _member_prefix(name)
                     pieces += [piece._replace(component=one.name, name=before + piece.name) for piece in there.pieces]
                     inside += [its._replace(component=one.name, name=before + its.name) for its in there.inside]
                 else:
-                    inside.append(SavedInside(one.name, name, content))
+                    inside.append(SavedContent(one.name, name, content))
         return SavedState(state.tick, pieces, inside, about)
 
-    def taken(self, saved: SavedState) -> SystemState:
+    def import_state(self, saved: SavedState) -> SystemState:
         """A state of this system made of a `saved` one.
 
         Raises:
             InputRefused: that is of another system, or holds what no component can go on from.
             ComponentFailed: an FMU refuses its part.
         """
-        pieces, contents = self._divided(saved)
+        pieces, contents = self._split_state(saved)
         described = [(c, name, array.dtype.str, list(array.shape)) for c, name, array in self._pieces]
         there = {piece.form[:2]: piece for piece in pieces}
         for form in described:
             if form[:2] not in there or there[form[:2]].form != form:
                 its = there.get(form[:2], "nothing of that name")
                 raise InputRefused(f"the state is of another system: it has {its} for {SavedPiece(*form, b'')}")
-        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != self._held:
+        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != self._holder_keys:
             named = {form[:2] for form in described}
-            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in self._held]
+            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in self._holder_keys]
             raise InputRefused(
                 f"the state is of another system: {', '.join(more[:3]) or 'parts of it'} fit nothing here"
             )
@@ -299,7 +301,7 @@ class StatePlaces:
             InputRefused: a component of the same name has another state.
             ComponentFailed: an FMU refuses its part.
         """
-        pieces, contents = self._divided(saved)
+        pieces, contents = self._split_state(saved)
         there = {piece.form[:2]: piece for piece in pieces}
         known = {component for component, _ in [*there, *contents]}
         for component, name, array in self._pieces:
@@ -317,23 +319,25 @@ class StatePlaces:
                 raise InputRefused(f"{component}: the state does not have its {name}; it cannot be another one now")
             if component in known:
                 token = holder.unpack(contents[component, name])
-                holder.give_back(token)
+                holder.restore_state(token)
                 holder.free(token)
         return [component.name for component in self._components if component.name not in known]
 
     @property
-    def _held(self) -> Set[tuple[str, str]]:
+    def _holder_keys(self) -> Set[tuple[str, str]]:
         return {(component, name) for component, name, _ in self._holders}
 
-    def _divided(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
+    def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
         """The pieces that lie here, and by component and name what holders are given, some of it whole states."""
         pieces, left = list(saved.pieces), list(saved.inside)
         contents: dict[tuple[str, str], bytes] = {}
         for component, name, holder in self._holders:
             if holds_all(holder):
-                before = _before(name)
+                before = _member_prefix(name)
                 its = [
-                    p for p in pieces if p.component == component and p.name not in SIDES and p.name.startswith(before)
+                    p
+                    for p in pieces
+                    if p.component == component and p.name not in PORT_SIDES and p.name.startswith(before)
                 ]
                 inside = [one for one in left if one.component == component and one.name.startswith(before)]
                 pieces, left = [p for p in pieces if p not in its], [one for one in left if one not in inside]
@@ -345,7 +349,7 @@ class StatePlaces:
         return pieces, contents | {one[:2]: one.content for one in left}
 
 
-def _before(name: str) -> str:
+def _member_prefix(name: str) -> str:
     """What names of a component's state begin with in that of another one which it is a member of; "": it is none.
 
     Args:
@@ -360,17 +364,17 @@ def refuse_stateless(components: Iterable[Component], portable: bool = True) -> 
     Raises:
         InputRefused: it names each, and why.
     """
-    if missing := stateless(components, portable):
+    if missing := stateless_reasons(components, portable):
         raise InputRefused("; ".join(missing))
 
 
-def stateless(components: Iterable[Component], portable: bool = True) -> list[str]:
+def stateless_reasons(components: Iterable[Component], portable: bool = True) -> list[str]:
     """A sentence, without a full stop, on each of `components` whose state cannot be saved, and is needed."""
     why = [(component, component.lacks_state(portable)) for component in components if not component.alive]
     return [f"{c.label} ({c.name}) {reason}" if c.label else f"{c.name} {reason}" for c, reason in why if reason]
 
 
-def plain(value: Any) -> Any:
+def encode_json(value: Any) -> Any:
     """`value` (numbers, texts, arrays, tuples, lists and dictionaries of them) as JSON says it."""
     if isinstance(value, np.ndarray):
         data = base64.b64encode(value.tobytes()).decode()
@@ -378,31 +382,31 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, dict):
-        return {"dictionary": [[plain(key), plain(content)] for key, content in value.items()]}
+        return {"dictionary": [[encode_json(key), encode_json(content)] for key, content in value.items()]}
     if isinstance(value, (list, tuple)):
-        return [plain(one) for one in value]
+        return [encode_json(one) for one in value]
     return value
 
 
-def of_plain(stated: Any, where: str) -> Any:
-    """What `plain` made `stated` of; tuples are lists.
+def decode_json(stated: Any, where: str) -> Any:
+    """What `encode_json` made `stated` of; tuples are lists.
 
     Args:
         stated: what JSON says.
         where: what a refusal begins with.
 
     Raises:
-        InputRefused: nothing that `plain` makes.
+        InputRefused: nothing that `encode_json` makes.
     """
     if isinstance(stated, list):
-        return [of_plain(one, where) for one in stated]
+        return [decode_json(one, where) for one in stated]
     if not isinstance(stated, dict):
         return stated
     try:
         if "dictionary" in stated:
-            return {of_plain(key, where): of_plain(content, where) for key, content in stated["dictionary"]}
+            return {decode_json(key, where): decode_json(content, where) for key, content in stated["dictionary"]}
         kind = np.dtype(stated["dtype"])
-        if kind.char not in SIMPLE:
+        if kind.char not in SIMPLE_DTYPES:
             raise ValueError(kind)
         data = np.frombuffer(base64.b64decode(stated["data"], validate=True), dtype=kind)
         return data.reshape([int(n) for n in stated["shape"]]).copy()

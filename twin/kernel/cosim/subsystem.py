@@ -11,21 +11,21 @@ import numpy as np
 from twin.kernel.compiled.function import carray, copy, pointer_to
 from twin.kernel.cosim.component import Component, Holder, address_of, doubles_at, integers_at, step_function
 from twin.kernel.cosim.interpolation import Scheme
-from twin.kernel.cosim.master import LOOP, ticks
+from twin.kernel.cosim.master import LOOP_RECORD, run_ticks
 from twin.kernel.cosim.port import Port, record, width
-from twin.kernel.cosim.simulation import failed_phrase
+from twin.kernel.cosim.simulation import failure_phrase
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 
-INLET = "inlet"
+INLET_NAME = "inlet"
 """The inner component whose outputs are the subsystem's inputs."""
 
-NEVER = 1 << 62
+NO_LAST_TICK = 1 << 62
 
 _INLET_MEMORY = record(u="i8", size="i8")
-_MEMORY = record(loop="i8", y="i8", substeps="i8", next="i8", outlet="i8", outlet_size="i8", inlet="i8")
+_SUBSYSTEM_MEMORY = record(loop="i8", y="i8", substeps="i8", next="i8", outlet="i8", outlet_size="i8", inlet="i8")
 INNER_FAILED = 2
-_loop_at = pointer_to(LOOP)
+_loop_at = pointer_to(LOOP_RECORD)
 
 
 @step_function(_INLET_MEMORY)
@@ -34,12 +34,12 @@ def _inlet_step(m, t, h, u, y):
     return 0
 
 
-@step_function(_MEMORY)
+@step_function(_SUBSYSTEM_MEMORY)
 def _step(m, t, h, u, y):
     # the inlet's memory starts with the address it reads from
     carray(integers_at(m.inlet), 1)[0] = address_of(u)
     loop = carray(_loop_at(m.loop), 1)[0]
-    done = ticks(loop, m.next, m.substeps, 0)
+    done = run_ticks(loop, m.next, m.substeps, 0)
     if loop.culprit >= 0:
         # a continuous component fails in the tick that was already counted
         m.next += done - (1 if loop.culprit >= loop.sampled else 0)
@@ -90,7 +90,7 @@ class Subsystem(Component):
             raise InputRefused(f"{name}: {substeps} substeps; expected at least 1")
         inlet_memory = np.array([(0, width(inputs))], dtype=_INLET_MEMORY)
         inlet = Component(
-            INLET, (), inputs, True, _inlet_step.address, inlet_memory.ctypes.data, np.zeros(width(inputs)),
+            INLET_NAME, (), inputs, True, _inlet_step.address, inlet_memory.ctypes.data, np.zeros(width(inputs)),
             keep=inlet_memory,
         )  # fmt: skip
         self.system = System([inlet, *components], wires, tick, scheme)
@@ -102,8 +102,8 @@ class Subsystem(Component):
         self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
         # no mark inside: a supervisor of the outer system sees this component as one
         self._mark = np.zeros(2, dtype=np.int64)
-        self._loop = self.system.loop(self._table, self._y, self._mark, NEVER)
-        self._memory = np.zeros(1, dtype=_MEMORY)
+        self._loop = self.system.loop(self._table, self._y, self._mark, NO_LAST_TICK)
+        self._memory = np.zeros(1, dtype=_SUBSYSTEM_MEMORY)
         m = self._memory[0]
         m["loop"], m["y"], m["substeps"] = self._loop.ctypes.data, self._y.ctypes.data, substeps
         m["outlet"], m["outlet_size"] = self._outlet.ctypes.data, len(self._outlet)
@@ -122,7 +122,7 @@ class Subsystem(Component):
 
     def explain(self, status: int) -> str:
         culprit, status, tick = (int(n) for n in (*self._loop[["culprit", "status"]][0], self._memory["next"][0]))
-        inside = failed_phrase(self.system, self._u, self._y, culprit, status, tick)
+        inside = failure_phrase(self.system, self._u, self._y, culprit, status, tick)
         return f"failed inside: {inside};"
 
     def pieces(self) -> dict[str, np.ndarray]:

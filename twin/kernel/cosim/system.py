@@ -11,13 +11,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from twin.kernel.cosim.component import Component, Rewind
-from twin.kernel.cosim.interpolation import VALID, Inputs, Scheme, input_weights
-from twin.kernel.cosim.master import LOOP, TABLE
+from twin.kernel.cosim.interpolation import VALID_WEIGHTS, Inputs, Scheme, input_weights
+from twin.kernel.cosim.master import COMPONENT_RECORD, LOOP_RECORD
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.errors import InputRefused, nearest
 
 Side = Literal["input", "output"]
-_END = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
+_END_PATTERN = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
 
 
 class End(NamedTuple):
@@ -153,8 +153,8 @@ class System:
         self.u_start = _starts([width(c.inputs) for c in self.components])
         self.y_start = _starts([width(c.outputs) for c in self.components])
         self.sources = self._connect(list(wires))
-        self._weights = self._interpolated() if self.interpolates else []
-        self._rewinds = self._repeatable() if iterations > 1 else []
+        self._weights = self._interpolation_weights() if self.interpolates else []
+        self._rewinds = self._step_rewinds() if iterations > 1 else []
 
     @property
     def interpolates(self) -> bool:
@@ -162,7 +162,7 @@ class System:
         return self.inputs != "hold" or self.iterations > 1
 
     @property
-    def apart(self) -> bool:
+    def has_separate_newest(self) -> bool:
         """Whether newest outputs stand apart from the valid ones.
 
         In Gauss-Seidel order, where all go on in every tick, what has been replaced was read before.
@@ -181,7 +181,7 @@ class System:
     def outputs(self) -> np.ndarray:
         """Memory of all outputs before tick 0: (outputs_width,), twice if they stand apart, 3 times if interpolated."""
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
-        return np.tile(valid, 3 if self.interpolates else 1 + self.apart)
+        return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """The components as the compiled loop reads them.
@@ -191,9 +191,9 @@ class System:
             y: of all outputs, as `outputs` makes it.
 
         Returns:
-            (number of components,) of `TABLE`; it holds addresses of `u`, `y` and this system, and keeps none alive.
+            (number of components,) of `COMPONENT_RECORD`; it holds addresses of `u`, `y` and this system, and keeps none alive.
         """
-        table = np.zeros(len(self.components), dtype=TABLE)
+        table = np.zeros(len(self.components), dtype=COMPONENT_RECORD)
         table["step"] = [c.step_address for c in self.components]
         table["self"] = [c.self_address for c in self.components]
         table["period"] = [c.period for c in self.components]
@@ -203,7 +203,7 @@ class System:
         table["u"], table["u_size"] = u.ctypes.data + u.itemsize * self.u_start[:-1], np.diff(self.u_start)
         table["valid"], table["y_size"] = y.ctypes.data + y.itemsize * self.y_start[:-1], np.diff(self.y_start)
         table["newest"] = table["valid"]
-        table["newest"][self.sampled :] += y.itemsize * self.outputs_width * self.apart
+        table["newest"][self.sampled :] += y.itemsize * self.outputs_width * self.has_separate_newest
         if self.interpolates:
             table["before"][self.sampled :] = table["newest"][self.sampled :] + y.itemsize * self.outputs_width
             table["weights"][self.sampled :] = [weights.ctypes.data for weights in self._weights]
@@ -214,7 +214,7 @@ class System:
         return table
 
     def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
-        """What the compiled loop works on, (1,) of `LOOP`, without rows; it holds addresses, and keeps nothing alive.
+        """What the compiled loop works on, (1,) of `LOOP_RECORD`, without rows; it holds addresses, and keeps nothing alive.
 
         Args:
             table: of this system, as `table` makes it.
@@ -222,11 +222,11 @@ class System:
             mark: (2,) int64, see there.
             last: tick.
         """
-        loop = np.zeros(1, dtype=LOOP)
+        loop = np.zeros(1, dtype=LOOP_RECORD)
         m = loop[0]
         m["table"], m["components"], m["sampled"] = table.ctypes.data, len(table), self.sampled
         m["iterations"], m["dt"], m["last"], m["mark"] = self.iterations, self.tick, last, mark.ctypes.data
-        m["apart"], m["y"], m["width"] = self.apart, y.ctypes.data, self.outputs_width
+        m["apart"], m["y"], m["width"] = self.has_separate_newest, y.ctypes.data, self.outputs_width
         return loop
 
     def columns(self, end: str) -> slice:
@@ -234,7 +234,7 @@ class System:
         slots = self._slots(end, "output")
         return slice(slots.start, slots.start + slots.size)
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         """Whether there is an output `"component.port"`."""
         name, _, port = end.partition(".")
         return any(c.name == name and any(p.name == port for p in c.outputs) for c in self.components)
@@ -245,7 +245,7 @@ class System:
     def _connect(self, wires: list[tuple[str, str]]) -> np.ndarray:
         sources = np.full(self.inputs_width, -1, dtype=np.int64)
         # inputs that are interpolated have weights instead
-        apart = self.apart and not self.interpolates
+        apart = self.has_separate_newest and not self.interpolates
         for source, target in wires:
             from_, to = self._slots(source, "output"), self._slots(target, "input")
             if from_.size != to.size:
@@ -262,7 +262,7 @@ class System:
                 start += port.size
         return sources
 
-    def _interpolated(self) -> list[np.ndarray]:
+    def _interpolation_weights(self) -> list[np.ndarray]:
         """Weights (2, inputs, 3) of each continuous component."""
         found = []
         for c in range(self.sampled, len(self.components)):
@@ -276,7 +276,7 @@ class System:
             sources = self.sources[self.u_start[c] : self.u_start[c + 1]]
             owners = np.searchsorted(self.y_start, sources, side="right") - 1
             weights = [
-                np.array([VALID, VALID])
+                np.array([VALID_WEIGHTS, VALID_WEIGHTS])
                 if owner < self.sampled
                 else input_weights(port, self.sees_newest(int(owner), c), self.inputs)
                 for port, owner in zip(ports, owners, strict=True)
@@ -284,7 +284,7 @@ class System:
             found.append(np.ascontiguousarray(np.reshape(weights, (-1, 2, 3)).swapaxes(0, 1)))
         return found
 
-    def _repeatable(self) -> list[Rewind]:
+    def _step_rewinds(self) -> list[Rewind]:
         rewinds = []
         for component in self.components[self.sampled :]:
             rewind = component.rewind()
@@ -307,7 +307,7 @@ class System:
         return names.index(name)
 
     def _slots(self, end: str, side: Literal["input", "output"]) -> Slots:
-        match = _END.fullmatch(end)
+        match = _END_PATTERN.fullmatch(end)
         if match is None:
             raise InputRefused(f"wire end '{end}': expected component.port or component.port[index]")
         c = self._position(match["component"], end)

@@ -4,5 +4,5 @@ Three files know what a motor drive or another part of the robot is: `contract`,
 FMUs alone.
 """
 
-COMPILED = "compiled"
+COMPILED_FOLDER = "compiled"
 """The cache folder of what was compiled of FMUs; here, for importing who compiles takes longer than to look there."""

@@ -18,37 +18,37 @@ from twin.kernel.cache_folder import cache_base, cache_folder
 from twin.kernel.cosim.component import Component, Holder, Rewind
 from twin.kernel.cosim.port import by_port
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
-from twin.kernel.files import json_of
+from twin.kernel.files import parse_json
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.exchange import ExchangeStepping, ModelExchange, react
-from twin.kernel.fmi.groups import TERMINATE
+from twin.kernel.fmi.groups import TERMINATE_REQUEST
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
 from twin.kernel.fmi.solvers import Solver
-from twin.kernel.fmi.stepping import FmuPort, Placed, Stepping, placed
+from twin.kernel.fmi.stepping import FmuPort, PortSlots, Stepping, port_slots
 from twin.kernel.fmi.variable import Setting, Setup
 
-DISTRUSTED = "without_state"
+STATELESS_FOLDER = "without_state"
 """Folder of the cache: a file for each FMU, by its SHA-256, whose state was found not to bring back what it was."""
 
 
-def distrust(sha256: str, reason: str) -> None:
+def mark_stateless(sha256: str, reason: str) -> None:
     """From now on the FMU with this SHA-256 counts as one without a state, for every process of this user; "": no more.
 
     Args:
         sha256: of its file.
         reason: what was found.
     """
-    file = cache_folder(DISTRUSTED) / sha256
+    file = cache_folder(STATELESS_FOLDER) / sha256
     if reason:
         file.write_text(reason)
     else:
         file.unlink(missing_ok=True)
 
 
-def is_distrusted(sha256: str) -> bool:
+def is_marked_stateless(sha256: str) -> bool:
     """Whether that was found; nothing is made for the question."""
-    return (cache_base() / DISTRUSTED / sha256).exists()
+    return (cache_base() / STATELESS_FOLDER / sha256).exists()
 
 
 class FmuStates:
@@ -63,37 +63,37 @@ class FmuStates:
         self._instance, self._stepping = instance, stepping
         self._tokens: dict[int, Any] = {}
 
-    def take(self) -> int:
-        return self._hold(self._instance.taken_state())
+    def save_state(self) -> int:
+        return self._register(self._instance.save_state())
 
-    def give_back(self, token: int) -> None:
-        self._instance.set_state(self._tokens[token])
+    def restore_state(self, token: int) -> None:
+        self._instance.restore_state(self._tokens[token])
 
     def free(self, token: int) -> None:
         if self._tokens.pop(token, None) is not None:
             if not self._tokens:
                 self._stepping.memory["final"] = self._final
             try:
-                self._instance.forget(token)
+                self._instance.free_state(token)
             except ComponentFailed as failure:
                 # finalizers call this, and their exceptions are lost
                 self._instance.report(str(failure))
 
     def pack(self, token: int) -> bytes:
-        return self._instance.serialized(self._tokens[token])
+        return self._instance.serialize_state(self._tokens[token])
 
     def unpack(self, content: bytes) -> int:
-        return self._hold(self._instance.deserialized(content))
+        return self._register(self._instance.deserialize_state(content))
 
     def close(self) -> None:
         """Free all states."""
         for token in list(self._tokens):
             self.free(token)
 
-    def _hold(self, state: Any) -> int:
+    def _register(self, state: Any) -> int:
         if not self._tokens:
             self._final = int(self._stepping.memory["final"][0])
-            self._stepping.repeat_steps()
+            self._stepping.allow_repeats()
         self._tokens[state.value] = state
         return int(state.value)
 
@@ -110,10 +110,10 @@ class RememberedMessages:
     def __init__(self, label: str, instance: Instance, stepping: Stepping):
         self._label, self._instance, self._stepping = label, instance, stepping
 
-    def take(self) -> list[Any]:
-        return [*map(list, self._instance.remembered_messages()), self._stepping.discard_reported]
+    def save_state(self) -> list[Any]:
+        return [*map(list, self._instance.message_state()), self._stepping.discard_reported]
 
-    def give_back(self, token: list[Any]) -> None:
+    def restore_state(self, token: list[Any]) -> None:
         self._instance.restore_messages(token[:2])
         self._stepping.discard_reported = bool(token[2])
 
@@ -125,13 +125,13 @@ class RememberedMessages:
 
     def unpack(self, content: bytes) -> list[Any]:
         try:
-            messages, unheard, reported = json_of(content, self._label)
+            messages, unheard, reported = parse_json(content, self._label)
             return [list(map(str, messages)), [(int(tick), str(text)) for tick, text in unheard], bool(reported)]
         except (TypeError, ValueError, OverflowError):
             raise InputRefused(f"{self._label}: no messages that twin saved") from None
 
 
-def opened(
+def open_instance(
     name: str,
     description: FmuDescription,
     folder: Path,
@@ -148,7 +148,7 @@ def opened(
     return kind(name, description, folder, settings, inputs, setup)
 
 
-class _Left:
+class _DeferredInstances:
     """Whether instances are left as they are now, and those that were."""
 
     def __init__(self) -> None:
@@ -156,23 +156,23 @@ class _Left:
         self.instances: list[Instance] = []
 
 
-_left = _Left()
+_instances_to_free = _DeferredInstances()
 
 
 @contextmanager
-def instances_left() -> Iterator[None]:
+def defer_release() -> Iterator[None]:
     """Within the block none is freed, unless its FMU can live only once in a process: some crash then."""
-    _left.now = True
+    _instances_to_free.now = True
     try:
         yield
     finally:
-        _left.now = False
+        _instances_to_free.now = False
 
 
 def release(instance: Instance) -> None:
-    """Its run is over: free it, but not within `instances_left`."""
-    if _left.now and not instance.description.lives_once:
-        _left.instances.append(instance)
+    """Its run is over: free it, but not within `defer_release`."""
+    if _instances_to_free.now and not instance.description.single_instance:
+        _instances_to_free.instances.append(instance)
     else:
         instance.close()
 
@@ -218,11 +218,15 @@ class FmuComponent(Component):
         unread: Collection[str] = (),
     ):
         wanted = inputs_at_start or {}
-        started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        make = CosimInstance if sampled else opened
+        started = [(p.variable, p.to_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
+        make = CosimInstance if sampled else open_instance
         self.instance = instance or make(name, description, folder, settings, started, setup)
         try:
-            initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
+            initial = (
+                np.concatenate([p.gain * self._initial_values(p) + p.offset for p in outputs])
+                if outputs
+                else np.zeros(0)
+            )
         except TwinError:
             self.instance.close()
             raise
@@ -230,7 +234,7 @@ class FmuComponent(Component):
             initial[:] = 0.0
         # what -0.0 is added to stays what it is
         shift = np.full(len(initial), -0.0)
-        for p in placed(outputs):
+        for p in port_slots(outputs):
             if p.port.port.name in (outputs_at_start or {}):
                 shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
         may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
@@ -269,28 +273,28 @@ class FmuComponent(Component):
         return float(by_port(self.outputs, self._shift)[name][0])
 
     @property
-    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
+    def ports(self) -> tuple[Sequence[FmuPort], Sequence[PortSlots]]:
         """What of the FMU is behind its inputs and its outputs."""
         return self._stepping.inputs, self._stepping.outputs
 
     @property
-    def called(self) -> str:
+    def step_call(self) -> str:
         """What of the FMU its step calls, for people."""
         if isinstance(self.instance, ModelExchange):
             return "its equations of model exchange"
         return f"{self.instance.description.prefix}DoStep"
 
-    def _raw(self, port: FmuPort) -> np.ndarray:
+    def _initial_values(self, port: FmuPort) -> np.ndarray:
         """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
         if port.variable.clocks:
             return np.full(port.port.size, np.nan_to_num(port.variable.start))
-        return self.instance.read([port.variable])
+        return self.instance.read_floats([port.variable])
 
     def explain(self, status: int) -> str:
         return self._stepping.explain(status)
 
-    def asks_to_end(self, status: int) -> bool:
-        return status == TERMINATE
+    def requests_end(self, status: int) -> bool:
+        return status == TERMINATE_REQUEST
 
     def reaction(self) -> int:
         return react.address if isinstance(self.instance, ModelExchange) else 0
@@ -299,7 +303,7 @@ class FmuComponent(Component):
         if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
         if self._rewind is None:
-            save, restore, memory = self._stepping.repeatable()
+            save, restore, memory = self._stepping.make_rewind()
             self._rewind = Rewind(save, restore, memory.ctypes.data, memory)
         return self._rewind
 
@@ -313,7 +317,7 @@ class FmuComponent(Component):
         interface, version = self.instance.description.interface, self.instance.description.version
         if not interface.canGetAndSetFMUstate:
             return "has no FMU state" + (" (FMI 1.0 knows none)" if version == 1 else " (canGetAndSetFMUState)")
-        if is_distrusted(self.instance.description.sha256):
+        if is_marked_stateless(self.instance.description.sha256):
             return "goes on differently from a state that it saved, as twin drive check found"
         if portable and not interface.canSerializeFMUstate:
             return "cannot write its FMU state down (canSerializeFMUState)"
@@ -325,7 +329,7 @@ class FmuComponent(Component):
         self.instance.clock, self.instance.stepped = clock, True
 
     def take_messages(self) -> list[tuple[int, str]]:
-        messages = self.instance.unheard()
+        messages = self.instance.pop_messages()
         since = self._stepping.discarded_since
         if since is not None and not self._stepping.discard_reported:
             self._stepping.discard_reported = True
@@ -345,7 +349,7 @@ class FmuComponent(Component):
         self._inside.close()
         try:
             if rewind is not None and rewind.keep[0]["state"]:
-                self.instance.forget(int(rewind.keep[0]["state"]))
+                self.instance.free_state(int(rewind.keep[0]["state"]))
         finally:
             if self.sampled:
                 self.instance.close()

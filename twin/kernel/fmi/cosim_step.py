@@ -19,60 +19,60 @@ from twin.kernel.cosim.component import (
     address_of,
     bytes_at,
     doubles_at,
-    keep_pieces,
-    put_back_pieces,
+    restore_pieces,
+    save_pieces,
     step_function,
 )
 from twin.kernel.cosim.port import record, state
 from twin.kernel.fmi.groups import (
-    DISCARD,
-    DO_STEP,
-    EARLY,
-    ENDLESS,
-    EVENT_MODE,
-    GET,
-    GET_CLOCK,
-    INTERVAL,
-    MOST_STALLS,
-    MOST_STEPS,
-    MOST_UPDATES,
-    OUTSIDE,
-    PAST,
-    PERIOD,
-    RESTORE,
-    SAVE,
-    SET,
-    SET_CLOCK,
-    SHORTENED,
-    STALLED,
-    STEP_MODE,
-    STUCK,
-    TERMINATE,
-    TOO_MANY,
-    UPDATE,
+    DISCARD_STATUS,
+    DO_STEP_FAILED,
+    EARLY_RETURN,
+    ENDLESS_UPDATES,
+    EVENT_IN_PAST,
+    EVENT_MODE_FAILED,
+    GET_CLOCK_FAILED,
+    GET_FAILED,
+    INTERVAL_FAILED,
+    INVALID_INTERVAL,
+    MAX_HALVINGS,
+    MAX_PARTS,
+    MAX_STALLS,
+    MAX_UPDATES,
+    RESTORE_FAILED,
+    SAVE_FAILED,
+    SET_CLOCK_FAILED,
+    SET_FAILED,
+    STEP_MODE_FAILED,
+    STEP_STUCK,
+    TERMINATE_REQUEST,
+    TIME_OUTSIDE_STEP,
+    TIME_STALLED,
+    TOO_MANY_PARTS,
+    UPDATE_FAILED,
     access,
     access_2,
     access_pairs,
     ask_status,
     begin_ramp,
-    blamed,
+    call_instance,
+    call_pointer,
     do_step_2,
     do_step_3,
     drain,
     fill,
     get_all,
     groups_at,
-    noted,
-    on_pointer,
-    plain,
+    note_variable,
     ramp_status,
     set_all,
     set_ramp,
+    store_status,
     update_3,
 )
-from twin.kernel.settings import alike
+from twin.kernel.settings import fields_of_form
 
-SHORTER = record(
+DISCARD_RECORD = record(
     real_status="i8",  # fmiNGetRealStatus
     boolean_status="i8",  # fmi2GetBooleanStatus; 0 in FMI 1.0
     value="f8",  # what the first returns
@@ -85,12 +85,12 @@ SHORTER = record(
 )
 """What goes on after a discarded step; addresses of functions."""
 
-LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
+LAST_SUCCESSFUL_TIME, TERMINATED_KIND = 2, 3
 """fmi2StatusKind, and fmiStatusKind for the first."""
 
-_shorter_at = pointer_to(SHORTER)
-MEMORY = record(
-    **alike("i8", "version instance do_step"),
+_shorter_at = pointer_to(DISCARD_RECORD)
+STEP_MEMORY = record(
+    **fields_of_form("i8", "version instance do_step"),
     final="i8",  # 1: no state will be restored
     inputs="i8",  # how many groups
     input_groups="i8",  # of `groups.GROUP`
@@ -98,17 +98,17 @@ MEMORY = record(
     output_groups="i8",
     returned="i8",  # 16 bytes for what fmi3DoStep returns
     ramp="i8",  # a `groups.RAMP`; 0: no input is a line
-    shorter="i8",  # a `SHORTER`
+    shorter="i8",  # a `DISCARD_RECORD`
     note="i8",  # a `groups.NOTE`
 )
 """Of an instance: counts, and addresses of functions and tables."""
 PLAIN_MEMORY = record(
-    **alike("i8", "instance set_real do_step final get_real"),
+    **fields_of_form("i8", "instance set_real do_step final get_real"),
     inputs="i8",  # how many
-    **alike("i8", "input_references outputs output_references"),
+    **fields_of_form("i8", "input_references outputs output_references"),
     shifted="i8",  # which output
     shift="f8",  # and by how much
-    shorter="i8",  # a `SHORTER`
+    shorter="i8",  # a `DISCARD_RECORD`
     note="i8",  # a `groups.NOTE`
 )
 """The same of an FMU whose values go as they are."""
@@ -123,19 +123,19 @@ STATE_MEMORY = record(
     note="i8",  # a `groups.NOTE`
 )
 """To save and restore a state; addresses of functions."""
-PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
+PERIODIC_CLOCK, CHANGING_CLOCK, COUNTDOWN_CLOCK, OUTPUT_CLOCK = 0, 1, 2, 3
 """Kinds of clocks: the period gives the next tick, the FMU reports it at each tick, the FMU reports it at each event,
 or the FMU itself activates the clock."""
-NEVER = 1 << 62
+UNKNOWN_STEP = 1 << 62
 """Step of a clock whose next tick is not known."""
-CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
+CLOCK_RECORD = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
 """Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
-CLOCK_BYTES = CLOCK.itemsize
-EVENTS = record(
-    **alike("i8", "instance enter_event_mode update enter_step_mode set_clock get_clock get_interval"),
+CLOCK_BYTES = CLOCK_RECORD.itemsize
+EVENTS_RECORD = record(
+    **fields_of_form("i8", "instance enter_event_mode update enter_step_mode set_clock get_clock get_interval"),
     returned="i8",  # 40 bytes for what functions return
     clocks="i8",  # how many
-    clock_table="i8",  # of `CLOCK`
+    clock_table="i8",  # of `CLOCK_RECORD`
     discrete="i8",  # groups of discrete inputs
     discrete_groups="i8",
     held="i8",  # groups of clocked outputs
@@ -146,13 +146,13 @@ EVENTS = record(
     culprit="i8",  # about which clock
 )
 """Event mode: counts, and addresses of functions and tables."""
-_VALUE, _ANSWER = 16, 24
+_VALUE_OFFSET, _ANSWER_OFFSET = 16, 24
 """Offsets (bytes) in `returned` of a clock's value reference and of the answer, behind the 16 of the update."""
 EVENT_MEMORY = record(
-    **alike("i8", "instance do_step final inputs input_groups outputs output_groups"),
+    **fields_of_form("i8", "instance do_step final inputs input_groups outputs output_groups"),
     held="i8",  # clocked outputs, which are read in events
-    **alike("i8", "held_groups returned ramp"),
-    events="i8",  # an `EVENTS`; 0: none
+    **fields_of_form("i8", "held_groups returned ramp"),
+    events="i8",  # an `EVENTS_RECORD`; 0: none
     next="i8",  # where the time of the next event is
     clocks="i8",  # how many
     discrete="i8",  # how many groups of discrete inputs
@@ -161,51 +161,55 @@ EVENT_MEMORY = record(
     value="f8",  # the time that it returned when it went wrong
     note="i8",  # a `groups.NOTE`
 )
-"""As `MEMORY`, and what events need."""
+"""As `STEP_MEMORY`, and what events need."""
 
 
 @njit(cache=True)
-def _reached(s, instance, here, goal, close):
+def _reached_time(s, instance, here, goal, close):
     """(time that the FMU has reached, 0), or (NaN, status) if the run ends with that."""
     s.flag, s.value = 0, np.nan
-    if s.boolean_status != 0 and ask_status(s.boolean_status, (instance, TERMINATED, s.flag_at)) <= 1 and s.flag != 0:
-        return np.nan, TERMINATE
+    if (
+        s.boolean_status != 0
+        and ask_status(s.boolean_status, (instance, TERMINATED_KIND, s.flag_at)) <= 1
+        and s.flag != 0
+    ):
+        return np.nan, TERMINATE_REQUEST
     if ask_status(s.real_status, (instance, LAST_SUCCESSFUL_TIME, s.value_at)) > 1 or s.varies == 0:
-        return np.nan, DO_STEP + DISCARD
+        return np.nan, DO_STEP_FAILED + DISCARD_STATUS
     if not (here - close <= s.value <= goal + close):
-        return np.nan, OUTSIDE
+        return np.nan, TIME_OUTSIDE_STEP
     return s.value, 0
 
 
 @njit(cache=True)
-def go_on(address, ramp, do_step, instance, t, h, final):
+def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
     """Come to `t` + `h` after the step from `t` was discarded; 0, or the status that ends the run.
 
     Args:
-        address: of a `SHORTER`.
+        address: of a `DISCARD_RECORD`.
         ramp: of a `RAMP` whose inputs are set anew for each part; 0: the inputs are held.
     """
     s = carray(_shorter_at(address), 1)[0]
     close = 1e-9 * h
     here, end, part, halved = t, t + h, h, 0
-    status = DISCARD
+    status = DISCARD_STATUS
     if s.discarded == 0:
         s.since = t
-    for _ in range(MOST_STEPS):
-        if status == DISCARD:
+    for _ in range(MAX_PARTS):
+        if status == DISCARD_STATUS:
             s.discarded += 1
-            reached, bad = _reached(s, instance, here, here + part, close)
+            reached, bad = _reached_time(s, instance, here, here + part, close)
             if bad != 0:
                 return bad
             if reached > here + close:
                 part, here, halved = reached - here, reached, 0
             else:
                 part, halved = 0.5 * part, halved + 1
-                if halved > SHORTENED:
+                if halved > MAX_HALVINGS:
                     s.value = here
-                    return STUCK
+                    return STEP_STUCK
         elif status > 1:
-            return DO_STEP + status
+            return DO_STEP_FAILED + status
         else:
             here, part, halved = here + part, 2.0 * part, 0
         if end - here <= close:
@@ -217,21 +221,21 @@ def go_on(address, ramp, do_step, instance, t, h, final):
                 return bad
         status = do_step_2(do_step, (instance, here, part, final))
     s.value = here
-    return TOO_MANY
+    return TOO_MANY_PARTS
 
 
 @njit(cache=True, inline="always")
 def _step_2(address, ramp, do_step, instance, t, h, final):
     """A step of FMI 1.0 or 2.0, in parts if it is discarded; 0, or the status that ends the run."""
     status = do_step_2(do_step, (instance, t, h, final))
-    if status == DISCARD:
-        return go_on(address, ramp, do_step, instance, t, h, final)
-    return DO_STEP + status if status > 1 else 0
+    if status == DISCARD_STATUS:
+        return continue_discarded_step(address, ramp, do_step, instance, t, h, final)
+    return DO_STEP_FAILED + status if status > 1 else 0
 
 
-@step_function(MEMORY)
+@step_function(STEP_MEMORY)
 def step(m, t, h, u, y):
-    return noted(m.note, _step(m, t, h, address_of(u), address_of(y)))
+    return store_status(m.note, _step(m, t, h, address_of(u), address_of(y)))
 
 
 @njit(cache=True, inline="always")
@@ -253,10 +257,10 @@ def _step(m, t, h, u, y):
         if status <= 1:
             flags = carray(bytes_at(m.returned), 16)
             if flags[9]:
-                return TERMINATE
+                return TERMINATE_REQUEST
             if flags[10]:
-                return EARLY
-        status = DO_STEP + status if status > 1 else 0
+                return EARLY_RETURN
+        status = DO_STEP_FAILED + status if status > 1 else 0
     if status != 0:
         return status
     return get_all(m.version, m.instance, m.output_groups, m.outputs, y)
@@ -267,49 +271,49 @@ def plain_step(m, t, h, u, y):
     # what `step` does for Real in SI units and the contract's order, in a third of the time around the FMU's own
     status = access_2(m.set_real, (m.instance, m.input_references, m.inputs, address_of(u)))
     if status > 1:
-        return noted(m.note, SET + status)
+        return store_status(m.note, SET_FAILED + status)
     status = _step_2(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
     if status != 0:
-        return noted(m.note, status)
+        return store_status(m.note, status)
     status = access_2(m.get_real, (m.instance, m.output_references, m.outputs, address_of(y)))
     if status > 1:
-        return noted(m.note, GET + status)
+        return store_status(m.note, GET_FAILED + status)
     carray(y, m.outputs)[m.shifted] += m.shift
     return 0
 
 
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
-    status = on_pointer(m.get, (m.instance, m.cell))
-    keep_pieces(m.piece_table, m.pieces)
-    return noted(m.note, SAVE + status) if status > 1 else 0
+    status = call_pointer(m.get, (m.instance, m.cell))
+    save_pieces(m.piece_table, m.pieces)
+    return store_status(m.note, SAVE_FAILED + status) if status > 1 else 0
 
 
 @step_function(STATE_MEMORY)
 def restore(m, t, h, u, y):
-    status = on_pointer(m.set, (m.instance, m.state))
-    put_back_pieces(m.piece_table, m.pieces)
-    return noted(m.note, RESTORE + status) if status > 1 else 0
+    status = call_pointer(m.set, (m.instance, m.state))
+    restore_pieces(m.piece_table, m.pieces)
+    return store_status(m.note, RESTORE_FAILED + status) if status > 1 else 0
 
 
-_events_at, _clocks_at = pointer_to(EVENTS), pointer_to(CLOCK)
+_events_at, _clocks_at = pointer_to(EVENTS_RECORD), pointer_to(CLOCK_RECORD)
 _words_at = pointer_to(np.int32)
 
 
 @njit(cache=True)
-def tick_due(address, t, h):
+def due_step(address, t, h):
     """The step that begins at `t`, if a clock ticks there; else -1."""
     e = carray(_events_at(address), 1)[0]
     n = np.int64(np.floor(t / h + 0.5))
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     for c in range(e.clocks):
-        if clocks[c].kind != OUTPUT and clocks[c].next == n:
+        if clocks[c].kind != OUTPUT_CLOCK and clocks[c].next == n:
             return n
     return -1
 
 
 @njit(cache=True)
-def inputs_change(address, u):
+def fill_discrete_inputs(address, u):
     """Put the discrete inputs at address `u` into their buffers; whether one is another than the last that was set, and
     0 or `UNFIT`."""
     e = carray(_events_at(address), 1)[0]
@@ -335,7 +339,7 @@ def _set_discrete(e, active):
         if g.clocks == 0 or g.clocks & active:
             status = access(3, e.instance, g)
             if status > 1:
-                return blamed(g, SET + status)
+                return note_variable(g, SET_FAILED + status)
             copy(g.last, g.buffer, g.bytes)
     return 0
 
@@ -344,112 +348,114 @@ def _set_discrete(e, active):
 def _tick(e, clocks, n):
     """(bits of the clocks that are due at step `n` and are ticked, first bad status)."""
     active = 0
-    flag = carray(bytes_at(e.returned + _VALUE), 1)
+    flag = carray(bytes_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
-        if clocks[c].kind != OUTPUT and clocks[c].next == n:
+        if clocks[c].kind != OUTPUT_CLOCK and clocks[c].next == n:
             flag[0] = 1
-            status = access_2(e.set_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE))
+            status = access_2(e.set_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE_OFFSET))
             if status > 1:
-                return active, SET_CLOCK + status
+                return active, SET_CLOCK_FAILED + status
             active |= 1 << c
     return active, 0
 
 
 @njit(cache=True)
-def _ticked_by_fmu(e, clocks):
+def _active_output_clocks(e, clocks):
     """(bits of the output clocks that are active, first bad status)."""
     active = 0
-    flag = carray(bytes_at(e.returned + _VALUE), 1)
+    flag = carray(bytes_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
-        if clocks[c].kind == OUTPUT:
+        if clocks[c].kind == OUTPUT_CLOCK:
             flag[0] = 0
-            status = access_2(e.get_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE))
+            status = access_2(e.get_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE_OFFSET))
             if status > 1:
-                return active, GET_CLOCK + status
+                return active, GET_CLOCK_FAILED + status
             if flag[0]:
                 active |= 1 << c
     return active, 0
 
 
 @njit(cache=True)
-def _read_held(e, active):
+def _read_clocked_outputs(e, active):
     groups = carray(groups_at(e.held_groups), e.held)
     for i in range(e.held):
         if groups[i].clocks & active:
             status = access(3, e.instance, groups[i])
             if status > 1:
-                return blamed(groups[i], GET + status)
+                return note_variable(groups[i], GET_FAILED + status)
     return 0
 
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
     """When the input clocks tick next, of which `ticked` have just done so at `t`, the beginning of step `n`."""
-    answer = carray(_words_at(e.returned + _ANSWER), 1)
-    interval = carray(doubles_at(e.returned + _VALUE), 1)
+    answer = carray(_words_at(e.returned + _ANSWER_OFFSET), 1)
+    interval = carray(doubles_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
         kind, done = clocks[c].kind, ticked >> c & 1
-        if kind == PERIODIC:
+        if kind == PERIODIC_CLOCK:
             if done:
                 clocks[c].next = n + clocks[c].period
-        elif kind == COUNTDOWN or (kind == CHANGING and done):
+        elif kind == COUNTDOWN_CLOCK or (kind == CHANGING_CLOCK and done):
             if done:
-                clocks[c].next = NEVER
+                clocks[c].next = UNKNOWN_STEP
             answer[0], interval[0] = 0, np.nan
             reference = e.clock_table + c * CLOCK_BYTES
-            status = access_pairs(e.get_interval, (e.instance, reference, 1, e.returned + _VALUE, e.returned + _ANSWER))
+            status = access_pairs(
+                e.get_interval, (e.instance, reference, 1, e.returned + _VALUE_OFFSET, e.returned + _ANSWER_OFFSET)
+            )
             if status > 1:
-                return INTERVAL + status
-            if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING):
+                return INTERVAL_FAILED + status
+            if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING_CLOCK):
                 steps = (t + interval[0]) / e.step
                 e.value, e.culprit = interval[0], c
                 # two of the first thousand million steps are distinct
                 if not (interval[0] > 0.0 and steps < 1e9 and abs(steps - np.floor(steps + 0.5)) < 1e-6):
-                    return PERIOD
+                    return INVALID_INTERVAL
                 clocks[c].next = np.int64(np.floor(steps + 0.5))
     return 0
 
 
 @njit(cache=True)
-def pass_events(address, n, t):
+def handle_events(address, n, t):
     """Step mode to event mode and back, at time `t`; 0, or the status that ends the run.
 
     Discrete inputs that are set lie in their buffers.
 
     Args:
-        address: of an `EVENTS`.
+        address: of an `EVENTS_RECORD`.
         n: the step that begins there, whose clocks tick; -1: no clock of ours does.
     """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
-    status = plain(e.enter_event_mode, (e.instance,))
+    status = call_instance(e.enter_event_mode, (e.instance,))
     if status > 1:
-        return EVENT_MODE + status
+        return EVENT_MODE_FAILED + status
     active, status = _tick(e, clocks, n)
     if status != 0:
         return status
     status = _set_discrete(e, active)
     if status != 0:
         return status
-    status = settle(address, active, n, t)
+    status = update_discrete_states(address, active, n, t)
     if status != 0:
         return status
-    status = plain(e.enter_step_mode, (e.instance,))
-    return STEP_MODE + status if status > 1 else 0
+    status = call_instance(e.enter_step_mode, (e.instance,))
+    return STEP_MODE_FAILED + status if status > 1 else 0
 
 
 @entry("int", "int", "int", "int", "double")
-def settle(address, active, n, t):
+def update_discrete_states(address, active, n, t):
     """Update the discrete states until they need it no more, in event mode, with the clocks `active`."""
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)
     ticked = active
-    for _ in range(MOST_UPDATES):
-        raised, status = _ticked_by_fmu(e, clocks)
+    for _ in range(MAX_UPDATES):
+        raised, status = _active_output_clocks(e, clocks)
         if status != 0:
             return status
-        status = _read_held(e, active | raised)
+        status = _read_clocked_outputs(e, active | raised)
         if status != 0:
             return status
         for i in range(8, 13):
@@ -457,34 +463,34 @@ def settle(address, active, n, t):
         r = e.returned
         status = update_3(e.update, (e.instance, r + 8, r + 9, r + 10, r + 11, r + 12, r))
         if status > 1:
-            return UPDATE + status
+            return UPDATE_FAILED + status
         if flags[9]:
-            return TERMINATE
+            return TERMINATE_REQUEST
         active = 0
         if not flags[8]:
             break
     else:
-        return ENDLESS
+        return ENDLESS_UPDATES
     planned = carray(doubles_at(e.next), 1)
     planned[0] = np.inf
     if flags[12]:
         e.value = next_time[0]
         if not next_time[0] > t - 1e-9 * e.step:
-            return PAST
+            return EVENT_IN_PAST
         planned[0] = next_time[0]
     return _plan_clocks(e, clocks, ticked, n, t)
 
 
 @njit(cache=True, inline="always")
-def _set_off(m, t, h, u):
+def _begin_step(m, t, h, u):
     """Everything before the first call of doStep."""
     if m.events != 0:
-        n = tick_due(m.events, t, h) if m.clocks > 0 else -1
-        changed, status = inputs_change(m.events, u) if m.discrete > 0 else (False, 0)
+        n = due_step(m.events, t, h) if m.clocks > 0 else -1
+        changed, status = fill_discrete_inputs(m.events, u) if m.discrete > 0 else (False, 0)
         if status != 0:
             return status
         if n >= 0 or changed or carray(doubles_at(m.next), 1)[0] <= t + 1e-9 * h:
-            status = pass_events(m.events, n, t)
+            status = handle_events(m.events, n, t)
             if status != 0:
                 return status
     status = set_all(3, m.instance, m.input_groups, m.inputs, u)
@@ -495,13 +501,13 @@ def _set_off(m, t, h, u):
 
 
 @njit(cache=True, inline="always")
-def _come_to(m, t, h):
+def _step_to(m, t, h):
     """From `t` to `t` + `h`; 0, or the status that ends the run."""
     close, here, end = 1e-9 * h, t, t + h
     part, halved, stalls = h, 0, 0
     flags, last = carray(bytes_at(m.returned), 16), carray(doubles_at(m.returned), 1)
     planned = carray(doubles_at(m.next), 1)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_PARTS):
         goal = end
         if m.varies:
             if here + close < planned[0] < end - close:
@@ -516,31 +522,31 @@ def _come_to(m, t, h):
             bad = ramp_status(m.ramp)
             if bad != 0:
                 return bad
-        if status == DISCARD and m.varies:
+        if status == DISCARD_STATUS and m.varies:
             # the FMU is where it was before
             part, halved, m.value = 0.5 * (goal - here), halved + 1, here
-            if halved > SHORTENED:
-                return STUCK
+            if halved > MAX_HALVINGS:
+                return STEP_STUCK
             continue
         if status > 1:
-            return DO_STEP + status
+            return DO_STEP_FAILED + status
         if flags[9]:
-            return TERMINATE
+            return TERMINATE_REQUEST
         reached = goal
         if flags[10]:
             if not m.early:
-                return EARLY
+                return EARLY_RETURN
             m.value = reached = last[0]
             if not (here - close <= reached <= goal + close):
-                return OUTSIDE
+                return TIME_OUTSIDE_STEP
         part, halved = max(2.0 * part, reached - here), 0
         stalls = stalls + 1 if reached <= here + close else 0
-        if stalls > MOST_STALLS:
+        if stalls > MAX_STALLS:
             m.value = here
-            return STALLED
+            return TIME_STALLED
         here = max(reached, here)
         if m.events != 0 and (flags[8] or planned[0] <= here + close):
-            status = pass_events(m.events, -1, here)
+            status = handle_events(m.events, -1, here)
             if status != 0:
                 return status
         if end - here <= close:
@@ -550,11 +556,11 @@ def _come_to(m, t, h):
             if status != 0:
                 return status
     m.value = here
-    return TOO_MANY
+    return TOO_MANY_PARTS
 
 
 @njit(cache=True, inline="always")
-def _outputs(m, y):
+def _get_outputs(m, y):
     held = carray(groups_at(m.held_groups), m.held)
     for i in range(m.held):
         status = drain(held[i], y)
@@ -565,7 +571,7 @@ def _outputs(m, y):
 
 @step_function(EVENT_MEMORY)
 def event_step(m, t, h, u, y):
-    status = _set_off(m, t, h, address_of(u))
+    status = _begin_step(m, t, h, address_of(u))
     if status == 0:
-        status = _come_to(m, t, h)
-    return noted(m.note, _outputs(m, address_of(y)) if status == 0 else status)
+        status = _step_to(m, t, h)
+    return store_status(m.note, _get_outputs(m, address_of(y)) if status == 0 else status)

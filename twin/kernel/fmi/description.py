@@ -18,55 +18,55 @@ from typing import Any, Literal
 from fmpy import platform, read_model_description, sharedLibraryExtension
 from fmpy.model_description import Unknown
 
-from twin.kernel.archive import content_of, entries, sha256
+from twin.kernel.archive import entries, read_entry, sha256
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.files import xml_of
-from twin.kernel.fmi.unpacked import Compiled, brings, compile_sources, compiled, source_sets
-from twin.kernel.fmi.variable import Setting, Value, Variable, number, set_to, variable_of
+from twin.kernel.files import parse_xml
+from twin.kernel.fmi.unpacked import CompiledLibrary, compile_sources, compiled_library, has_sources, source_sets
+from twin.kernel.fmi.variable import Setting, Value, Variable, parse_number, setting_value, variable_of
 
-DESCRIPTION = "modelDescription.xml"
-NUMBERS = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
+DESCRIPTION_FILE = "modelDescription.xml"
+CLOCK_ATTRIBUTES = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
 """Of a Clock (FMI 3.0.2, 2.2.9)."""
-CAPABILITIES = (
+FMI1_CAPABILITIES = (
     "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
 )  # fmt: skip
 """Of an FMI 1.0 slave."""
-MOST_DESCRIPTION = 64 << 20
+MAX_DESCRIPTION_SIZE = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
-STRUCTURAL = "structuralParameter"
+STRUCTURAL_PARAMETER = "structuralParameter"
 NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
-SETTLED = 2_000_000_000
+MIN_FILE_AGE = 2_000_000_000
 """Minimum age (ns) of a file whose times identify its content: the coarsest clock of a file system, FAT."""
-INDICES = ("index", "dependencies", "derivative")
+INDEX_ATTRIBUTES = ("index", "dependencies", "derivative")
 """Attributes that count the variables from 1 on (FMI 2.0.4, 2.2.8)."""
-MOST_CLOCKS = 62
+MAX_CLOCKS = 62
 """Maximum number of clocks: each has a bit in an integer."""
-CLOSE = 1e-6
+STEP_TOLERANCE = 1e-6
 """Maximum deviation of a step from a multiple of another one, as a share of the step."""
 
 
-def complete(model: Any, file: Path) -> None:
+def complete_model(model: Any, file: Path) -> None:
     """Fill in what FMPy has fields for and does not read of the `file` that it made `model` of."""
     if model.fmiVersion != "1.0" and not model.fmiVersion.startswith("3."):
         return
     with zipfile.ZipFile(file) as archive:
-        root = xml_of(archive.read(DESCRIPTION), f"{file}: {DESCRIPTION}")
+        root = parse_xml(archive.read(DESCRIPTION_FILE), f"{file}: {DESCRIPTION_FILE}")
     if model.fmiVersion == "1.0":
         _complete_outputs(model, root)
         # FMI 1.0 for Co-Simulation, 4.3.1
         if model.coSimulation is not None:
             model.coSimulation.needsExecutionTool = root.find("Implementation/CoSimulation_Tool") is not None
             for stated in root.iterfind("Implementation/*/Capabilities"):
-                for name in CAPABILITIES:
-                    setattr(model.coSimulation, name, _true(stated.get(name)))
+                for name in FMI1_CAPABILITIES:
+                    setattr(model.coSimulation, name, _is_true(stated.get(name)))
     else:
         by_name = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
         for variable in model.modelVariables:
             # FMPy makes a variable of each alias
             element = by_name[variable.alias.name if variable.alias else variable.name]
-            variable.intermediateUpdate = _true(element.get("intermediateUpdate"))
+            variable.intermediateUpdate = _is_true(element.get("intermediateUpdate"))
             variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
-            for name in NUMBERS if variable.type == "Clock" else ():
+            for name in CLOCK_ATTRIBUTES if variable.type == "Clock" else ():
                 setattr(variable, name, element.get(name))
 
 
@@ -88,7 +88,7 @@ def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]
     Returns:
         Names of inputs by names of outputs; and the outputs of which nothing is said, which may depend on all inputs.
     """
-    inputs = frozenset(v.name for v in description.offered("input"))
+    inputs = frozenset(v.name for v in description.variables_of("input"))
     stated = {
         unknown.variable.name: frozenset(v.name for v in unknown.dependencies) & inputs
         for unknown in description.model.outputs
@@ -100,7 +100,7 @@ def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]
     return stated | dict.fromkeys(silent, inputs), silent
 
 
-def _true(text: str | None) -> bool:
+def _is_true(text: str | None) -> bool:
     return text in ("true", "1")
 
 
@@ -151,14 +151,14 @@ class FmuDescription:
         """All that it can be used as."""
         return _kinds(self.model)
 
-    def offered(self, causality: str) -> list[Variable]:
+    def variables_of(self, causality: str) -> list[Variable]:
         """Numeric variables of a causality, in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
     @property
     def parameters(self) -> list[Variable]:
         """What an experiment may set beside inputs, in the FMU's order."""
-        causes = ("parameter", STRUCTURAL)
+        causes = ("parameter", STRUCTURAL_PARAMETER)
         return [v for v in self.variables.values() if v.causality in causes and (v.kind >= 0 or v.is_text)]
 
     def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
@@ -168,14 +168,14 @@ class FmuDescription:
             InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite,
                 too many or too few for an array, a file that is not there.
         """
-        settable = {v.name: v for v in (*self.parameters, *self.offered("input"))}
+        settable = {v.name: v for v in (*self.parameters, *self.variables_of("input"))}
         checked = []
         for name, given in values.items():
             if name not in settable:
                 known = ", ".join(v.name for v in self.parameters) or "none"
                 hint = nearest(name, settable, f"its parameters are {known}")
                 raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
-            checked.append((settable[name], set_to(self.path, settable[name], given)))
+            checked.append((settable[name], setting_value(self.path, settable[name], given)))
         return checked
 
     @property
@@ -183,7 +183,7 @@ class FmuDescription:
         """What the names of the standard's functions and statuses begin with."""
         return "fmi" if self.version == 1 else f"fmi{self.version}"
 
-    def exported(self, function: str) -> str:
+    def exported_name(self, function: str) -> str:
         """What its binary calls a function of the standard, `DoStep`: in FMI 1.0 with its own name before it."""
         return f"{self.identifier}_{self.prefix}{function}" if self.version == 1 else f"{self.prefix}{function}"
 
@@ -195,7 +195,7 @@ class FmuDescription:
         abilities = self.model.coSimulation
         return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
 
-    def resized(self, values: Mapping[str, Value]) -> "FmuDescription":
+    def with_sizes(self, values: Mapping[str, Value]) -> "FmuDescription":
         """The same FMU with its arrays as large as `values` of structural parameters among `values` make them.
 
         Raises:
@@ -203,17 +203,17 @@ class FmuDescription:
         """
         structure = {name: v.start for name, v in self.variables.items()}
         for name, value in values.items():
-            if name in structure and self.variables[name].causality == STRUCTURAL:
+            if name in structure and self.variables[name].causality == STRUCTURAL_PARAMETER:
                 if not isinstance(value, float) or not value.is_integer():
                     raise InputRefused(f"{self.path}: parameter {name} = {value}: expected a whole number")
                 structure[name] = value
-        variables = {name: v.resized(self.path, structure) for name, v in self.variables.items()}
+        variables = {name: v.with_size(self.path, structure) for name, v in self.variables.items()}
         return replace(self, variables=variables)
 
     @property
     def tolerance(self) -> float | None:
         """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
-        stated = number(getattr(self.model.defaultExperiment, "tolerance", None))
+        stated = parse_number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
 
     @property
@@ -229,7 +229,7 @@ class FmuDescription:
         return f"{NEEDS_TOOL}, which is Python; {PYTHON_FMU} builds it without that by --no-external-tool"
 
     @property
-    def lives_once(self) -> bool:
+    def single_instance(self) -> bool:
         """Whether a process can hold only one instance of it."""
         return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
 
@@ -264,34 +264,36 @@ def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> Fm
     stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
     known, description = _known.get((file, kind), (None, None))
     if description is None or known != stamp:
-        description = _read(file, kind)
+        description = _read_description(file, kind)
         # the next change of a file that has just been written might get the same time
-        if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > SETTLED:
+        if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > MIN_FILE_AGE:
             _known[file, kind] = stamp, description
     if description.needs_tool and not (lenient or description.tool_note):
         raise InputRefused(f"{file}: {NEEDS_TOOL}; export it self-contained, or see --lenient")
     return description
 
 
-def _read(file: Path, kind: Kind | None) -> FmuDescription:
+def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
     names = entries(file)
-    if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
-        raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
+    if names.get(DESCRIPTION_FILE, 0) > MAX_DESCRIPTION_SIZE:
+        raise InputRefused(
+            f"{file}: {DESCRIPTION_FILE} has {names[DESCRIPTION_FILE] / 1e6:.0f} MB; do not trust this file"
+        )
     model = _model(file, names)
     version = model.fmiVersion
     if version not in ("1.0", "2.0") and not version.startswith("3."):
         raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
-    kind = _chosen(file, model, kind)
+    kind = _choose_kind(file, model, kind)
     major = int(version[0])
     identifier = _interface(model, kind).modelIdentifier
-    binary = _binary(major, identifier)
+    binary = _binary_entry(major, identifier)
     # an empty folder has an entry, too
     inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
     platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
     digest = sha256(file)
-    made = None if binary in names else compiled(digest, binary)
+    made = None if binary in names else compiled_library(digest, binary)
     if binary not in names and made is None:
-        raise InputRefused(f"{file}: {_without_binary(file, names, model, binary, platforms)}")
+        raise InputRefused(f"{file}: {_missing_binary_phrase(file, names, model, binary, platforms)}")
     variables: dict[str, Variable] = {}
     for v in model.modelVariables:
         if not 0 <= v.valueReference < 1 << 32:
@@ -315,10 +317,10 @@ def _read(file: Path, kind: Kind | None) -> FmuDescription:
         platforms=tuple(platforms),
         variables=variables,
         model=model,
-    ).resized({})
+    ).with_sizes({})
 
 
-def build(file: Path) -> Compiled | None:
+def build_binary(file: Path) -> CompiledLibrary | None:
     """Compile the sources of an FMU without a binary for this platform; None: it has one.
 
     Raises:
@@ -326,7 +328,7 @@ def build(file: Path) -> Compiled | None:
     """
     names = entries(file)
     model = _model(file, names)
-    binary = _binary(int(model.fmiVersion[0]), _interface(model, _chosen(file, model, None)).modelIdentifier)
+    binary = _binary_entry(int(model.fmiVersion[0]), _interface(model, _choose_kind(file, model, None)).modelIdentifier)
     return None if binary in names else compile_sources(file, sha256(file), model, binary)
 
 
@@ -340,7 +342,7 @@ def _kinds(model: Any) -> tuple[Kind, ...]:
     return tuple(kind for kind in known if _interface(model, kind) is not None)
 
 
-def _chosen(file: Path, model: Any, kind: Kind | None) -> Kind:
+def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
     """`kind`, or the first that the FMU offers."""
     kinds = _kinds(model)
     if not kinds:
@@ -353,12 +355,14 @@ def _chosen(file: Path, model: Any, kind: Kind | None) -> Kind:
     return kind or kinds[0]
 
 
-def _binary(major: int, identifier: str) -> str:
+def _binary_entry(major: int, identifier: str) -> str:
     """Where the library for this platform is in the archive."""
     return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
 
 
-def _without_binary(file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]) -> str:
+def _missing_binary_phrase(
+    file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]
+) -> str:
     """What there is to say of an FMU whose archive holds no `binary`."""
     place = PurePosixPath(binary)
     others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
@@ -368,7 +372,7 @@ def _without_binary(file: Path, names: Collection[str], model: Any, binary: str,
             f"{place.name}. Export it again"
         )
     cure = f"Export it for {place.parent.name}"
-    if brings(names, source_sets(model, place.stem)):
+    if has_sources(names, source_sets(model, place.stem)):
         cure = f"It brings its sources: twin drive info {file} --compile builds them, once"
     return f"no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. {cure}"
 
@@ -383,37 +387,37 @@ def _platform(major: int) -> str:
 
 
 def _model(file: Path, names: Collection[str]) -> Any:
-    if DESCRIPTION not in names:
-        packed = next((name for name in names if PurePosixPath(name).name == DESCRIPTION), "")
+    if DESCRIPTION_FILE not in names:
+        packed = next((name for name in names if PurePosixPath(name).name == DESCRIPTION_FILE), "")
         if not packed:
-            raise InputRefused(f"{file}: no {DESCRIPTION} inside; this is not an FMU")
-        raise InputRefused(f"{file}: its {DESCRIPTION} is packed as '{packed}'; pack it again without that folder")
+            raise InputRefused(f"{file}: no {DESCRIPTION_FILE} inside; this is not an FMU")
+        raise InputRefused(f"{file}: its {DESCRIPTION_FILE} is packed as '{packed}'; pack it again without that folder")
     try:
         model = read_model_description(str(file), validate=False)
-        complete(model, file)
+        complete_model(model, file)
         return model
     # FMPy raises bare Exception and lxml its own family
     except Exception as problem:
-        raise InputRefused(f"{file}: {DESCRIPTION} cannot be read: {_flaw(file, problem)}") from None
+        raise InputRefused(f"{file}: {DESCRIPTION_FILE} cannot be read: {_read_error(file, problem)}") from None
 
 
-def _flaw(file: Path, problem: Exception) -> str:
+def _read_error(file: Path, problem: Exception) -> str:
     """Reason why FMPy cannot read a description: the place of an XML error, or a missing reference."""
     if type(problem) is Exception:
         # FMPy's own sentence
         return str(problem)
     try:
-        root = xml_of(content_of(file, DESCRIPTION, MOST_DESCRIPTION), DESCRIPTION)
+        root = parse_xml(read_entry(file, DESCRIPTION_FILE, MAX_DESCRIPTION_SIZE), DESCRIPTION_FILE)
     except InputRefused as broken:
-        return str(broken).removeprefix(f"{DESCRIPTION}: ")
+        return str(broken).removeprefix(f"{DESCRIPTION_FILE}: ")
     count = len(root.findall("ModelVariables/*"))
     for element in root.iter():
-        for name in (*INDICES, "valueReference"):
+        for name in (*INDEX_ATTRIBUTES, "valueReference"):
             for word in (element.get(name) or "").split():
                 stated = f'<{element.tag} {name}="{element.get(name)}">'
                 if not word.isdecimal():
                     return f"{stated}: expected whole numbers"
-                if name in INDICES and root.get("fmiVersion") == "2.0" and not 1 <= int(word) <= count:
+                if name in INDEX_ATTRIBUTES and root.get("fmiVersion") == "2.0" and not 1 <= int(word) <= count:
                     return f"{stated}: there are {count} variables"
     return f"FMPy stops with {type(problem).__name__}: {problem}; validate it with the schema of its standard"
 
@@ -425,12 +429,12 @@ def clocks(description: FmuDescription) -> list[Any]:
         InputRefused: there are too many.
     """
     found = [v for v in description.model.modelVariables if v.type == "Clock" and v.causality in ("input", "output")]
-    if len(found) > MOST_CLOCKS:
-        raise InputRefused(f"{description.path}: {len(found)} clocks; expected at most {MOST_CLOCKS}")
+    if len(found) > MAX_CLOCKS:
+        raise InputRefused(f"{description.path}: {len(found)} clocks; expected at most {MAX_CLOCKS}")
     return found
 
 
-def rhythm(clock: Any) -> str:
+def clock_phrase(clock: Any) -> str:
     """When a clock ticks, as its description says it."""
     if clock.causality == "output":
         return "ticked by the FMU"
@@ -444,14 +448,14 @@ def rhythm(clock: Any) -> str:
 
 def stated_interval(clock: Any) -> tuple[float, float]:
     """(interval, shift) in seconds, as the description states them; NaN: it states no interval."""
-    resolution = number(clock.resolution)
+    resolution = parse_number(clock.resolution)
     if clock.intervalDecimal is not None or math.isnan(resolution):
-        return number(clock.intervalDecimal), number(clock.shiftDecimal or "0")
+        return parse_number(clock.intervalDecimal), parse_number(clock.shiftDecimal or "0")
     scale = 1.0 / resolution if resolution > 0.0 else math.nan
-    return number(clock.intervalCounter) * scale, number(clock.shiftCounter or "0") * scale
+    return parse_number(clock.intervalCounter) * scale, parse_number(clock.shiftCounter or "0") * scale
 
 
-def abilities(description: FmuDescription) -> list[tuple[str, str]]:
+def capability_rows(description: FmuDescription) -> list[tuple[str, str]]:
     """(what, how) of its stepping, for people; nothing of what every FMU does."""
     if description.kind == "model_exchange":
         return []
@@ -463,8 +467,8 @@ def abilities(description: FmuDescription) -> list[tuple[str, str]]:
     if its.hasEventMode or description.returns_early:
         modes = ["event mode"] * its.hasEventMode + ["may return early"] * description.returns_early
         rows.append(("events", ", ".join(modes)))
-    rows += [("clock", f"{clock.name}, {rhythm(clock)}") for clock in clocks(description)]
-    within = its.providesIntermediateUpdate and any(v.intermediate for v in description.offered("input"))
+    rows += [("clock", f"{clock.name}, {clock_phrase(clock)}") for clock in clocks(description)]
+    within = its.providesIntermediateUpdate and any(v.intermediate for v in description.variables_of("input"))
     if its.canInterpolateInputs or within:
         rows.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
     return rows
@@ -483,14 +487,16 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
     if description.kind == "model_exchange":
         return
     abilities, step = description.model.coSimulation, tick / substeps
-    fixed = number(abilities.fixedInternalStepSize)
+    fixed = parse_number(abilities.fixedInternalStepSize)
     if description.version < 3 or abilities.canHandleVariableCommunicationStepSize or not 0.0 < fixed < math.inf:
         return
     count = step / fixed
-    if round(count) >= 1 and abs(count - round(count)) < CLOSE:
+    if round(count) >= 1 and abs(count - round(count)) < STEP_TOLERANCE:
         return
     whole = tick / fixed
-    fitting = [n for n in range(1, 1001) if round(whole / n) >= 1 and abs(whole / n - round(whole / n)) < CLOSE]
+    fitting = [
+        n for n in range(1, 1001) if round(whole / n) >= 1 and abs(whole / n - round(whole / n)) < STEP_TOLERANCE
+    ]
     cure = f"substeps = {max(fitting)}" if fitting else f"tick_ms = {1e3 * fixed * max(1, math.ceil(whole)):g}"
     raise InputRefused(
         f"{description.path}: has a fixed step of {1e3 * fixed:g} ms inside and takes multiples of it only "
@@ -502,6 +508,6 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
 def stated_step(description: FmuDescription) -> float:
     """The step that it has inside or prefers (s); NaN: it does not say."""
     # an FMU for model exchange has none
-    fixed = number(getattr(description.interface, "fixedInternalStepSize", None))
-    preferred = number(getattr(description.model.defaultExperiment, "stepSize", None))
+    fixed = parse_number(getattr(description.interface, "fixedInternalStepSize", None))
+    preferred = parse_number(getattr(description.model.defaultExperiment, "stepSize", None))
     return preferred if math.isnan(fixed) else fixed

@@ -8,42 +8,42 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import address_of, doubles_at, step_function
-from twin.kernel.cosim.python_class import STEP
+from twin.kernel.cosim.python_class import STEP_FUNCTION
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.cosim_step import SHORTER
-from twin.kernel.fmi.groups import MOST_UPDATES, get_all, noted, set_all
+from twin.kernel.fmi.cosim_step import DISCARD_RECORD
+from twin.kernel.fmi.groups import MAX_UPDATES, get_all, set_all, store_status
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
 from twin.kernel.fmi.solvers import (
-    FUNCTIONS,
-    FUNCTIONS_3,
-    GUARD,
-    MANY_EVENTS,
-    MEMORY,
-    MOST_EVENTS,
-    OVERFLOW,
-    UNTOUCHED,
-    USUAL_TOLERANCE,
+    ARRAY_OVERFLOW,
+    DEFAULT_TOLERANCE,
+    EXCHANGE_FUNCTIONS,
+    EXCHANGE_FUNCTIONS_3,
+    GUARD_SIZE,
+    GUARD_VALUE,
+    MAX_EVENTS,
+    SOLVER_MEMORY,
+    TOO_MANY_EVENTS,
     Cvode,
     Solver,
-    brought,
-    handled,
+    exchange_error,
+    handle_event,
     integrate_cvode,
     integrate_rk4,
-    sentence,
-    slack,
-    weigh,
+    scale_tolerances,
+    set_time_and_states,
+    time_tolerance,
 )
-from twin.kernel.fmi.stepping import FmuPort, Stepping, placed
+from twin.kernel.fmi.stepping import FmuPort, Stepping, port_slots
 from twin.kernel.fmi.variable import Variable
 
-MOST_STATES, MOST_INDICATORS = 1000, 10_000
+MAX_STATES, MAX_INDICATORS = 1000, 10_000
 """A dense Jacobian of more states than that is not what a drive is made of."""
 
 
-@step_function(MEMORY)
+@step_function(SOLVER_MEMORY)
 def step(m, t, h, u, y):
-    return noted(m.note, _step(m, t, h, u, y))
+    return store_status(m.note, _step(m, t, h, u, y))
 
 
 @njit(cache=True, inline="always")
@@ -60,17 +60,17 @@ def _step(m, t, h, u, y):
     if m.final == 0:
         m.restart = 1
     events = 0
-    if m.now < m.next_event <= m.now + slack(m.now):
+    if m.now < m.next_event <= m.now + time_tolerance(m.now):
         # the same time, but an FMU may compare
         m.now = m.next_event
-        status = brought(m, m.now, m.x)
+        status = set_time_and_states(m, m.now, m.x)
         if status != 0:
             return status
     if jumped or m.next_event <= m.now:
-        status = handled(m, address_of(u), jumped)
+        status = handle_event(m, address_of(u), jumped)
         if status != 0:
             return status
-    while m.now < end - slack(end):
+    while m.now < end - time_tolerance(end):
         happened = m.next_event <= m.now
         if not happened:
             stop = min(end, m.next_event)
@@ -82,18 +82,18 @@ def _step(m, t, h, u, y):
                 return status
         if happened:
             events += 1
-            if events > MOST_EVENTS:
-                return MANY_EVENTS
-            status = handled(m, address_of(u), False)
+            if events > MAX_EVENTS:
+                return TOO_MANY_EVENTS
+            status = handle_event(m, address_of(u), False)
             if status != 0:
                 return status
     for array, count in ((m.x, m.size), (m.k_1, m.size), (m.z, m.indicators)):
-        if carray(doubles_at(array), count + 1)[count] != UNTOUCHED:
-            return OVERFLOW
+        if carray(doubles_at(array), count + 1)[count] != GUARD_VALUE:
+            return ARRAY_OVERFLOW
     return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
 
 
-@step_function(MEMORY)
+@step_function(SOLVER_MEMORY)
 def react(m, t, h, u, y):
     """Its outputs for other inputs at the time that it has come to; continuous-time mode allows that at any time."""
     status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
@@ -101,7 +101,7 @@ def react(m, t, h, u, y):
         # the next step begins with whatever it is given, and with the event that a jump is
         m.fresh = 1
         status = get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
-    return noted(m.note, status)
+    return store_status(m.note, status)
 
 
 class Integrator:
@@ -114,7 +114,7 @@ class Integrator:
         width: number of inputs.
 
     Attributes:
-        memory: (1,) of `MEMORY`.
+        memory: (1,) of `SOLVER_MEMORY`.
         block: all that a step changes of this memory, to be saved and brought back as bytes.
 
     Raises:
@@ -129,13 +129,13 @@ class Integrator:
         width: int = 0,
     ):
         self._model, size = model, max(model.states, 1)
-        tolerance = model.setup.tolerance or USUAL_TOLERANCE
+        tolerance = model.setup.tolerance or DEFAULT_TOLERANCE
         rows = {"x": size, "z_before": model.indicators, "last_inputs": width}
         scratch = {name: size for name in ("began", "k_1", "k_2", "k_3", "k_4", "scales")}
-        scratch |= {"z": model.indicators, "info": GUARD}
-        self.block, begins = _laid_out(rows, MEMORY.itemsize // 8)
-        self._scratch, places = _laid_out(scratch)
-        self.memory = self.block[: MEMORY.itemsize // 8].view(MEMORY)
+        scratch |= {"z": model.indicators, "info": GUARD_SIZE}
+        self.block, begins = _allocate_block(rows, SOLVER_MEMORY.itemsize // 8)
+        self._scratch, places = _allocate_block(scratch)
+        self.memory = self.block[: SOLVER_MEMORY.itemsize // 8].view(SOLVER_MEMORY)
         self._rows = {name: self.block[begins[name] :][:count] for name, count in rows.items()}
         m = self.memory[0]
         for name, place in begins.items():
@@ -143,7 +143,7 @@ class Integrator:
         for name, place in places.items():
             m[name] = self._scratch.ctypes.data + 8 * place
         version = model.description.version
-        for field, function in (FUNCTIONS if version == 2 else FUNCTIONS_3).items():
+        for field, function in (EXCHANGE_FUNCTIONS if version == 2 else EXCHANGE_FUNCTIONS_3).items():
             if version == 3 or field != "number_of_states":
                 m[field] = model.address(function)
         m["version"], m["instance"], m["note"] = version, model.handle, model.note.ctypes.data
@@ -163,7 +163,7 @@ class Integrator:
         scales = self._scratch[places["scales"] :][:size]
         x[:] = scales[:] = 1.0
         scales[: model.states] = model.nominals()
-        weigh(scales, tolerance)
+        scale_tolerances(scales, tolerance)
         self._cvode = None
         if solver.method == "cvode":
             self._cvode = Cvode(x, scales, tolerance, model.indicators, self.memory.ctypes.data)
@@ -179,11 +179,11 @@ class Integrator:
         self.memory[0]["fresh"] = 1
         nothing = np.zeros(1)
         place = nothing.ctypes.data
-        return int(STEP(step.address)(self.memory.ctypes.data, t, h, place, place))
+        return int(STEP_FUNCTION(step.address)(self.memory.ctypes.data, t, h, place, place))
 
     def explain(self, status: int) -> str:
         """What a bad `status` of the step means, as the verb phrase of a sentence; "" if it is none of its own."""
-        return sentence(self.memory[0], status, self._model.odd_status)
+        return exchange_error(self.memory[0], status, self._model.invalid_status)
 
     def close(self) -> None:
         """Free the solver; safe to call twice."""
@@ -192,13 +192,13 @@ class Integrator:
             self._cvode = None
 
 
-def _laid_out(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
+def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
     """One array for all, each with a guard behind it, after `first` numbers for something else; where each begins."""
     places, place = {}, first
     for name, size in sizes.items():
         places[name] = place
-        place += size + GUARD
-    block = np.full(place, UNTOUCHED)
+        place += size + GUARD_SIZE
+    block = np.full(place, GUARD_VALUE)
     block[:first] = 0.0
     for name, size in sizes.items():
         block[places[name] : places[name] + size] = 0.0
@@ -213,7 +213,9 @@ class _Fmi3(Fmi3):
 
     def instantiate(self, instance: Instance) -> None:
         with instance.calling("InstantiateModelExchange"):
-            instance.fmu.instantiate(logMessage=lambda environment, status, category, text: instance.hear(status, text))
+            instance.fmu.instantiate(
+                logMessage=lambda environment, status, category, text: instance.on_message(status, text)
+            )
 
 
 class ModelExchange(Instance):
@@ -227,7 +229,7 @@ class ModelExchange(Instance):
     _standards: ClassVar[Mapping[int, Any]] = {2: Fmi2(FMU2Exchange), 3: _Fmi3()}
     _integrator: Integrator | None = None
 
-    def ramps(self, variable: Variable) -> bool:
+    def takes_ramp(self, variable: Variable) -> bool:
         return False
 
     def advance(self, t: float, h: float) -> None:
@@ -244,7 +246,7 @@ class ModelExchange(Instance):
         return [*super().schedule, *([self._integrator.block] if self._integrator else [])]
 
     def close(self) -> None:
-        self._forget_integrator()
+        self._close_integrator()
         super().close()
 
     def nominals(self) -> np.ndarray:
@@ -256,7 +258,7 @@ class ModelExchange(Instance):
         self._to_continuous_time()
 
     def _initialise(self) -> None:
-        self._forget_integrator()
+        self._close_integrator()
         super()._initialise()
         self._to_continuous_time()
 
@@ -265,7 +267,7 @@ class ModelExchange(Instance):
         update = self.fmu.newDiscreteStates if version == 2 else self.fmu.updateDiscreteStates
         try:
             with self.calling("NewDiscreteStates" if version == 2 else "UpdateDiscreteStates"):
-                for _ in range(MOST_UPDATES):
+                for _ in range(MAX_UPDATES):
                     needed, ended, _, _, timed, when = update()
                     if ended or not needed:
                         break
@@ -280,7 +282,7 @@ class ModelExchange(Instance):
             ) from None
         try:
             if ended or needed:
-                why = "it asks to terminate" if ended else f"its first event needs more than {MOST_UPDATES} updates"
+                why = "it asks to terminate" if ended else f"its first event needs more than {MAX_UPDATES} updates"
                 raise InputRefused(
                     f"{path}: cannot be brought into continuous-time mode: {why}{self._quoted_messages()}"
                 )
@@ -307,8 +309,8 @@ class ModelExchange(Instance):
                 self.indicators = self.fmu.getNumberOfEventIndicators()
         resized = any(v.causality == "structuralParameter" for v in self.description.variables.values())
         for count, listed, most, name in (
-            (self.states, model.numberOfContinuousStates, MOST_STATES, "continuous states"),
-            (self.indicators, model.numberOfEventIndicators, MOST_INDICATORS, "event indicators"),
+            (self.states, model.numberOfContinuousStates, MAX_STATES, "continuous states"),
+            (self.indicators, model.numberOfEventIndicators, MAX_INDICATORS, "event indicators"),
         ):
             if count > most:
                 raise InputRefused(f"{self.description.path}: {count} {name}; a drive may have {most}")
@@ -336,7 +338,7 @@ class ModelExchange(Instance):
         """What its function `Get{name}` says, (count,)."""
         if count == 0:
             return np.zeros(0)
-        values = np.full(count + GUARD, UNTOUCHED)
+        values = np.full(count + GUARD_SIZE, GUARD_VALUE)
         function = f"fmi{self.description.version}Get{name}"
         try:
             with self.calling(f"Get{name}"):
@@ -347,15 +349,15 @@ class ModelExchange(Instance):
             raise InputRefused(
                 f"{self.description.path}: {function} failed: {problem}{self._quoted_messages()}"
             ) from None
-        if np.any(values[count:] != UNTOUCHED) or np.any(values[:count] == UNTOUCHED):
-            other = "more" if np.any(values[count:] != UNTOUCHED) else "fewer"
+        if np.any(values[count:] != GUARD_VALUE) or np.any(values[:count] == GUARD_VALUE):
+            other = "more" if np.any(values[count:] != GUARD_VALUE) else "fewer"
             raise InputRefused(
                 f"{self.description.path}: {function} writes {other} numbers than the {count} that "
                 "modelDescription.xml lists; export it again"
             )
         return values[:count]
 
-    def _forget_integrator(self) -> None:
+    def _close_integrator(self) -> None:
         if self._integrator is not None:
             self._integrator.close()
         self._integrator = None
@@ -385,12 +387,12 @@ class ExchangeStepping(Stepping):
         outputs: Sequence[FmuPort],
         shift: np.ndarray,
     ):
-        self.instance, self.inputs, self.outputs = instance, list(inputs), placed(outputs, shift)
+        self.instance, self.inputs, self.outputs = instance, list(inputs), port_slots(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
-        self._shorter = np.zeros(1, dtype=SHORTER)
-        self._into = placed(inputs)
-        tables = self._grouped(self._into, "Set"), self._grouped(self.outputs, "Get")
+        self._shorter = np.zeros(1, dtype=DISCARD_RECORD)
+        self._into = port_slots(inputs)
+        tables = self._group_table(self._into, "Set"), self._group_table(self.outputs, "Get")
         self.solver = solver
         self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
         self._moving.append(self.integrator.block)

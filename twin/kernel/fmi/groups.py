@@ -18,10 +18,10 @@ from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointe
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at, integers_at
 from twin.kernel.cosim.port import record
-from twin.kernel.fmi.variable import EXACT, FLOAT_32, FLOAT_64, WHOLE_HIGH, WHOLE_LOW
+from twin.kernel.fmi.variable import FLOAT_32, FLOAT_64, MAX_EXACT, WHOLE_HIGH, WHOLE_LOW
 from twin.kernel.hooks import HOOKS
 
-_KINDS = {
+_ARGUMENT_TYPES = {
     "pointer": ("int64", "pointer"),
     "double": ("float64", "f64"),
     "size": ("int64", "i64"),
@@ -29,38 +29,55 @@ _KINDS = {
     "byte": ("int64", "i8"),
 }
 """What numba and LLVM call it."""
-NO_STATUS, WIDTH = 15, 16
+INVALID_STATUS, STATUS_WIDTH = 15, 16
 """Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
-SET, DO_STEP, GET, TERMINATE, SAVE, RESTORE = 16, 32, 48, 64, 80, 96
-EVENT_MODE, UPDATE, STEP_MODE, SET_CLOCK, GET_CLOCK, INTERVAL, DERIVATIVES = 256, 272, 288, 304, 320, 336, 352
+SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_FAILED = 16, 32, 48, 64, 80, 96
+(
+    EVENT_MODE_FAILED,
+    UPDATE_FAILED,
+    STEP_MODE_FAILED,
+    SET_CLOCK_FAILED,
+    GET_CLOCK_FAILED,
+    INTERVAL_FAILED,
+    INPUT_DERIVATIVES_FAILED,
+) = 256, 272, 288, 304, 320, 336, 352
 """What a bad status starts with: the function that returned the rest of it."""
-EARLY, OUTSIDE, STALLED, TOO_MANY, ENDLESS, PAST, PERIOD, STUCK = 512, 513, 514, 515, 516, 517, 518, 519
+(
+    EARLY_RETURN,
+    TIME_OUTSIDE_STEP,
+    TIME_STALLED,
+    TOO_MANY_PARTS,
+    ENDLESS_UPDATES,
+    EVENT_IN_PAST,
+    INVALID_INTERVAL,
+    STEP_STUCK,
+) = 512, 513, 514, 515, 516, 517, 518, 519
 """What an FMU did that no function of it calls bad."""
-UNFIT, INEXACT = 520, 521
-"""An input value that its type cannot hold; an output value beyond `variable.EXACT`."""
-DISCARD, PENDING = 2, 5
-STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING: "Pending"}
-SHORTENED = 10
+INPUT_OUT_OF_RANGE, INEXACT_OUTPUT = 520, 521
+"""An input value that its type cannot hold; an output value beyond `variable.MAX_EXACT`."""
+DISCARD_STATUS, PENDING_STATUS = 2, 5
+STATUS_NAMES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING_STATUS: "Pending"}
+MAX_HALVINGS = 10
 """How often a step is halved without any progress before the FMU is believed to be stuck."""
-MOST_STEPS = 10_000
+MAX_PARTS = 10_000
 """Parts of one step."""
-MOST_STALLS = 100
+MAX_STALLS = 100
 """Events and early returns at one and the same time."""
-MOST_UPDATES = 1000
+MAX_UPDATES = 1000
 """Updates of discrete states in one event."""
-FUNCTIONS = {
-    SET: "Set", DO_STEP: "DoStep", GET: "Get", EVENT_MODE: "EnterEventMode", UPDATE: "UpdateDiscreteStates",
-    STEP_MODE: "EnterStepMode", SET_CLOCK: "SetClock", GET_CLOCK: "GetClock", INTERVAL: "GetIntervalDecimal",
-    DERIVATIVES: "SetRealInputDerivatives",
+FUNCTION_NAMES = {
+    SET_FAILED: "Set", DO_STEP_FAILED: "DoStep", GET_FAILED: "Get", EVENT_MODE_FAILED: "EnterEventMode", UPDATE_FAILED: "UpdateDiscreteStates",
+    STEP_MODE_FAILED: "EnterStepMode", SET_CLOCK_FAILED: "SetClock", GET_CLOCK_FAILED: "GetClock", INTERVAL_FAILED: "GetIntervalDecimal",
+    INPUT_DERIVATIVES_FAILED: "SetRealInputDerivatives",
 }  # fmt: skip
-NOTE = record(
-    status="i8",  # invalid status that a function returned, shifted right by `WIDTH` bits
-    slot="i8",  # of the value that is `UNFIT` or `INEXACT`, or could not be set or got, among the inputs or outputs
+NOTE_RECORD = record(
+    status="i8",  # invalid status that a function returned, shifted right by `STATUS_WIDTH` bits
+    slot="i8",  # of the value that is `INPUT_OUT_OF_RANGE` or `INEXACT_OUTPUT`, or could not be set or got, among the inputs or outputs
     value="f8",  # which is unfit
     whole="i8",  # which is inexact
 )
 """Details of a bad status that do not fit into the return value of a step, one record per instance."""
-GROUP = record(
+GROUP_RECORD = record(
     kind="i8",  # index into `KINDS`
     access="i8",  # fmiNSetType or fmiNGetType
     references="i8",  # value references (uint32)
@@ -73,12 +90,12 @@ GROUP = record(
     bytes="i8",  # of the buffer
     last="i8",  # with events: what inputs were last set to
     clocks="i8",  # with events: clocks that alone change the group, a bit each
-    note="i8",  # a `NOTE`
+    note="i8",  # a `NOTE_RECORD`
 )
 """Variables of one FMI type: counts, and addresses of functions and arrays."""
-AT_END = ":end"
+END_SUFFIX = ":end"
 """What the port for the value at the end of a step is called after its input's name."""
-RAMP = record(
+RAMP_RECORD = record(
     instance="i8",
     set="i8",  # fmiNSetReal or fmi3SetFloat64
     derivatives="i8",  # fmiNSetRealInputDerivatives; 0 in FMI 3.0
@@ -94,13 +111,13 @@ RAMP = record(
     buffer="i8",
     t="f8",  # of the start (s)
     bad="i8",  # the wrong value within a step
-    note="i8",  # a `NOTE`
+    note="i8",  # a `NOTE_RECORD`
 )
 """Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
 
 
 @contextmanager
-def announced(file: str, instance: str, function: str) -> Iterator[None]:
+def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
     """Around a call of `function`."""
     for hook in HOOKS.fmi_call:
         hook(file, instance, function)
@@ -111,11 +128,11 @@ def announced(file: str, instance: str, function: str) -> Iterator[None]:
             hook(file, instance, "")
 
 
-def foreign(*kinds: str, returns: str = "status") -> Any:
+def c_function(*kinds: str, returns: str = "status") -> Any:
     """A compiled function (address, (arguments)) that calls the C function at that address.
 
-    A status is returned as an integer of 64 bits: 0 .. 5 as it is, any other one as `NO_STATUS` plus the status, taken
-    as unsigned, `WIDTH` bits further left.
+    A status is returned as an integer of 64 bits: 0 .. 5 as it is, any other one as `INVALID_STATUS` plus the status, taken
+    as unsigned, `STATUS_WIDTH` bits further left.
 
     Args:
         kinds: of its arguments: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
@@ -126,10 +143,10 @@ def foreign(*kinds: str, returns: str = "status") -> Any:
     def call(typingctx, function, arguments):
         result = types.int32 if returns == "int" else types.int64
         own = "pointer" if returns == "pointer" else "int"
-        native = [getattr(c, _KINDS[kind][1]) for kind in kinds]
+        native = [getattr(c, _ARGUMENT_TYPES[kind][1]) for kind in kinds]
 
         def codegen(context, builder, _, given):
-            target = ir.FunctionType(getattr(c, _KINDS[own][1]), native).as_pointer()
+            target = ir.FunctionType(getattr(c, _ARGUMENT_TYPES[own][1]), native).as_pointer()
             passed = []
             for i, kind in enumerate(kinds):
                 value = builder.extract_value(given[1], i)
@@ -144,56 +161,56 @@ def foreign(*kinds: str, returns: str = "status") -> Any:
             if returns == "int":
                 return returned
             wide = builder.zext(returned, c.i64)
-            other = builder.or_(builder.shl(wide, c.i64(WIDTH)), c.i64(NO_STATUS))
+            other = builder.or_(builder.shl(wide, c.i64(STATUS_WIDTH)), c.i64(INVALID_STATUS))
             return builder.select(builder.icmp_unsigned(">", returned, c.i32(5)), other, wide)
 
-        return result(types.int64, types.Tuple([getattr(types, _KINDS[kind][0]) for kind in kinds])), codegen
+        return result(types.int64, types.Tuple([getattr(types, _ARGUMENT_TYPES[kind][0]) for kind in kinds])), codegen
 
     return call
 
 
-access_2 = foreign("pointer", "pointer", "size", "pointer")
+access_2 = c_function("pointer", "pointer", "size", "pointer")
 """`fmi2SetX|fmi2GetX(c, vr, nvr, values)`, those of FMI 1.0, `fmi3SetClock|fmi3GetClock`."""
-access_3 = foreign("pointer", "pointer", "size", "pointer", "size")
+access_3 = c_function("pointer", "pointer", "size", "pointer", "size")
 """`fmi3SetX|fmi3GetX(instance, vr, nvr, values, nValues)`."""
-access_pairs = foreign("pointer", "pointer", "size", "pointer", "pointer")
+access_pairs = c_function("pointer", "pointer", "size", "pointer", "pointer")
 """`fmi2SetRealInputDerivatives(c, vr, nvr, orders, values)`, `fmi3GetIntervalDecimal(.., intervals, qualifiers)`."""
-do_step_2 = foreign("pointer", "double", "double", "int")
+do_step_2 = c_function("pointer", "double", "double", "int")
 """`fmi2DoStep(c, t, h, final)`; `final`: no state will ever be restored to a time before `t`.
 
 In FMI 1.0 the last argument is a char that says that the step is a new one; it is passed in the same way.
 """
-do_step_3 = foreign("pointer", "double", "double", "byte", "pointer", "pointer", "pointer", "pointer")
+do_step_3 = c_function("pointer", "double", "double", "byte", "pointer", "pointer", "pointer", "pointer")
 """`fmi3DoStep(instance, t, h, final, &event, &terminate, &early, &lastTime)`."""
-ask_status = foreign("pointer", "int", "pointer")
+ask_status = c_function("pointer", "int", "pointer")
 """`fmi2GetRealStatus|fmi2GetBooleanStatus(c, kind, value)`."""
-plain = foreign("pointer")
+call_instance = c_function("pointer")
 """`fmiNEnterEventMode(c)`, `fmi3EnterStepMode(c)`, `fmiNEnterContinuousTimeMode(c)`."""
-update_3 = foreign("pointer", "pointer", "pointer", "pointer", "pointer", "pointer", "pointer")
+update_3 = c_function("pointer", "pointer", "pointer", "pointer", "pointer", "pointer", "pointer")
 """`fmi3UpdateDiscreteStates(c, five flags, next time)`."""
-on_pointer = foreign("pointer", "pointer")
+call_pointer = c_function("pointer", "pointer")
 """`fmiNGetFMUState(c, state)`, `fmi2NewDiscreteStates(c, info)`, `fmi3GetNumberOfContinuousStates(c, n)`."""
-at_time = foreign("pointer", "double")
+call_time = c_function("pointer", "double")
 """`fmiNSetTime(c, t)`, `CVodeSetStopTime(memory, t)`."""
-on_doubles = foreign("pointer", "pointer", "size")
+call_doubles = c_function("pointer", "pointer", "size")
 """`fmiNSetContinuousStates(c, x, n)` and all other functions of states, derivatives and event indicators."""
-completed_2 = foreign("pointer", "int", "pointer", "pointer")
-completed_3 = foreign("pointer", "byte", "pointer", "pointer")
+completed_2 = c_function("pointer", "int", "pointer", "pointer")
+completed_3 = c_function("pointer", "byte", "pointer", "pointer")
 """`fmiNCompletedIntegratorStep(c, noSetFMUStatePriorToCurrentPoint, enterEventMode, terminateSimulation)`."""
-start_at = foreign("pointer", "double", "pointer")
+start_at = c_function("pointer", "double", "pointer")
 """`CVodeReInit(memory, t, x)`, `CVodeSVtolerances(memory, relative, absolute)`."""
-one_step = foreign("pointer", "double", "pointer", "pointer", "int", returns="int")
+one_step = c_function("pointer", "double", "pointer", "pointer", "int", returns="int")
 """`CVode(memory, t_out, x, t_reached, task)`."""
-values_of = foreign("pointer", returns="pointer")
+values_of = c_function("pointer", returns="pointer")
 """`N_VGetArrayPointer(vector)`."""
 
 
 def status_phrase(function: str, status: int) -> str:
     """Return the phrase of a bad status: `fmi2DoStep returned fmi2Error`."""
     # FMI 3.0 has no Pending, and of FMI 1.0 and 2.0 doStep alone may return it
-    if status in STATUSES and (status != PENDING or function in ("fmiDoStep", "fmi2DoStep")):
+    if status in STATUS_NAMES and (status != PENDING_STATUS or function in ("fmiDoStep", "fmi2DoStep")):
         prefix = function[:4] if function[3:4].isdigit() else "fmi"
-        return f"{function} returned {prefix}{STATUSES[status]}"
+        return f"{function} returned {prefix}{STATUS_NAMES[status]}"
     return f"{function} returned {status}, which is no status of FMI"
 
 
@@ -213,21 +230,21 @@ def explain_status(
     """
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {
-        TERMINATE: f"{step} asked to terminate the simulation{message}",
-        EARLY: f"{step} returned early although its description does not say that it might{message}; export it again",
-        OUTSIDE: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step{message}",
-        STALLED: f"{step} stays at t = {value:.9g} s{message}: more than {MOST_STALLS} events or early returns there",
-        STUCK: f"{step} returned {prefix}Discard{message} and stays at t = {value:.9g} s, however short its steps",
-        TOO_MANY: f"{step} takes more than {MOST_STEPS} parts for this step, and is at t = {value:.9g} s{message}",
-        ENDLESS: f"{update} wants to be called for ever: more than {MOST_UPDATES} times in one event{message}",
-        PAST: f"{update} plans its next event for t = {value:.9g} s, which has passed or is no time{message}",
-        PERIOD: f"{prefix}GetIntervalDecimal says that clock '{clock}' ticks after {value:.9g} s{message}; "
+        TERMINATE_REQUEST: f"{step} asked to terminate the simulation{message}",
+        EARLY_RETURN: f"{step} returned early although its description does not say that it might{message}; export it again",
+        TIME_OUTSIDE_STEP: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step{message}",
+        TIME_STALLED: f"{step} stays at t = {value:.9g} s{message}: more than {MAX_STALLS} events or early returns there",
+        STEP_STUCK: f"{step} returned {prefix}Discard{message} and stays at t = {value:.9g} s, however short its steps",
+        TOO_MANY_PARTS: f"{step} takes more than {MAX_PARTS} parts for this step, and is at t = {value:.9g} s{message}",
+        ENDLESS_UPDATES: f"{update} wants to be called for ever: more than {MAX_UPDATES} times in one event{message}",
+        EVENT_IN_PAST: f"{update} plans its next event for t = {value:.9g} s, which has passed or is no time{message}",
+        INVALID_INTERVAL: f"{prefix}GetIntervalDecimal says that clock '{clock}' ticks after {value:.9g} s{message}; "
         "expected a whole number of steps: choose a tick or substeps that fit",
     }
     if status in sentences:
         return sentences[status]
-    called = (FUNCTIONS | functions)[status // 16 * 16]
-    return status_phrase(f"{prefix}{called}", other if status % 16 == NO_STATUS else status % 16) + message
+    called = (FUNCTION_NAMES | functions)[status // 16 * 16]
+    return status_phrase(f"{prefix}{called}", other if status % 16 == INVALID_STATUS else status % 16) + message
 
 
 _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
@@ -235,18 +252,18 @@ _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.
 _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
 
 
-note_at = pointer_to(NOTE)
+note_at = pointer_to(NOTE_RECORD)
 
 
 @njit(cache=True, inline="always")
-def noted(note, status):
-    """Return the lowest `WIDTH` bits of `status` and store the rest in the `NOTE` at this address."""
-    if status >> WIDTH != 0:
-        carray(note_at(note), 1)[0].status = status >> WIDTH
-    return status & (1 << WIDTH) - 1
+def store_status(note, status):
+    """Return the lowest `STATUS_WIDTH` bits of `status` and store the rest in the `NOTE_RECORD` at this address."""
+    if status >> STATUS_WIDTH != 0:
+        carray(note_at(note), 1)[0].status = status >> STATUS_WIDTH
+    return status & (1 << STATUS_WIDTH) - 1
 
 
-groups_at = pointer_to(GROUP)
+groups_at = pointer_to(GROUP_RECORD)
 
 
 @njit(cache=True)
@@ -261,8 +278,8 @@ def _store(kind, buffer, j, value):
         if not -most <= value <= most:
             return False
     else:
-        # from half of `EXACT` on doubles are whole, and a half added to them is rounded itself
-        if abs(value) < EXACT // 2:
+        # from half of `MAX_EXACT` on doubles are whole, and a half added to them is rounded itself
+        if abs(value) < MAX_EXACT // 2:
             value = np.floor(value + 0.5)
         if not WHOLE_LOW[kind - 2] <= value <= WHOLE_HIGH[kind - 2]:
             return False
@@ -333,35 +350,35 @@ def _scaling(g):
 
 @njit(cache=True, inline="always")
 def fill(g, u):
-    """Put the inputs at address `u` into the buffer of a group; 0, or `UNFIT`."""
+    """Put the inputs at address `u` into the buffer of a group; 0, or `INPUT_OUT_OF_RANGE`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         value = (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j]
         if not _store(g.kind, g.buffer, j, value):
             note = carray(note_at(g.note), 1)[0]
             note.slot, note.value = slots[j], value
-            return UNFIT
+            return INPUT_OUT_OF_RANGE
     return 0
 
 
 @njit(cache=True, inline="always")
 def drain(g, y):
-    """Copy the buffer of a group to the outputs at address `y`; return 0, or `INEXACT`."""
+    """Copy the buffer of a group to the outputs at address `y`; return 0, or `INEXACT_OUTPUT`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         if g.kind == 8 or g.kind == 9:
             whole = carray(_i64(g.buffer), j + 1)[j]
             # one of UInt64 beyond the range of Int64 is negative here
-            if not (0 if g.kind == 9 else -EXACT) <= whole <= EXACT:
+            if not (0 if g.kind == 9 else -MAX_EXACT) <= whole <= MAX_EXACT:
                 note = carray(note_at(g.note), 1)[0]
                 note.slot, note.whole = slots[j], whole
-                return INEXACT
+                return INEXACT_OUTPUT
         carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
     return 0
 
 
 @njit(cache=True)
-def blamed(g, status):
+def note_variable(g, status):
     """`status`, having noted the first variable of the group whose function returned it."""
     carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
     return status
@@ -377,7 +394,7 @@ def set_all(version, instance, groups, count, u):
             return status
         status = access(version, instance, table[i])
         if status > 1:
-            return blamed(table[i], SET + status)
+            return note_variable(table[i], SET_FAILED + status)
     return 0
 
 
@@ -388,14 +405,14 @@ def get_all(version, instance, groups, count, y):
     for i in range(count):
         status = access(version, instance, table[i])
         if status > 1:
-            return blamed(table[i], GET + status)
+            return note_variable(table[i], GET_FAILED + status)
         status = drain(table[i], y)
         if status != 0:
             return status
     return 0
 
 
-_ramp_at = pointer_to(RAMP)
+_ramp_at = pointer_to(RAMP_RECORD)
 
 
 @njit(cache=True, error_model="numpy")
@@ -427,15 +444,15 @@ def set_ramp(address, t):
         buffer[j] = begin[j] + slope[j] * (t - r.t)
         if not np.isfinite(buffer[j]):
             note.slot, note.value = carray(integers_at(r.starts), n)[j], buffer[j]
-            return UNFIT
+            return INPUT_OUT_OF_RANGE
     if r.derivatives == 0:
         status = access_3(r.set, (r.instance, r.references, n, r.buffer, n))
-        return SET + status if status > 1 else 0
+        return SET_FAILED + status if status > 1 else 0
     status = access_2(r.set, (r.instance, r.references, n, r.buffer))
     if status > 1:
-        return SET + status
+        return SET_FAILED + status
     status = access_pairs(r.derivatives, (r.instance, r.references, n, r.orders, r.slope))
-    return DERIVATIVES + status if status > 1 else 0
+    return INPUT_DERIVATIVES_FAILED + status if status > 1 else 0
 
 
 @njit(cache=True)
@@ -464,4 +481,4 @@ intermediate_update = Native(
     ("pointer", "double", "byte", "byte", "byte", "byte", "bytes", "doubles"),
     _intermediate_update,
 )
-"""A fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP`."""
+"""A fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP_RECORD`."""

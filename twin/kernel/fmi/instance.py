@@ -12,16 +12,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi import floating_point, groups
-from twin.kernel.fmi.cosim_step import CLOCK
+from twin.kernel.fmi import groups
+from twin.kernel.fmi.cosim_step import CLOCK_RECORD
 from twin.kernel.fmi.description import FmuDescription, clocks
-from twin.kernel.fmi.variable import EXACT, TEXTS, Setting, Setup, Variable
+from twin.kernel.fmi.variable import MAX_EXACT, TEXT_TYPES, Setting, Setup, Variable
 
-MOST_UNHEARD = 100
+MAX_PENDING_MESSAGES = 100
 """An FMU that complains in every step is believed after so many."""
 
-REFERENCE = re.compile(r"#(?P<type>[rbis])(?P<reference>\d+)#|##")
-LOGGED = {"r": ("Real",), "b": ("Boolean",), "i": ("Integer", "Enumeration"), "s": ("String",)}
+REFERENCE_PATTERN = re.compile(r"#(?P<type>[rbis])(?P<reference>\d+)#|##")
+LOGGED_TYPES = {"r": ("Real",), "b": ("Boolean",), "i": ("Integer", "Enumeration"), "s": ("String",)}
 """A variable in a log message, and its types by the letter there."""
 
 
@@ -52,8 +52,8 @@ class Instance:
         folder, settings, inputs, setup: the arguments.
         standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
         fmu: what FMPy made of it; None once it is freed.
-        ramp: `groups.RAMP` of its inputs that are lines over a step.
-        clocks, planned, returned, events: `cosim_step.CLOCK` of each, time of the next event, and what
+        ramp: `groups.RAMP_RECORD` of its inputs that are lines over a step.
+        clocks, planned, returned, events: `cosim_step.CLOCK_RECORD` of each, time of the next event, and what
             `cosim_step.EVENTS` else points to, or None.
 
     Raises:
@@ -77,20 +77,19 @@ class Instance:
         self.missing: list[str] = []
         self.clock, self.stepped = np.zeros(1, dtype=np.int64), False
         self._here, self._moved = working_directory(), False
-        self._mode, self._remoded = floating_point.mode(), False
-        self._unheard: list[tuple[int, str]] = []
+        self._pending_messages: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
-        self.note = np.zeros(1, dtype=groups.NOTE)
-        self.ramp = np.zeros(1, dtype=groups.RAMP)
+        self.note = np.zeros(1, dtype=groups.NOTE_RECORD)
+        self.ramp = np.zeros(1, dtype=groups.RAMP_RECORD)
         self.ramp["note"] = self.note.ctypes.data
-        self.clocks = np.zeros(0, dtype=CLOCK)
+        self.clocks = np.zeros(0, dtype=CLOCK_RECORD)
         self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
         self.events: np.ndarray | None = None
-        self.fmu = self._loaded()
+        self.fmu = self._load_binary()
         self._instantiate()
         if setup.waiting:
-            self._brought(self.standard.enter)
+            self._enter_mode(self.standard.enter)
         else:
             self._initialise()
 
@@ -100,10 +99,10 @@ class Instance:
 
     def address(self, function: str) -> int:
         """Of one of its FMI functions, without prefix: `DoStep`."""
-        function = self.description.exported(function)
+        function = self.description.exported_name(function)
         return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
 
-    def ramps(self, variable: Variable) -> bool:
+    def takes_ramp(self, variable: Variable) -> bool:
         """Whether it takes an input as a line over a step, and is given such."""
         abilities = self.description.model.coSimulation
         if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
@@ -126,7 +125,7 @@ class Instance:
         return [self.clocks, self.planned]
 
     @property
-    def odd_status(self) -> int:
+    def invalid_status(self) -> int:
         """Last status outside the standard that a function returned in a step."""
         return int(self.note["status"].astype(np.int32)[0])
 
@@ -136,19 +135,19 @@ class Instance:
         Raises:
             ComponentFailed: the FMU does not return them.
         """
-        with self.calling("Get"), self._blamed(variable):
+        with self.calling("Get"), self._variable_errors(variable):
             return list(self.standard.values(self.fmu, variable))
 
-    def read(self, variables: Sequence[Variable]) -> np.ndarray:
+    def read_floats(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units.
 
         Raises:
-            ComponentFailed: the FMU does not return them, or they are beyond `EXACT`.
+            ComponentFailed: the FMU does not return them, or they are beyond `MAX_EXACT`.
         """
         found = [(v, value) for v in variables for value in self.values(v)]
         for v, value in found:
-            if isinstance(value, int) and abs(value) > EXACT:
-                raise ComponentFailed(f"{self.label} {inexact(v.name, v.type, value)}{self.when}")
+            if isinstance(value, int) and abs(value) > MAX_EXACT:
+                raise ComponentFailed(f"{self.label} {inexact_phrase(v.name, v.type, value)}{self.start_phrase}")
         return np.array([value for _, value in found], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
@@ -159,8 +158,8 @@ class Instance:
         """
         with self.calling("Set"):
             for variable, value in settings:
-                with self._blamed(variable):
-                    self._set(variable, value)
+                with self._variable_errors(variable):
+                    self._set_variable(variable, value)
 
     @property
     def label(self) -> str:
@@ -168,15 +167,15 @@ class Instance:
         return f"{self.description.path.name} ({self.name})"
 
     @contextmanager
-    def _blamed(self, variable: Variable) -> Iterator[None]:
+    def _variable_errors(self, variable: Variable) -> Iterator[None]:
         """Turn every exception in the block, raised for a value of `variable`, into a failure of this component."""
         try:
             yield
         except UnfitValue as problem:
-            raise ComponentFailed(f"{self.label} gets {problem}{self.when}") from None
+            raise ComponentFailed(f"{self.label} gets {problem}{self.start_phrase}") from None
         # FMPy's FMICallException, or an exception of ctypes for an argument
         except Exception as problem:
-            text = f"{problem} for {variable.name}{self.when}"
+            text = f"{problem} for {variable.name}{self.start_phrase}"
             raise ComponentFailed(f"{self.label} {text}{self._quoted_messages()}") from None
 
     def advance(self, t: float, h: float) -> None:
@@ -193,7 +192,7 @@ class Instance:
         Raises:
             InputRefused: it cannot be initialised.
         """
-        self._brought(self.standard.leave)
+        self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
         """FMI's reset, then initialised as the first time.
@@ -201,63 +200,62 @@ class Instance:
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self._called("Reset", self.fmu.reset)
+        self._call("Reset", self.fmu.reset)
         self._initialise()
 
-    def taken_state(self) -> Any:
-        """Its state now, a pointer that `forget` frees.
+    def save_state(self) -> Any:
+        """Its state now, a pointer that `free_state` frees.
 
         Raises:
             ComponentFailed: it refuses.
         """
-        return self._called("GetFMUstate", self.fmu.getFMUState)
+        return self._call("GetFMUstate", self.fmu.getFMUState)
 
-    def set_state(self, state: Any) -> None:
+    def restore_state(self, state: Any) -> None:
         """Go back to `state`, which stays.
 
         Raises:
             ComponentFailed: it refuses.
         """
-        self._called("SetFMUstate", lambda: self.fmu.setFMUState(state))
+        self._call("SetFMUstate", lambda: self.fmu.setFMUState(state))
 
-    def serialized(self, state: Any) -> bytes:
+    def serialize_state(self, state: Any) -> bytes:
         """`state` as bytes.
 
         Raises:
             ComponentFailed: it refuses.
         """
-        return self._called("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
+        return self._call("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
 
-    def deserialized(self, content: bytes) -> Any:
-        """A state, made of what `serialized` gave in this process or another one.
+    def deserialize_state(self, content: bytes) -> Any:
+        """A state, made of what `serialize_state` gave in this process or another one.
 
         Raises:
             ComponentFailed: it refuses.
         """
-        return self._called("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
+        return self._call("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
 
-    def forget(self, state: int) -> None:
+    def free_state(self, state: int) -> None:
         """Free the state at address `state`.
 
         Raises:
             ComponentFailed: the FMU does not.
         """
-        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
+        self._call("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
-    def remembered_messages(self) -> list[Any]:
+    def message_state(self) -> list[Any]:
         """What it remembers of messages: those that were handed on, and those that were not yet."""
-        return [self.messages, self._unheard]
+        return [self.messages, self._pending_messages]
 
     def restore_messages(self, state: Any) -> None:
-        """Go on from what `remembered_messages` returned."""
-        self.messages, self._unheard = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
+        """Go on from what `message_state` returned."""
+        self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
 
-    def unheard(self) -> list[tuple[int, str]]:
-        """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
+    def pop_messages(self) -> list[tuple[int, str]]:
+        """(tick, text) of what it logged since this was last asked, at most `MAX_PENDING_MESSAGES` of them."""
         # steps are not announced one by one
         self.return_to(self._here)
-        self.restore_mode(self._mode)
-        messages, self._unheard = self._unheard, []
+        messages, self._pending_messages = self._pending_messages, []
         return messages
 
     def close(self) -> None:
@@ -268,14 +266,13 @@ class Instance:
 
     @contextmanager
     def calling(self, function: str) -> Iterator[None]:
-        """Announce a call of a function of the standard; restore working directory and floating-point mode after it."""
-        here, mode = working_directory(), floating_point.mode()
+        """Announce a call of a function of the standard, and restore the working directory after it."""
+        here = working_directory()
         try:
-            with groups.announced(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
+            with groups.announce_call(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
                 yield
         finally:
             self.return_to(here)
-            self.restore_mode(mode)
 
     def return_to(self, folder: str) -> None:
         """Make `folder` the working directory again if the FMU has changed it; a message reports that once."""
@@ -285,32 +282,22 @@ class Instance:
                 self._moved = True
                 self.report("changed the working directory; it is back where it was")
 
-    def restore_mode(self, mode: floating_point.Mode) -> None:
-        """Set the floating-point mode to `mode` if the FMU has changed it; a message reports that once."""
-        if floating_point.mode() != mode:
-            floating_point.set_mode(mode)
-            if not self._remoded:
-                self._remoded = True
-                self.report("changed the floating-point mode (rounding, tiny numbers); it is as it was")
-
     @property
-    def when(self) -> str:
+    def start_phrase(self) -> str:
         """When a call fails that is not part of a step."""
         return "" if self.stepped else " at the start"
 
-    def _loaded(self) -> Any:
-        description, here, mode = self.description, working_directory(), floating_point.mode()
+    def _load_binary(self) -> Any:
+        description, here = self.description, working_directory()
         try:
-            with groups.announced(description.path.name, self.name, "the loading of its binary"):
-                return self.standard.loaded(self)
+            with groups.announce_call(description.path.name, self.name, "the loading of its binary"):
+                return self.standard.load_binary(self)
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
-        # FMPy goes to the library's folder to load it, and stays there if that fails; a library that gcc has built with
-        # -Ofast sets the mode when it is loaded
+        # FMPy goes to the library's folder to load it, and stays there if that fails
         finally:
             os.chdir(here)
-            self.restore_mode(mode)
 
     def _instantiate(self) -> None:
         try:
@@ -321,13 +308,13 @@ class Instance:
         if not self.fmu.component:
             raise InputRefused(
                 f"{self.description.path}: {self.description.prefix}Instantiate refused{self._quoted_messages()}; "
-                f"{self.standard.why_refused(self)}"
+                f"{self.standard.refusal_reason(self)}"
             )
 
     def _initialise(self) -> None:
-        self._brought(self.standard.initialise)
+        self._enter_mode(self.standard.initialise)
 
-    def _brought(self, by: Callable[["Instance"], None]) -> None:
+    def _enter_mode(self, by: Callable[["Instance"], None]) -> None:
         try:
             by(self)
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
@@ -337,18 +324,18 @@ class Instance:
             text = str(problem).removeprefix(f"{self.label} ")
             raise InputRefused(f"{self.description.path}: cannot be initialised: {text}{quoted}") from None
 
-    def _set(self, variable: Variable, value: Any) -> None:
+    def _set_variable(self, variable: Variable, value: Any) -> None:
         values = value if variable.is_text else np.broadcast_to(value, variable.size).tolist()
         for one in [] if variable.is_text else values:
-            if variable.unfit(one):
+            if variable.range_error(one):
                 raise UnfitValue(f"{one:.17g} for {variable.name}, {variable.range_phrase}")
         if variable.type == "Boolean":
             values = [v > 0.5 for v in values]
-        elif variable.type not in ("Real", "Float64", "Float32", *TEXTS):
+        elif variable.type not in ("Real", "Float64", "Float32", *TEXT_TYPES):
             values = [round(v) for v in values]
         getattr(self.fmu, f"set{self.standard.type_name(variable)}")([variable.reference], values)
 
-    def _called(self, function: str, call: Callable[[], Any]) -> Any:
+    def _call(self, function: str, call: Callable[[], Any]) -> Any:
         try:
             with self.calling(function):
                 return call()
@@ -362,10 +349,10 @@ class Instance:
     def _quoted_messages(self) -> str:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
 
-    def hear(self, status: int, message: bytes | None) -> None:
+    def on_message(self, status: int, message: bytes | None) -> None:
         """Keep what it logged, if it is a warning or worse."""
         if status > 0 and message:
-            text = REFERENCE.sub(self._variable_name, message.decode(errors="replace")).strip()
+            text = REFERENCE_PATTERN.sub(self._variable_name, message.decode(errors="replace")).strip()
             # a repeated message is handed on once
             if text in self.messages:
                 self.messages.remove(text)
@@ -375,14 +362,14 @@ class Instance:
 
     def report(self, text: str) -> None:
         """Add a message of its own to those that the FMU logged."""
-        if len(self._unheard) < MOST_UNHEARD:
-            self._unheard.append((int(self.clock[0]), text))
+        if len(self._pending_messages) < MAX_PENDING_MESSAGES:
+            self._pending_messages.append((int(self.clock[0]), text))
 
     def _variable_name(self, reference: re.Match[str]) -> str:
         """Return the variable's name for a reference `#r12#` of a log message (FMI 2.0.4, 2.1.5), else its text."""
         if reference[0] == "##":
             return "#"
-        types = LOGGED[reference["type"]]
+        types = LOGGED_TYPES[reference["type"]]
         return next(
             (
                 v.name
@@ -397,6 +384,6 @@ class UnfitValue(ValueError):
     """A value that the type of a variable cannot hold."""
 
 
-def inexact(name: str, type_name: str, value: int) -> str:
+def inexact_phrase(name: str, type_name: str, value: int) -> str:
     """Return the verb phrase for a whole number that no signal can hold."""
     return f"returned {value} for {name} ({type_name}), beyond the whole numbers that signals hold exactly (2^53)"

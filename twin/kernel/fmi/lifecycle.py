@@ -20,19 +20,28 @@ from fmpy.fmi1 import FMU1Slave
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-from twin.kernel.cosim.python_class import STEP
+from twin.kernel.cosim.python_class import STEP_FUNCTION
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.cosim_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
-from twin.kernel.fmi.description import STRUCTURAL, clocks, stated_interval
-from twin.kernel.fmi.groups import WIDTH, explain_status, intermediate_update, status_phrase
+from twin.kernel.fmi.cosim_step import (
+    CHANGING_CLOCK,
+    CLOCK_RECORD,
+    COUNTDOWN_CLOCK,
+    EVENTS_RECORD,
+    OUTPUT_CLOCK,
+    PERIODIC_CLOCK,
+    UNKNOWN_STEP,
+    update_discrete_states,
+)
+from twin.kernel.fmi.description import STRUCTURAL_PARAMETER, clocks, stated_interval
+from twin.kernel.fmi.groups import STATUS_WIDTH, explain_status, intermediate_update, status_phrase
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.stepping import Stepping
-from twin.kernel.fmi.variable import KINDS, Variable
+from twin.kernel.fmi.variable import NUMERIC_TYPES, Variable
 
-MOST_RETURNED = 40
+MAX_RETURNED_SIZE = 40
 """Bytes of what functions of event mode return."""
 
-ERROR = 3
+ERROR_STATUS = 3
 """fmi2Error, and what the others call so."""
 
 NOT_YET_KNOWN = 0
@@ -41,7 +50,7 @@ NOT_YET_KNOWN = 0
 _complete: set[str] = set()
 """Binaries, by their places, of which it is known that they have every function."""
 _NEVER_CALLED = CFUNCTYPE(c_int)
-_OF_OTHER_KINDS = {
+_OTHER_KIND_FUNCTIONS = {
     "fmi3ActivateModelPartition",
     "fmi3DoStep",
     "fmi3EnterStepMode",
@@ -51,10 +60,10 @@ _OF_OTHER_KINDS = {
 }
 
 
-class _Asked(dict[str, Any]):
+class _LazyFunctions(dict[str, Any]):
     """Functions of `slave` by their names, found when they are asked for: a run calls a third of them."""
 
-    def __init__(self, slave: "_Remembering"):
+    def __init__(self, slave: "_SignatureCache"):
         super().__init__()
         # the slave holds this
         self._slave = proxy(slave)
@@ -64,7 +73,7 @@ class _Asked(dict[str, Any]):
         return found
 
 
-class _Completed:
+class _LenientLibrary:
     """A library whose missing functions are there and return an error, if they are ever called.
 
     Args:
@@ -82,7 +91,7 @@ class _Completed:
             if name.startswith("_"):
                 raise
             self._missing.append(name)
-            found = _NEVER_CALLED(lambda: ERROR)
+            found = _NEVER_CALLED(lambda: ERROR_STATUS)
         vars(self)[name] = found
         return found
 
@@ -91,11 +100,11 @@ _forgiven: list[list[str]] = []
 """To whose last names of functions are added that the binary which is being loaded does not have; empty: it has to."""
 
 
-class CallFailed(Exception):
+class CallFailure(Exception):
     """A function of an FMU returned more than a warning."""
 
 
-class _Remembering:
+class _SignatureCache:
     """Gives the functions of a binary the signatures that FMPy has worked out for the first one of this process.
 
     FMPy reads them from its own methods with `inspect`, a few milliseconds for each instance. The binary itself is
@@ -112,7 +121,7 @@ class _Remembering:
     def _loadFunctions(self) -> None:
         known = type(self)._signatures
         if _forgiven:
-            self.dll = _Completed(self.dll, _forgiven[-1])
+            self.dll = _LenientLibrary(self.dll, _forgiven[-1])
         if not known:
             super()._loadFunctions()  # type: ignore[misc]
             known.update({name: self._signature(name, f) for name, f in self._functions.items()})
@@ -120,7 +129,7 @@ class _Remembering:
             for name in known:
                 self._functions[name] = self._function(name)
         else:
-            self._functions = _Asked(self)
+            self._functions = _LazyFunctions(self)
         if not _forgiven:
             _complete.add(self.dll._name)
 
@@ -129,16 +138,16 @@ class _Remembering:
         function = self._functions[name]
         status = function(*arguments)
         if function.restype is c_int and status not in (0, 1):
-            raise CallFailed(status_phrase(name.replace("fmi1", "fmi"), status))
+            raise CallFailure(status_phrase(name.replace("fmi1", "fmi"), status))
         return status
 
     def _function(self, name: str) -> Any:
         """The function `name` of FMPy's, with its signature."""
-        function = getattr(self.dll, self._exported(name))
+        function = getattr(self.dll, self._exported_name(name))
         function.argnames, function.argtypes, function.restype = type(self)._signatures[name]
         return function
 
-    def _exported(self, name: str) -> str:
+    def _exported_name(self, name: str) -> str:
         """What the binary calls the function `name` of FMPy's."""
         return name
 
@@ -147,10 +156,10 @@ class _Remembering:
 
 
 # FMPy tells the standard by how the class is called
-class FMU1Drive(_Remembering, FMU1Slave):
+class FMU1Drive(_SignatureCache, FMU1Slave):
     """An FMI 1.0 slave, whose functions have the model's name before theirs."""
 
-    def _exported(self, name: str) -> str:
+    def _exported_name(self, name: str) -> str:
         return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi')}"
 
     def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
@@ -160,52 +169,52 @@ class FMU1Drive(_Remembering, FMU1Slave):
         return super()._signature(name, function)
 
 
-class FMU2Drive(_Remembering, FMU2Slave):
+class FMU2Drive(_SignatureCache, FMU2Slave):
     """An FMI 2.0 slave."""
 
 
-class FMU3Drive(_Remembering, FMU3Slave):
+class FMU3Drive(_SignatureCache, FMU3Slave):
     """An FMI 3.0 slave."""
 
 
-class FMU2Exchange(_Remembering, FMU2Model):
+class FMU2Exchange(_SignatureCache, FMU2Model):
     """An FMI 2.0 model."""
 
 
-class FMU3Exchange(_Remembering, FMU3Model):
+class FMU3Exchange(_SignatureCache, FMU3Model):
     """An FMI 3.0 model."""
 
     def __dir__(self) -> list[str]:
         # FMPy looks here for the functions that a binary has to have, and these it need not have (FMI 3.0, 2.1.2)
-        return [name for name in super().__dir__() if name not in _OF_OTHER_KINDS]
+        return [name for name in super().__dir__() if name not in _OTHER_KIND_FUNCTIONS]
 
 
-_speakers_1: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
+_instances_1: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
 """Instances by the address of the FMU's own; 0: the one that is being made."""
 
-_speakers_2: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
+_instances_2: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
 """Instances by the environment that their FMU hands back when it logs."""
 
 
 @fmi1.fmi1CallbackLoggerTYPE
-def _logged_1(component: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """What an FMI 1.0 FMU says goes to its own instance; see `_logged_2`."""
+def _on_message_1(component: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+    """What an FMI 1.0 FMU says goes to its own instance; see `_on_message_2`."""
     # the one being made first: it may have got the address of one that is gone
-    speaker = _speakers_1.get(0) or _speakers_1.get(component or 0)
+    speaker = _instances_1.get(0) or _instances_1.get(component or 0)
     if speaker is not None:
-        speaker.hear(status, message)
+        speaker.on_message(status, message)
 
 
 @fmi2.fmi2CallbackLoggerTYPE
-def _logged_2(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+def _on_message_2(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
     """What an FMI 2 FMU says goes to its own instance.
 
     FMPy's proxy calls the logger that it was given last, whichever FMU speaks: it has to be one that serves them all
     and that outlives each of them.
     """
-    speaker = _speakers_2.get(environment or 0)
+    speaker = _instances_2.get(environment or 0)
     if speaker is not None:
-        speaker.hear(status, message)
+        speaker.on_message(status, message)
 
 
 class Fmi2:
@@ -218,7 +227,7 @@ class Fmi2:
     def __init__(self, slave: type = FMU2Drive):
         self.slave = slave
 
-    def loaded(self, instance: Instance) -> Any:
+    def load_binary(self, instance: Instance) -> Any:
         """FMPy's instance with the binary; what that lacks is noted if it is forgiven."""
         description = instance.description
         if instance.setup.lenient:
@@ -236,13 +245,13 @@ class Fmi2:
 
     def instantiate(self, instance: Instance) -> None:
         """Make the FMU's own instance; it is NULL if it refuses."""
-        callbacks = self._callbacks(fmi2, "fmi2CallbackFunctions", _logged_2)
+        callbacks = self._callbacks(fmi2, "fmi2CallbackFunctions", _on_message_2)
         callbacks.componentEnvironment = id(instance)
-        _speakers_2[id(instance)] = instance
+        _instances_2[id(instance)] = instance
         with instance.calling("Instantiate"):
             instance.fmu.instantiate(callbacks=callbacks, loggingOn=False)
 
-    def why_refused(self, instance: Instance) -> str:
+    def refusal_reason(self, instance: Instance) -> str:
         """What may be the reason for a NULL instance."""
         guid = instance.description.model.guid
         return f"the GUID {guid} in modelDescription.xml may not be the binary's own: export it again"
@@ -301,15 +310,15 @@ class Fmi1(Fmi2):
         super().__init__(FMU1Drive)
 
     def instantiate(self, instance: Instance) -> None:
-        callbacks = self._callbacks(fmi1, "fmi1CallbackFunctions", _logged_1)
-        _speakers_1[0] = instance
+        callbacks = self._callbacks(fmi1, "fmi1CallbackFunctions", _on_message_1)
+        _instances_1[0] = instance
         try:
             with instance.calling("InstantiateSlave"):
                 instance.fmu.instantiate(functions=callbacks, loggingOn=False)
         finally:
-            del _speakers_1[0]
+            del _instances_1[0]
         if instance.fmu.component:
-            _speakers_1[instance.handle] = instance
+            _instances_1[instance.handle] = instance
 
     def enter(self, instance: Instance) -> None:
         instance.write(instance.settings)
@@ -336,9 +345,9 @@ class Fmi3(Fmi2):
         fmu, abilities = instance.fmu, instance.description.model.coSimulation
         # ctypes frees what is not kept
         fmu.logMessage = fmi3.fmi3LogMessageCallback(
-            lambda environment, status, category, text: instance.hear(status, text)
+            lambda environment, status, category, text: instance.on_message(status, text)
         )
-        ramped = [v.reference for v in instance.description.variables.values() if instance.ramps(v)]
+        ramped = [v.reference for v in instance.description.variables.values() if instance.takes_ramp(v)]
         fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update.address] if ramped else []))
         with instance.calling("InstantiateCoSimulation"):
             fmu.component = fmu.fmi3InstantiateCoSimulation(
@@ -356,23 +365,23 @@ class Fmi3(Fmi2):
                 fmu.intermediateUpdate,
             )
 
-    def why_refused(self, instance: Instance) -> str:
+    def refusal_reason(self, instance: Instance) -> str:
         known = [v.name for v in instance.description.variables.values() if v.type == "Clock"]
         if known and not instance.description.model.coSimulation.hasEventMode:
             return f"it has clocks ({', '.join(known[:3])}), and states no event mode (hasEventMode): export it again"
-        return super().why_refused(instance)
+        return super().refusal_reason(instance)
 
     def enter(self, instance: Instance) -> None:
         """Bring it into initialisation mode, by way of configuration mode."""
         fmu = instance.fmu
-        structure = [setting for setting in instance.settings if setting[0].causality == STRUCTURAL]
+        structure = [setting for setting in instance.settings if setting[0].causality == STRUCTURAL_PARAMETER]
         if structure:
             with instance.calling("EnterConfigurationMode"):
                 fmu.enterConfigurationMode()
             instance.write(structure)
             with instance.calling("ExitConfigurationMode"):
                 fmu.exitConfigurationMode()
-        instance.write([setting for setting in instance.settings if setting[0].causality != STRUCTURAL])
+        instance.write([setting for setting in instance.settings if setting[0].causality != STRUCTURAL_PARAMETER])
         with instance.calling("EnterInitializationMode"):
             fmu.enterInitializationMode(
                 tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
@@ -392,7 +401,7 @@ class Fmi3(Fmi2):
             _leave_event_mode(instance)
 
     def type_name(self, variable: Variable) -> str:
-        return KINDS[variable.kind] if variable.kind >= 0 else variable.type
+        return NUMERIC_TYPES[variable.kind] if variable.kind >= 0 else variable.type
 
     def values(self, fmu: Any, variable: Variable) -> Any:
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference], nValues=variable.size)
@@ -401,8 +410,8 @@ class Fmi3(Fmi2):
 def _leave_event_mode(instance: Instance) -> None:
     """From event mode, into which initialisation leads, to step mode; what steps need of events is kept."""
     instance.planned = np.array([np.inf])
-    instance.returned = np.zeros(MOST_RETURNED, dtype=np.uint8)
-    instance.events = np.zeros(1, dtype=EVENTS)
+    instance.returned = np.zeros(MAX_RETURNED_SIZE, dtype=np.uint8)
+    instance.events = np.zeros(1, dtype=EVENTS_RECORD)
     e = instance.events[0]
     e["instance"], e["step"] = instance.handle, instance.setup.step or 1.0
     e["enter_event_mode"], e["enter_step_mode"] = (instance.address(f"Enter{mode}Mode") for mode in ("Event", "Step"))
@@ -411,59 +420,59 @@ def _leave_event_mode(instance: Instance) -> None:
     e["clocks"], e["clock_table"] = len(instance.clocks), instance.clocks.ctypes.data
     e["next"], e["returned"] = instance.planned.ctypes.data, instance.returned.ctypes.data
     # compiled before the call is announced: the FMU is not to be charged with it
-    settled = settle.native.called
+    settled = update_discrete_states.native.c_function
     with instance.calling("UpdateDiscreteStates"):
         status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
     if status != 0:
         clock = instance.clock_name(int(e["culprit"]))
-        instance.note["status"] = status >> WIDTH
-        bare = status & (1 << WIDTH) - 1
-        raise InputRefused(explain_status(bare, "fmi3", {}, float(e["value"]), clock, "", instance.odd_status))
+        instance.note["status"] = status >> STATUS_WIDTH
+        bare = status & (1 << STATUS_WIDTH) - 1
+        raise InputRefused(explain_status(bare, "fmi3", {}, float(e["value"]), clock, "", instance.invalid_status))
     with instance.calling("EnterStepMode"):
         instance.fmu.enterStepMode()
 
 
 def clock_table(instance: Instance) -> np.ndarray:
-    """The clocks of an instance in initialisation mode, (clocks,) of `cosim_step.CLOCK`.
+    """The clocks of an instance in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
 
     Raises:
         InputRefused: a clock does not tick in whole steps.
     """
     found = clocks(instance.description)
-    table = np.zeros(len(found), dtype=CLOCK)
+    table = np.zeros(len(found), dtype=CLOCK_RECORD)
     for row, clock in zip(table, found, strict=True):
-        row["reference"], row["kind"], row["next"] = clock.valueReference, PERIODIC, NEVER
+        row["reference"], row["kind"], row["next"] = clock.valueReference, PERIODIC_CLOCK, UNKNOWN_STEP
         if clock.causality == "output":
-            row["kind"] = OUTPUT
+            row["kind"] = OUTPUT_CLOCK
         elif clock.intervalVariability == "triggered":
             row["period"], row["next"] = 1, 0
         elif clock.intervalVariability in ("changing", "countdown"):
-            row["kind"] = CHANGING if clock.intervalVariability == "changing" else COUNTDOWN
-            interval, known = _asked(instance, clock)
-            row["next"] = _steps(instance, clock, interval, 1) if known else NEVER
+            row["kind"] = CHANGING_CLOCK if clock.intervalVariability == "changing" else COUNTDOWN_CLOCK
+            interval, known = _query_interval(instance, clock)
+            row["next"] = _whole_steps(instance, clock, interval, 1) if known else UNKNOWN_STEP
         else:
             interval, shift = stated_interval(clock)
             if clock.intervalDecimal is None and clock.intervalCounter is None:
-                (interval, _), asked = _asked(instance, clock), (c_double * 1)(0.0)
+                (interval, _), asked = _query_interval(instance, clock), (c_double * 1)(0.0)
                 instance.fmu.getShiftDecimal((c_uint * 1)(clock.valueReference), asked)
                 shift = asked[0]
             elif clock.intervalVariability != "constant":
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))
-            row["period"] = _steps(instance, clock, interval, 1)
-            row["next"] = _steps(instance, clock, shift, 0)
+            row["period"] = _whole_steps(instance, clock, interval, 1)
+            row["next"] = _whole_steps(instance, clock, shift, 0)
     # steps count from 0 s, clocks from the start of the run
-    table["next"][table["next"] < NEVER] += round(instance.setup.start / (instance.setup.step or 1.0))
+    table["next"][table["next"] < UNKNOWN_STEP] += round(instance.setup.start / (instance.setup.step or 1.0))
     return table
 
 
-def _asked(instance: Instance, clock: Any) -> tuple[float, bool]:
+def _query_interval(instance: Instance, clock: Any) -> tuple[float, bool]:
     """(interval, whether it is known) of a clock, by the FMU's own word."""
     interval, qualifier = (c_double * 1)(math.nan), (c_int * 1)(NOT_YET_KNOWN)
     instance.fmu.getIntervalDecimal((c_uint * 1)(clock.valueReference), interval, qualifier)
     return interval[0], qualifier[0] != NOT_YET_KNOWN
 
 
-def _steps(instance: Instance, clock: Any, interval: float, least: int) -> int:
+def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) -> int:
     """`interval` (s) in whole steps of the instance, at least `least`."""
     step = instance.setup.step or math.nan
     count = interval / step
@@ -480,18 +489,18 @@ class CosimInstance(Instance):
     """An FMU instance of the kind co-simulation; arguments, errors and attributes as those of `Instance`."""
 
     _standards: ClassVar[Mapping[int, Any]] = {1: Fmi1(), 2: Fmi2(), 3: Fmi3()}
-    _alone: Stepping | None = None
+    _stepping: Stepping | None = None
 
     def advance(self, t: float, h: float) -> None:
-        if self._alone is None:
-            self._alone = Stepping(self)
-            self._alone.repeat_steps()
-        stepping = self._alone
+        if self._stepping is None:
+            self._stepping = Stepping(self)
+            self._stepping.allow_repeats()
+        stepping = self._stepping
         with self.calling("DoStep"):
-            status = STEP(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)
+            status = STEP_FUNCTION(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)
         if status not in (0, 1):
             raise ComponentFailed(f"{self.description.path.name}: {stepping.explain(status)}")
 
     def _initialise(self) -> None:
-        self._alone = None
+        self._stepping = None
         super()._initialise()

@@ -21,16 +21,16 @@ from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.groups import (
-    MOST_UPDATES,
-    NO_STATUS,
-    TERMINATE,
-    at_time,
+    INVALID_STATUS,
+    MAX_UPDATES,
+    TERMINATE_REQUEST,
+    call_doubles,
+    call_instance,
+    call_pointer,
+    call_time,
     completed_2,
     completed_3,
-    on_doubles,
-    on_pointer,
     one_step,
-    plain,
     set_all,
     start_at,
     status_phrase,
@@ -38,7 +38,7 @@ from twin.kernel.fmi.groups import (
     values_of,
 )
 
-FUNCTIONS = {
+EXCHANGE_FUNCTIONS = {
     "set_time": "SetTime",
     "set_states": "SetContinuousStates",
     "states_of": "GetContinuousStates",
@@ -51,17 +51,43 @@ FUNCTIONS = {
     "completed": "CompletedIntegratorStep",
     "number_of_states": "GetNumberOfContinuousStates",
 }
-"""Those of the FMU, by field of `MEMORY`, as FMI 2.0 calls them, which does not have the last."""
-FUNCTIONS_3 = FUNCTIONS | {"derivatives_of": "GetContinuousStateDerivatives", "update": "UpdateDiscreteStates"}
+"""Those of the FMU, by field of `SOLVER_MEMORY`, as FMI 2.0 calls them, which does not have the last."""
+EXCHANGE_FUNCTIONS_3 = EXCHANGE_FUNCTIONS | {
+    "derivatives_of": "GetContinuousStateDerivatives",
+    "update": "UpdateDiscreteStates",
+}
 """As FMI 3.0 does."""
-_SOLVER = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
-_ARRAYS = ("x", "began", "k_1", "k_2", "k_3", "k_4", "z", "z_before", "scales", "info", "last_inputs", "reached_at")
-_COUNTS = ("version", "instance", "note", "states", "size", "indicators", "width", "needs_completed", "final")
-_PORTS = ("inputs", "input_groups", "outputs", "output_groups")
-_MOVING = ("fresh", "restart", "trouble", "element", "flag")
+_SOLVER_FIELDS = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
+_ARRAY_FIELDS = (
+    "x",
+    "began",
+    "k_1",
+    "k_2",
+    "k_3",
+    "k_4",
+    "z",
+    "z_before",
+    "scales",
+    "info",
+    "last_inputs",
+    "reached_at",
+)
+_COUNT_FIELDS = ("version", "instance", "note", "states", "size", "indicators", "width", "needs_completed", "final")
+_PORT_FIELDS = ("inputs", "input_groups", "outputs", "output_groups")
+_VARIABLE_FIELDS = ("fresh", "restart", "trouble", "element", "flag")
 
-MEMORY = np.dtype(
-    [(name, "i8") for name in (*FUNCTIONS, *_SOLVER, *_ARRAYS, *_COUNTS, *_PORTS, *_MOVING)]
+SOLVER_MEMORY = np.dtype(
+    [
+        (name, "i8")
+        for name in (
+            *EXCHANGE_FUNCTIONS,
+            *_SOLVER_FIELDS,
+            *_ARRAY_FIELDS,
+            *_COUNT_FIELDS,
+            *_PORT_FIELDS,
+            *_VARIABLE_FIELDS,
+        )
+    ]
     + [(name, "f8") for name in ("tolerance", "longest", "now", "reached", "next_event", "asked")],
     align=True,
 )
@@ -77,84 +103,92 @@ MEMORY = np.dtype(
     next_event: time event that the FMU has asked for (s), infinity if none.
 """
 
-memory_at = pointer_to(MEMORY)
+memory_at = pointer_to(SOLVER_MEMORY)
 
-CALLS = range(128, 128 + 16 * len(FUNCTIONS), 16)
-"""What a bad status starts with, by the function of `FUNCTIONS` that returned it."""
+CALL_STATUSES = range(128, 128 + 16 * len(EXCHANGE_FUNCTIONS), 16)
+"""What a bad status starts with, by the function of `EXCHANGE_FUNCTIONS` that returned it."""
 (
-    SET_TIME, SET_STATES, STATES, NOMINALS, DERIVATIVES, INDICATORS, EVENT_MODE, UPDATE, TIME_MODE, COMPLETED, NUMBER,
-) = CALLS  # fmt: skip
+    SET_TIME_FAILED, SET_STATES_FAILED, GET_STATES_FAILED, NOMINALS_FAILED, DERIVATIVES_FAILED, INDICATORS_FAILED, EVENT_MODE_FAILED, UPDATE_FAILED, TIME_MODE_FAILED, COMPLETE_STEP_FAILED, STATE_COUNT_FAILED,
+) = CALL_STATUSES  # fmt: skip
 
-NOT_FINITE, INDICATOR_NOT_FINITE, ENDLESS_UPDATE, MANY_EVENTS, PAST_EVENT, OTHER_SIZE, OVERFLOW, MANY_STEPS, FAILED = (
-    range(1024, 1033)
-)
+(
+    NOT_FINITE,
+    INDICATOR_NOT_FINITE,
+    ENDLESS_UPDATE,
+    TOO_MANY_EVENTS,
+    PAST_EVENT,
+    STATE_COUNT_CHANGED,
+    ARRAY_OVERFLOW,
+    TOO_MANY_STEPS,
+    CVODE_FAILED,
+) = range(1024, 1033)
 """Statuses of our own: what the FMU did is refused, or the solver gave up."""
 
-MOST_EVENTS = 1000
+MAX_EVENTS = 1000
 """In one step: a bridge that switches at 100 kHz makes 200 in 1 ms."""
-MOST_STEPS = 100_000
+MAX_SOLVER_STEPS = 100_000
 """Of the solver in one step."""
-GUARD = 16
+GUARD_SIZE = 16
 """Numbers behind each array that the FMU writes to, which it has to leave alone."""
-UNTOUCHED = -8.3817643e275
+GUARD_VALUE = -8.3817643e275
 """What they are."""
 
 
-_FLAGS = {
+_CVODE_FLAGS = {
     -3: "its error test fails again and again, however short the step",
     -4: "its iterations do not converge, however short the step",
     -22: "its input is not legal",
 }
-TIME_PLACE = 24
+TIME_OFFSET = 24
 """Where in the memory of what comes back the time of the next event is."""
-USUAL_TOLERANCE = 1e-6
+DEFAULT_TOLERANCE = 1e-6
 """Relative tolerance of CVODE if neither the experiment nor the FMU sets one."""
-HALVINGS = 60
+MAX_BISECTIONS = 60
 """A step halved so often is shorter than two times that differ."""
-BDF, ONE_STEP, ROOT_RETURN = 2, 2, 2
+CV_BDF, CV_ONE_STEP, CV_ROOT_RETURN = 2, 2, 2
 """CV_BDF, CV_ONE_STEP and CV_ROOT_RETURN of cvode.h."""
-RECOVERABLE = 1
+RECOVERABLE_ERROR = 1
 """What the equations return for CVODE to try a smaller step."""
-_P, _D, _I, _N = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
+_C_POINTER, _C_DOUBLE, _C_INT, _C_INT64 = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
 
 
-def sentence(m: Any, status: int, other: int) -> str:
+def exchange_error(m: Any, status: int, other: int) -> str:
     """The verb phrase for `status` of a step with the memory `m`; "" if it is not of model exchange alone.
 
     Args:
         other: what a function returned if that is no status.
     """
-    prefix, names = f"fmi{m['version']}", FUNCTIONS if m["version"] == 2 else FUNCTIONS_3
-    if status // 16 * 16 in CALLS:
-        name = list(names.values())[CALLS.index(status // 16 * 16)]
-        return status_phrase(f"{prefix}{name}", other if status % 16 == NO_STATUS else status % 16)
+    prefix, names = f"fmi{m['version']}", EXCHANGE_FUNCTIONS if m["version"] == 2 else EXCHANGE_FUNCTIONS_3
+    if status // 16 * 16 in CALL_STATUSES:
+        name = list(names.values())[CALL_STATUSES.index(status // 16 * 16)]
+        return status_phrase(f"{prefix}{name}", other if status % 16 == INVALID_STATUS else status % 16)
     update = f"{prefix}{names['update']}"
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {
         NOT_FINITE: f"said NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
         INDICATOR_NOT_FINITE: f"said NaN or infinity for event indicator {element + 1} of {m['indicators']}",
-        ENDLESS_UPDATE: f"came to no end in an event at {now:.9g} s: {update} asked for more {MOST_UPDATES} times",
-        MANY_EVENTS: f"made more than {MOST_EVENTS} events in one step, the last at {now:.9g} s; it may be flickering",
-        TERMINATE: "asked to terminate the simulation",
+        ENDLESS_UPDATE: f"came to no end in an event at {now:.9g} s: {update} asked for more {MAX_UPDATES} times",
+        TOO_MANY_EVENTS: f"made more than {MAX_EVENTS} events in one step, the last at {now:.9g} s; it may be flickering",
+        TERMINATE_REQUEST: "asked to terminate the simulation",
         PAST_EVENT: f"asked at {now:.9g} s for a time event at {asked:.9g} s, which is past",
-        OTHER_SIZE: f"has {element} continuous states after an event at {now:.9g} s, and had {m['states']}",
-        OVERFLOW: "wrote more states, derivatives or event indicators than it says it has",
-        MANY_STEPS: f"let the solver make {MOST_STEPS} steps within one, up to {now:.9g} s only",
-        FAILED: f"let CVODE fail at {now:.9g} s: {_FLAGS.get(int(m['flag']), 'its code is ' + str(m['flag']))}",
+        STATE_COUNT_CHANGED: f"has {element} continuous states after an event at {now:.9g} s, and had {m['states']}",
+        ARRAY_OVERFLOW: "wrote more states, derivatives or event indicators than it says it has",
+        TOO_MANY_STEPS: f"let the solver make {MAX_SOLVER_STEPS} steps within one, up to {now:.9g} s only",
+        CVODE_FAILED: f"let CVODE fail at {now:.9g} s: {_CVODE_FLAGS.get(int(m['flag']), 'its code is ' + str(m['flag']))}",
     }
     return own.get(status, "")
 
 
 @njit(cache=True)
-def brought(m, t, x):
+def set_time_and_states(m, t, x):
     """Bring the FMU to time `t` and the states at `x`; 0, or a bad status."""
-    status = at_time(m.set_time, (m.instance, t))
+    status = call_time(m.set_time, (m.instance, t))
     if status > 1:
-        return SET_TIME + status
+        return SET_TIME_FAILED + status
     if m.states > 0:
-        status = on_doubles(m.set_states, (m.instance, x, m.states))
+        status = call_doubles(m.set_states, (m.instance, x, m.states))
         if status > 1:
-            return SET_STATES + status
+            return SET_STATES_FAILED + status
     return 0
 
 
@@ -162,16 +196,16 @@ def brought(m, t, x):
 def derivatives(m, t, x, dx):
     """Its derivatives at time `t` and the states at `x`, to `dx`; 0, or a bad status.
 
-    `dx` has to have a guard behind it, see `GUARD`.
+    `dx` has to have a guard behind it, see `GUARD_SIZE`.
     """
-    status = brought(m, t, x)
+    status = set_time_and_states(m, t, x)
     if status != 0:
         return status
     if m.states == 0:
         return 0
-    status = on_doubles(m.derivatives_of, (m.instance, dx, m.states))
+    status = call_doubles(m.derivatives_of, (m.instance, dx, m.states))
     if status > 1:
-        return DERIVATIVES + status
+        return DERIVATIVES_FAILED + status
     rates = carray(doubles_at(dx), m.states)
     for i in range(m.states):
         if not np.isfinite(rates[i]):
@@ -183,9 +217,9 @@ def derivatives(m, t, x, dx):
 @njit(cache=True)
 def indicators(m, z):
     """Its event indicators where it is, to `z`, which has to have a guard; 0, or a bad status."""
-    status = on_doubles(m.indicators_of, (m.instance, z, m.indicators))
+    status = call_doubles(m.indicators_of, (m.instance, z, m.indicators))
     if status > 1:
-        return INDICATORS + status
+        return INDICATORS_FAILED + status
     values = carray(doubles_at(z), m.indicators)
     for i in range(m.indicators):
         if not np.isfinite(values[i]):
@@ -196,42 +230,42 @@ def indicators(m, z):
 
 _words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), pointer_to(np.int64)
 
-NEEDED, ENDED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
+UPDATE_NEEDED, END_REQUESTED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
 """The flags that come back of an update, in both standards' order; in FMI 2.0 words, in FMI 3.0 bytes."""
 
 
 @njit(cache=True)
-def slack(t):
+def time_tolerance(t):
     """Times that lie no farther apart are one (s): beyond it no solver can tell them."""
     return 1e-15 + 1e-13 * abs(t)
 
 
 @njit(cache=True)
-def handled(m, u, jumped):
+def handle_event(m, u, jumped):
     """Event mode, from entering to leaving it, at the time and states that the FMU is at; 0, or a bad status.
 
     Args:
-        m: of `MEMORY`.
+        m: of `SOLVER_MEMORY`.
         u: address of the inputs.
         jumped: whether they are to be set.
     """
-    status = plain(m.enter_event_mode, (m.instance,))
+    status = call_instance(m.enter_event_mode, (m.instance,))
     if status > 1:
-        return EVENT_MODE + status
+        return EVENT_MODE_FAILED + status
     if jumped:
         status = set_all(m.version, m.instance, m.input_groups, m.inputs, u)
         if status != 0:
             return status
-    status = _settled(m)
+    status = _update_discrete_states(m)
     if status != 0:
         return status
-    status = plain(m.enter_time_mode, (m.instance,))
+    status = call_instance(m.enter_time_mode, (m.instance,))
     if status > 1:
-        return TIME_MODE + status
+        return TIME_MODE_FAILED + status
     if m.states > 0:
-        status = on_doubles(m.states_of, (m.instance, m.x, m.states))
+        status = call_doubles(m.states_of, (m.instance, m.x, m.states))
         if status > 1:
-            return STATES + status
+            return GET_STATES_FAILED + status
     m.restart = 1
     if m.indicators > 0 and m.cvode == 0:
         return indicators(m, m.z_before)
@@ -245,54 +279,54 @@ def _flag(m, n):
 
 
 @njit(cache=True)
-def _settled(m):
+def _update_discrete_states(m):
     """Update the discrete states until that is no longer needed."""
     nominals_changed = False
-    for _ in range(MOST_UPDATES):
+    for _ in range(MAX_UPDATES):
         if m.version == 2:
-            status = on_pointer(m.update, (m.instance, m.info))
+            status = call_pointer(m.update, (m.instance, m.info))
         else:
             i = m.info
-            status = update_3(m.update, (m.instance, i, i + 1, i + 2, i + 3, i + 4, i + TIME_PLACE))
+            status = update_3(m.update, (m.instance, i, i + 1, i + 2, i + 3, i + 4, i + TIME_OFFSET))
         if status > 1:
-            return UPDATE + status
-        if _flag(m, ENDED):
-            return TERMINATE
+            return UPDATE_FAILED + status
+        if _flag(m, END_REQUESTED):
+            return TERMINATE_REQUEST
         nominals_changed |= _flag(m, NOMINALS_CHANGED)
-        if not _flag(m, NEEDED):
+        if not _flag(m, UPDATE_NEEDED):
             break
     else:
         return ENDLESS_UPDATE
-    m.next_event = carray(doubles_at(m.info + TIME_PLACE), 1)[0] if _flag(m, TIME_DEFINED) else np.inf
+    m.next_event = carray(doubles_at(m.info + TIME_OFFSET), 1)[0] if _flag(m, TIME_DEFINED) else np.inf
     # not a number is no time either
-    if not m.next_event >= m.now - slack(m.now):
+    if not m.next_event >= m.now - time_tolerance(m.now):
         m.asked = m.next_event
         return PAST_EVENT
-    return _measured(m, nominals_changed)
+    return _update_state_sizes(m, nominals_changed)
 
 
 @njit(cache=True)
-def _measured(m, nominals_changed):
+def _update_state_sizes(m, nominals_changed):
     """Number and nominals of the states, which an event may have changed."""
     if m.version == 3:
         count = carray(_counts_at(m.info), 1)
-        status = on_pointer(m.number_of_states, (m.instance, m.info))
+        status = call_pointer(m.number_of_states, (m.instance, m.info))
         if status > 1:
-            return NUMBER + status
+            return STATE_COUNT_FAILED + status
         if count[0] != m.states:
             m.element = count[0]
-            return OTHER_SIZE
+            return STATE_COUNT_CHANGED
     if nominals_changed and m.cvode != 0 and m.states > 0:
-        status = on_doubles(m.nominals_of, (m.instance, m.scales, m.states))
+        status = call_doubles(m.nominals_of, (m.instance, m.scales, m.states))
         if status > 1:
-            return NOMINALS + status
-        weigh(carray(doubles_at(m.scales), m.states), m.tolerance)
+            return NOMINALS_FAILED + status
+        scale_tolerances(carray(doubles_at(m.scales), m.states), m.tolerance)
         start_at(m.cv_tolerances, (m.cvode, m.tolerance, m.absolute))
     return 0
 
 
 @njit(cache=True)
-def weigh(nominals, tolerance):
+def scale_tolerances(nominals, tolerance):
     """Make absolute tolerances of nominal values, in place; what is no number above 0 counts as 1."""
     for i in range(len(nominals)):
         given = nominals[i] if nominals[i] > 0.0 and np.isfinite(nominals[i]) else 1.0
@@ -300,7 +334,7 @@ def weigh(nominals, tolerance):
 
 
 @njit(cache=True)
-def step_completed(m):
+def complete_step(m):
     """Tell the FMU that the solver has come here for good; (whether it wants an event, 0 or a bad status)."""
     if m.needs_completed == 0:
         return False, 0
@@ -309,9 +343,9 @@ def step_completed(m):
     else:
         status = completed_3(m.completed, (m.instance, m.final, m.info, m.info + 4))
     if status > 1:
-        return False, COMPLETED + status
+        return False, COMPLETE_STEP_FAILED + status
     # the second is behind four bytes: a word, or four flags
-    return _flag(m, 0), TERMINATE if _flag(m, 1 if m.version == 2 else 4) else 0
+    return _flag(m, 0), TERMINATE_REQUEST if _flag(m, 1 if m.version == 2 else 4) else 0
 
 
 class Solver(NamedTuple):
@@ -327,7 +361,7 @@ class Solver(NamedTuple):
 
 
 @njit(cache=True)
-def _moved(m, k, h):
+def _move_states(m, k, h):
     """The states at the start of the step and `h` times the rates at `k`, to `m.x`."""
     x, began = carray(doubles_at(m.x), m.states), carray(doubles_at(m.began), m.states)
     rates = carray(doubles_at(k), m.states)
@@ -336,17 +370,17 @@ def _moved(m, k, h):
 
 
 @njit(cache=True)
-def _stepped(m, t, h):
+def _rk4_step(m, t, h):
     """One step from time `t` and the states at `m.began`, whose rates are at `m.k_1`, to `m.x`; 0 or a bad status."""
-    _moved(m, m.k_1, 0.5 * h)
+    _move_states(m, m.k_1, 0.5 * h)
     status = derivatives(m, t + 0.5 * h, m.x, m.k_2)
     if status != 0:
         return status
-    _moved(m, m.k_2, 0.5 * h)
+    _move_states(m, m.k_2, 0.5 * h)
     status = derivatives(m, t + 0.5 * h, m.x, m.k_3)
     if status != 0:
         return status
-    _moved(m, m.k_3, h)
+    _move_states(m, m.k_3, h)
     status = derivatives(m, t + h, m.x, m.k_4)
     if status != 0:
         return status
@@ -355,11 +389,11 @@ def _stepped(m, t, h):
     k_3, k_4 = carray(doubles_at(m.k_3), m.states), carray(doubles_at(m.k_4), m.states)
     for i in range(m.states):
         x[i] = began[i] + h / 6.0 * (k_1[i] + 2.0 * k_2[i] + 2.0 * k_3[i] + k_4[i])
-    return brought(m, t + h, m.x)
+    return set_time_and_states(m, t + h, m.x)
 
 
 @njit(cache=True)
-def _crossed(m):
+def _detect_crossing(m):
     """Whether an indicator has another sign than before; (that, 0 or a bad status)."""
     status = indicators(m, m.z)
     z, before = carray(doubles_at(m.z), m.indicators), carray(doubles_at(m.z_before), m.indicators)
@@ -370,24 +404,24 @@ def _crossed(m):
 
 
 @njit(cache=True)
-def _located(m, t, h):
+def _locate_crossing(m, t, h):
     """How long after `t` an indicator has changed its sign (s), which it has after `h`; (that, 0 or a bad status)."""
     low, high = 0.0, h
-    for _ in range(HALVINGS):
-        if high - low <= slack(t):
+    for _ in range(MAX_BISECTIONS):
+        if high - low <= time_tolerance(t):
             break
         middle = 0.5 * (low + high)
-        status = _stepped(m, t, middle)
+        status = _rk4_step(m, t, middle)
         if status != 0:
             return high, status
-        crossed, status = _crossed(m)
+        crossed, status = _detect_crossing(m)
         if status != 0:
             return high, status
         if crossed:
             high = middle
         else:
             low = middle
-    return high, _stepped(m, t, high)
+    return high, _rk4_step(m, t, high)
 
 
 @njit(cache=True)
@@ -403,17 +437,17 @@ def integrate_rk4(m, stop):
         h = end - m.now
         status = derivatives(m, m.now, m.began, m.k_1)
         if status == 0:
-            status = _stepped(m, m.now, h)
+            status = _rk4_step(m, m.now, h)
         crossed = False
         if m.indicators > 0 and status == 0:
-            crossed, status = _crossed(m)
+            crossed, status = _detect_crossing(m)
             if crossed and status == 0:
-                h, status = _located(m, m.now, h)
+                h, status = _locate_crossing(m, m.now, h)
                 end = min(m.now + h, end)
         if status != 0:
             return False, status
         m.now = end
-        wanted, status = step_completed(m)
+        wanted, status = complete_step(m)
         if status != 0 or wanted or crossed:
             return wanted or crossed, status
     return False, 0
@@ -430,12 +464,12 @@ def _right_hand_side(t, y, ydot, user):
         return 0
     m.trouble = status
     # NaN, or Discard: the states may be out of its range, and nearer ones not
-    return RECOVERABLE if status == NOT_FINITE or status % 16 == 2 else -1
+    return RECOVERABLE_ERROR if status == NOT_FINITE or status % 16 == 2 else -1
 
 
 def _roots(t, y, values, user):
     m = carray(memory_at(address_of(user)), 1)[0]
-    status = brought(m, t, values_of(m.cv_values, (address_of(y),)))
+    status = set_time_and_states(m, t, values_of(m.cv_values, (address_of(y),)))
     if status == 0:
         status = indicators(m, m.z)
     if status == 0:
@@ -455,22 +489,22 @@ def integrate_cvode(m, stop):
     if m.restart != 0:
         start_at(m.cv_restart, (m.cvode, m.now, m.vector))
         m.restart = 0
-    at_time(m.cv_stop, (m.cvode, stop))
-    for _ in range(MOST_STEPS):
-        flag = one_step(m.cv_step, (m.cvode, stop, m.vector, m.reached_at, ONE_STEP))
+    call_time(m.cv_stop, (m.cvode, stop))
+    for _ in range(MAX_SOLVER_STEPS):
+        flag = one_step(m.cv_step, (m.cvode, stop, m.vector, m.reached_at, CV_ONE_STEP))
         if flag < 0:
             m.flag = flag
-            return False, m.trouble if m.trouble != 0 else FAILED
+            return False, m.trouble if m.trouble != 0 else CVODE_FAILED
         m.now = m.reached
         arrived = m.now >= stop
-        if m.needs_completed != 0 or arrived or flag == ROOT_RETURN:
-            status = brought(m, m.now, m.x)
+        if m.needs_completed != 0 or arrived or flag == CV_ROOT_RETURN:
+            status = set_time_and_states(m, m.now, m.x)
             wanted = False
             if status == 0:
-                wanted, status = step_completed(m)
-            if status != 0 or wanted or flag == ROOT_RETURN or arrived:
-                return wanted or flag == ROOT_RETURN, status
-    return False, MANY_STEPS
+                wanted, status = complete_step(m)
+            if status != 0 or wanted or flag == CV_ROOT_RETURN or arrived:
+                return wanted or flag == CV_ROOT_RETURN, status
+    return False, TOO_MANY_STEPS
 
 
 class Cvode:
@@ -484,7 +518,7 @@ class Cvode:
         user: address of the memory that the equations are called with.
 
     Attributes:
-        addresses: what the compiled step needs to know, by field of `MEMORY`.
+        addresses: what the compiled step needs to know, by field of `SOLVER_MEMORY`.
 
     Raises:
         InputRefused: FMPy brings no CVODE for this platform.
@@ -498,24 +532,28 @@ class Cvode:
             raise InputRefused(f'CVODE does not load: {problem}; use [drive] solver = "rk4"') from None
         core, cvode, vectors = libraries.sundials_core, libraries.sundials_cvode, libraries.sundials_nvecserial
         context = ctypes.c_void_p()
-        _function(core, "SUNContext_Create", _I, _I, _P)(0, ctypes.addressof(context))
+        _function(core, "SUNContext_Create", _C_INT, _C_INT, _C_POINTER)(0, ctypes.addressof(context))
         # it would print what goes wrong
-        _function(core, "SUNContext_ClearErrHandlers", None, _P)(context)
-        made = _function(vectors, "N_VMake_Serial", _P, _N, _P, _P)
+        _function(core, "SUNContext_ClearErrHandlers", None, _C_POINTER)(context)
+        made = _function(vectors, "N_VMake_Serial", _C_POINTER, _C_INT64, _C_POINTER, _C_POINTER)
         vector, weights = (made(len(values), values.ctypes.data, context) for values in (x, absolute))
-        matrix = _function(libraries.sundials_sunmatrixdense, "SUNDenseMatrix", _P, _N, _N, _P)(len(x), len(x), context)
-        linear = _function(libraries.sundials_sunlinsoldense, "SUNLinSol_Dense", _P, _P, _P, _P)(
-            vector, matrix, context
+        matrix = _function(
+            libraries.sundials_sunmatrixdense, "SUNDenseMatrix", _C_POINTER, _C_INT64, _C_INT64, _C_POINTER
+        )(len(x), len(x), context)
+        linear = _function(
+            libraries.sundials_sunlinsoldense, "SUNLinSol_Dense", _C_POINTER, _C_POINTER, _C_POINTER, _C_POINTER
+        )(vector, matrix, context)
+        memory = _function(cvode, "CVodeCreate", _C_POINTER, _C_INT, _C_POINTER)(CV_BDF, context)
+        _function(cvode, "CVodeInit", _C_INT, _C_POINTER, _C_POINTER, _C_DOUBLE, _C_POINTER)(
+            memory, right_hand_side.address, 0.0, vector
         )
-        memory = _function(cvode, "CVodeCreate", _P, _I, _P)(BDF, context)
-        _function(cvode, "CVodeInit", _I, _P, _P, _D, _P)(memory, right_hand_side.address, 0.0, vector)
-        _function(cvode, "CVodeSVtolerances", _I, _P, _D, _P)(memory, tolerance, weights)
-        _function(cvode, "CVodeSetLinearSolver", _I, _P, _P, _P)(memory, linear, matrix)
-        _function(cvode, "CVodeSetUserData", _I, _P, _P)(memory, user)
-        _function(cvode, "CVodeSetMaxHnilWarns", _I, _P, _I)(memory, -1)
+        _function(cvode, "CVodeSVtolerances", _C_INT, _C_POINTER, _C_DOUBLE, _C_POINTER)(memory, tolerance, weights)
+        _function(cvode, "CVodeSetLinearSolver", _C_INT, _C_POINTER, _C_POINTER, _C_POINTER)(memory, linear, matrix)
+        _function(cvode, "CVodeSetUserData", _C_INT, _C_POINTER, _C_POINTER)(memory, user)
+        _function(cvode, "CVodeSetMaxHnilWarns", _C_INT, _C_POINTER, _C_INT)(memory, -1)
         if indicators:
-            _function(cvode, "CVodeRootInit", _I, _P, _I, _P)(memory, indicators, roots.address)
-            _function(cvode, "CVodeSetNoInactiveRootWarn", _I, _P)(memory)
+            _function(cvode, "CVodeRootInit", _C_INT, _C_POINTER, _C_INT, _C_POINTER)(memory, indicators, roots.address)
+            _function(cvode, "CVodeSetNoInactiveRootWarn", _C_INT, _C_POINTER)(memory)
         self.addresses = {"cvode": memory, "vector": vector, "absolute": weights}
         for field, library, name in (
             ("cv_step", cvode, "CVode"),
@@ -524,7 +562,7 @@ class Cvode:
             ("cv_tolerances", cvode, "CVodeSVtolerances"),
             ("cv_values", core, "N_VGetArrayPointer"),
         ):
-            self.addresses[field] = ctypes.cast(getattr(library, name), _P).value
+            self.addresses[field] = ctypes.cast(getattr(library, name), _C_POINTER).value
         self._last = (x, absolute)
         self._parts: tuple[Any, ...] = (memory, linear, matrix, (vector, weights), context)
 
@@ -537,12 +575,12 @@ class Cvode:
 
         memory, linear, matrix, vectors, context = self._parts
         self._parts = ()
-        _function(cvode, "CVodeFree", None, _P)(ctypes.addressof(ctypes.c_void_p(memory)))
-        _function(core, "SUNLinSolFree", _I, _P)(linear)
-        _function(core, "SUNMatDestroy", None, _P)(matrix)
+        _function(cvode, "CVodeFree", None, _C_POINTER)(ctypes.addressof(ctypes.c_void_p(memory)))
+        _function(core, "SUNLinSolFree", _C_INT, _C_POINTER)(linear)
+        _function(core, "SUNMatDestroy", None, _C_POINTER)(matrix)
         for vector in vectors:
-            _function(core, "N_VDestroy", None, _P)(vector)
-        _function(core, "SUNContext_Free", _I, _P)(ctypes.addressof(context))
+            _function(core, "N_VDestroy", None, _C_POINTER)(vector)
+        _function(core, "SUNContext_Free", _C_INT, _C_POINTER)(ctypes.addressof(context))
 
 
 def _function(library: ctypes.CDLL, name: str, returns: Any, *kinds: Any) -> Any:

@@ -9,8 +9,8 @@ import numpy as np
 from twin.kernel.cosim.component import piece_table
 from twin.kernel.cosim.port import Port, state_fields
 from twin.kernel.fmi import cosim_step, groups
-from twin.kernel.fmi.cosim_step import SHORTER
-from twin.kernel.fmi.instance import Instance, inexact
+from twin.kernel.fmi.cosim_step import DISCARD_RECORD
+from twin.kernel.fmi.instance import Instance, inexact_phrase
 from twin.kernel.fmi.variable import ITEM_SIZES, Variable
 
 
@@ -23,18 +23,18 @@ class FmuPort:
     gain: float = 1.0
     offset: float = 0.0
 
-    def in_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
+    def to_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
         """`value` of the port as the FMU wants it."""
         return (value - self.offset) / self.gain
 
-    def at(self, instant: Literal["start", "end"]) -> "FmuPort":
+    def for_instant(self, instant: Literal["start", "end"]) -> "FmuPort":
         """The port for its value at the start of a step, or for that at its end."""
-        name = self.port.name + groups.AT_END * (instant == "end")
+        name = self.port.name + groups.END_SUFFIX * (instant == "end")
         return replace(self, port=replace(self.port, name=name, instant=instant))
 
 
 @dataclass(frozen=True)
-class Placed:
+class PortSlots:
     """A port and where its values stand among those of its component.
 
     Attributes:
@@ -48,17 +48,17 @@ class Placed:
     shift: np.ndarray
 
 
-def placed(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[Placed]:
+def port_slots(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[PortSlots]:
     """`ports` one after the other; `shift` by value, nothing if it is not given."""
     ends = np.cumsum([0, *(p.port.size for p in ports)])
     shifts = np.zeros(ends[-1]) if shift is None else shift
-    return [Placed(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
+    return [PortSlots(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
 
 
-def at_both_ends(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
+def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
     """`inputs` of an instance, where those that are lines over a step come last, once more."""
-    ramped = [p for p in inputs if instance.ramps(p.variable)]
-    return [*(p.at("start") if p in ramped else p for p in inputs), *(p.at("end") for p in ramped)]
+    ramped = [p for p in inputs if instance.takes_ramp(p.variable)]
+    return [*(p.for_instant("start") if p in ramped else p for p in inputs), *(p.for_instant("end") for p in ramped)]
 
 
 class Stepping:
@@ -72,7 +72,7 @@ class Stepping:
     Attributes:
         address: of the step.
         memory: that it works on, (1,).
-        inputs: see `at_both_ends`.
+        inputs: see `with_end_ports`.
         outputs: and what is added to each.
         discard_reported: whether it was said that steps are discarded.
     """
@@ -87,12 +87,12 @@ class Stepping:
         shift: np.ndarray | None = None,
     ):
         self.instance = instance
-        ramped = [i for i, p in enumerate(inputs) if instance.ramps(p.variable)]
-        self.inputs = at_both_ends(instance, inputs)
-        self._into, self.outputs = placed(self.inputs), placed(outputs, shift)
+        ramped = [i for i, p in enumerate(inputs) if instance.takes_ramp(p.variable)]
+        self.inputs = with_end_ports(instance, inputs)
+        self._into, self.outputs = port_slots(self.inputs), port_slots(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
-        self._shorter = np.zeros(1, dtype=SHORTER)
+        self._shorter = np.zeros(1, dtype=DISCARD_RECORD)
         description, s = instance.description, self._shorter[0]
         if description.version < 3:
             s["real_status"] = instance.address("GetRealStatus")
@@ -105,14 +105,14 @@ class Stepping:
             self._fill_ramp([self._into[i] for i in ramped], self._into[len(inputs) :])
         eventful = description.model.coSimulation.hasEventMode or description.returns_early or ramped
         if description.version == 3 and eventful:
-            self.address, self.memory = self._eventful(into)
+            self.address, self.memory = self._event_step(into)
         elif not ramped and self._is_plain(inputs, outputs, shift):
-            self.address, self.memory = self._plain()
+            self.address, self.memory = self._plain_step()
         else:
-            self.address, self.memory = cosim_step.step.address, np.zeros(1, dtype=cosim_step.MEMORY)
+            self.address, self.memory = cosim_step.step.address, np.zeros(1, dtype=cosim_step.STEP_MEMORY)
             m = self.memory[0]
             m["version"], m["instance"], m["shorter"] = description.version, instance.handle, self._shorter.ctypes.data
-            self._fill(m, self._grouped(into, "Set"), self._grouped(self.outputs, "Get"))
+            self._fill(m, self._group_table(into, "Set"), self._group_table(self.outputs, "Get"))
         self.memory["final"] = 1
 
     @property
@@ -124,42 +124,48 @@ class Stepping:
         """What a bad `status` of a step means, as the verb phrase of a sentence."""
         instance, note = self.instance, self.instance.note[0]
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
-        if status == groups.UNFIT:
-            port, name = self._at(self._into, int(note["slot"]))
+        if status == groups.INPUT_OUT_OF_RANGE:
+            port, name = self._port_at(self._into, int(note["slot"]))
             return f"gets {note['value']:.17g} for {name}, {port.variable.range_phrase}"
-        if status == groups.INEXACT:
-            port, name = self._at(self.outputs, int(note["slot"]))
+        if status == groups.INEXACT_OUTPUT:
+            port, name = self._port_at(self.outputs, int(note["slot"]))
             whole = int(note["whole"]) % (1 << 64 if port.variable.type == "UInt64" else 1 << 128)
-            return inexact(name, port.variable.type, whole)
-        for base, ports in ((groups.SET, self._into), (groups.GET, self.outputs)):
+            return inexact_phrase(name, port.variable.type, whole)
+        for base, ports in ((groups.SET_FAILED, self._into), (groups.GET_FAILED, self.outputs)):
             if status // 16 * 16 == base:
-                variable = self._at(ports, int(note["slot"]))[0].variable
-                name = f"{'Set' if base == groups.SET else 'Get'}{instance.standard.type_name(variable)}"
+                variable = self._port_at(ports, int(note["slot"]))[0].variable
+                name = f"{'Set' if base == groups.SET_FAILED else 'Get'}{instance.standard.type_name(variable)}"
                 return groups.explain_status(
-                    status, instance.description.prefix, {base: name}, 0.0, "", message, instance.odd_status
+                    status, instance.description.prefix, {base: name}, 0.0, "", message, instance.invalid_status
                 )
-        states = {groups.SAVE: f"Get{self.state_name}", groups.RESTORE: f"Set{self.state_name}"}
+        states = {groups.SAVE_FAILED: f"Get{self.state_name}", groups.RESTORE_FAILED: f"Set{self.state_name}"}
         value, clock = float(self._shorter[0]["value"]), 0
         if "value" in (self.memory.dtype.names or ()):
             value = float(self.memory[0]["value"])
         if instance.events is not None and status in (
-            groups.ENDLESS,
-            groups.PAST,
-            groups.PERIOD,
-            *range(groups.INTERVAL, groups.INTERVAL + 16),
+            groups.ENDLESS_UPDATES,
+            groups.EVENT_IN_PAST,
+            groups.INVALID_INTERVAL,
+            *range(groups.INTERVAL_FAILED, groups.INTERVAL_FAILED + 16),
         ):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
         sentence = groups.explain_status(
-            status, instance.description.prefix, states, value, instance.clock_name(clock), message, instance.odd_status
+            status,
+            instance.description.prefix,
+            states,
+            value,
+            instance.clock_name(clock),
+            message,
+            instance.invalid_status,
         )
-        if status == groups.DO_STEP + 2:
+        if status == groups.DO_STEP_FAILED + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
             sentence += "" if varies else ", as it takes none of another size by itself"
         return sentence
 
     @staticmethod
-    def _at(ports: Sequence[Placed], slot: int) -> tuple[FmuPort, str]:
+    def _port_at(ports: Sequence[PortSlots], slot: int) -> tuple[FmuPort, str]:
         """The port that has the value at `slot`, and the value's name."""
         one = next(one for one in ports if slot in one.slots)
         name = one.port.variable.name
@@ -171,48 +177,48 @@ class Stepping:
         s = self._shorter[0]
         return float(s["since"]) if s["discarded"] else None
 
-    def repeatable(self) -> tuple[int, int, np.ndarray]:
+    def make_rewind(self) -> tuple[int, int, np.ndarray]:
         """From now on a step may be repeated; (addresses of the functions that save and restore, their memory)."""
-        self.repeat_steps()
+        self.allow_repeats()
         memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
         m = memory[0]
         m["instance"], m["note"] = self.instance.handle, self.instance.note.ctypes.data
         m["get"], m["set"] = (self.instance.address(f"{verb}{self.state_name}") for verb in ("Get", "Set"))
         m["cell"] = memory["state"].ctypes.data
-        moving = self.moving
+        moving = self.changing_arrays
         copies = np.empty(sum(array.nbytes for array in moving), dtype=np.uint8)
         table = piece_table(moving, copies.ctypes.data)
         m["pieces"], m["piece_table"] = len(table), table.ctypes.data
         self._keep += [table, copies]
         return cosim_step.save.address, cosim_step.restore.address, memory
 
-    def repeat_steps(self) -> None:
+    def allow_repeats(self) -> None:
         """From now on its state may be set back to the start of a step; FMI 1.0 has another use for what says so."""
         if self.instance.description.version > 1:
             self.memory["final"] = 0
 
     @property
-    def moving(self) -> list[np.ndarray]:
+    def changing_arrays(self) -> list[np.ndarray]:
         """What steps change beside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
 
     def pieces(self) -> dict[str, np.ndarray]:
         """The same by name, and what is noted of steps that were discarded; nothing of it is an address."""
-        shorter = {field.name: field.of(self._shorter) for field in state_fields(SHORTER)}
-        return {f"memory_{number}": array for number, array in enumerate(self.moving, start=1)} | shorter
+        shorter = {field.name: field.view_in(self._shorter) for field in state_fields(DISCARD_RECORD)}
+        return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
-    def _grouped(self, ports: Iterable[Placed], access: str) -> np.ndarray:
-        """A table of `groups.GROUP`: `ports` of one FMI type and set of clocks are set or got by one call.
+    def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
+        """A table of `groups.GROUP_RECORD`: `ports` of one FMI type and set of clocks are set or got by one call.
 
         Args:
             access: "Set" or "Get".
         """
         instance = self.instance
-        members: dict[tuple[str, int], list[Placed]] = {}
+        members: dict[tuple[str, int], list[PortSlots]] = {}
         for p in ports:
             key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
             members.setdefault(key, []).append(p)
-        table = np.zeros(len(members), dtype=groups.GROUP)
+        table = np.zeros(len(members), dtype=groups.GROUP_RECORD)
         self._keep.append(table)
         for row, (type_name, bits), group in zip(table, members, members.values(), strict=True):
             kind = group[0].port.variable.kind
@@ -235,7 +241,7 @@ class Stepping:
                 (self._moving if field in ("buffer", "last") else self._keep).append(array)
         return table
 
-    def _fill_ramp(self, starts: Sequence[Placed], ends: Sequence[Placed]) -> None:
+    def _fill_ramp(self, starts: Sequence[PortSlots], ends: Sequence[PortSlots]) -> None:
         instance, r = self.instance, self.instance.ramp[0]
         kind = "Float64" if instance.description.version == 3 else "Real"
         slots = np.concatenate([p.slots for p in starts]).astype(np.uint64)
@@ -262,8 +268,8 @@ class Stepping:
         alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
         return alike and bool(inputs) and bool(outputs) and (shift is None or int(np.count_nonzero(shift)) <= 1)
 
-    def _plain(self) -> tuple[int, np.ndarray]:
-        (set_,), (get,) = self._grouped(self._into, "Set"), self._grouped(self.outputs, "Get")
+    def _plain_step(self) -> tuple[int, np.ndarray]:
+        (set_,), (get,) = self._group_table(self._into, "Set"), self._group_table(self.outputs, "Get")
         memory = np.zeros(1, dtype=cosim_step.PLAIN_MEMORY)
         m = memory[0]
         m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
@@ -275,7 +281,7 @@ class Stepping:
         m["shorter"], m["note"] = self._shorter.ctypes.data, self.instance.note.ctypes.data
         return cosim_step.plain_step.address, memory
 
-    def _eventful(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
+    def _event_step(self, into: Sequence[PortSlots]) -> tuple[int, np.ndarray]:
         instance, abilities = self.instance, self.instance.description.model.coSimulation
         discrete = (
             [p for p in into if p.port.variable.variability != "continuous"] if instance.events is not None else []
@@ -286,10 +292,10 @@ class Stepping:
         m["instance"] = instance.handle
         self._fill(
             m,
-            self._grouped([p for p in into if p not in discrete], "Set"),
-            self._grouped([p for p in self.outputs if p not in held], "Get"),
+            self._group_table([p for p in into if p not in discrete], "Set"),
+            self._group_table([p for p in self.outputs if p not in held], "Get"),
         )
-        tables = self._grouped(discrete, "Set"), self._grouped(held, "Get")
+        tables = self._group_table(discrete, "Set"), self._group_table(held, "Get")
         m["held"], m["held_groups"] = len(tables[1]), tables[1].ctypes.data
         m["early"], m["varies"] = instance.description.returns_early, abilities.canHandleVariableCommunicationStepSize
         m["discrete"], m["clocks"] = len(tables[0]), len(instance.clocks)

@@ -14,42 +14,54 @@ import numpy as np
 from twin.kernel.archive import sha256
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
-from twin.kernel.ssp.structure import REALS, ParameterValue, UnitDefinition
+from twin.kernel.ssp.structure import REAL_TYPES, ParameterValue, UnitDefinition
 from twin.kernel.units import TEMPERATURE, Dimension, Unit, known_unit
 
-KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
+NUMERIC_TYPES = (
+    "Float64",
+    "Float32",
+    "Int8",
+    "UInt8",
+    "Int16",
+    "UInt16",
+    "Int32",
+    "UInt32",
+    "Int64",
+    "UInt64",
+    "Boolean",
+)
 """The types of FMI 3.0 that hold numbers, by which a variable of any version is kept: its `kind` is the index."""
 
 ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
-"""Bytes of one value of each of `KINDS`."""
+"""Bytes of one value of each of `NUMERIC_TYPES`."""
 
-EXACT = 2**53
+MAX_EXACT = 2**53
 """Largest integer below which a double represents every integer; signals are doubles."""
 FLOAT_64, FLOAT_32 = float(np.finfo(np.float64).max), float(np.finfo(np.float32).max)
 WHOLE_LOW = (-(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0)
 WHOLE_HIGH = (2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53)
-"""Bounds of the integer types of `KINDS`, from the third on; for 64 bits, of the integers exact in a double."""
-SPEED = Dimension(s=-1)
-TURN = 2.0 * math.pi
-SPELLED = (
+"""Bounds of the integer types of `NUMERIC_TYPES`, from the third on; for 64 bits, of the integers exact in a double."""
+SPEED_DIMENSION = Dimension(s=-1)
+RAD_PER_TURN = 2.0 * math.pi
+UNIT_NAMES = (
     "1", "rad", "deg", "\N{DEGREE SIGN}", "rev", "rad/s", "deg/s", "rev/s", "rpm", "rev/min", "N.m", "N m", "Nm", "N*m",
     "mN.m", "mN m", "mNm", "mN*m", "N.cm", "A", "mA", "V", "mV", "W", "K",
 )  # fmt: skip
 """As `twin.kernel.units` does."""
-OTHERWISE = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
-ENERGY = ("J", "kJ", "mJ", "Wh", "kWh")
+UNIT_ALIASES = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
+ENERGY_UNITS = ("J", "kJ", "mJ", "Wh", "kWh")
 """In kg m2/s2 as torques are, and no torque."""
 FMI1_KINDS = {"Real": "Float64", "Integer": "Int32", "Enumeration": "Int32"}
 FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
 FMI3_KINDS = {"Enumeration": "Int64"}
 """How types travel, in words of FMI 3.0. Boolean is four bytes wide in FMI 2.0 and one in the others."""
-TEXTS = ("String", "Binary")
+TEXT_TYPES = ("String", "Binary")
 """Types whose values are no numbers."""
-MOST_VALUES = 1_000_000
+MAX_ARRAY_VALUES = 1_000_000
 """Of one array: no drive has more, and a file that says so would fill the memory."""
-FILE = "file:"
+FILE_PREFIX = "file:"
 """Before the path of a file, for text that names one and for a Binary that holds what is in it."""
-MOST_BYTES = 64 << 20
+MAX_BINARY_SIZE = 64 << 20
 """Of a file that is handed over as a Binary."""
 
 
@@ -62,7 +74,7 @@ class Conversion(NamedTuple):
 
 
 # SI Brochure, 2.3.4: hertz is for frequencies, what turns has rad/s; in hertz it counts turns, as per minute
-OTHERWISE |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
+UNIT_ALIASES |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
 
 
 def _without_radian(unit: Unit | None) -> Conversion:
@@ -70,8 +82,8 @@ def _without_radian(unit: Unit | None) -> Conversion:
     return Conversion(unit.dimension._replace(rad=0), unit.scale)
 
 
-KNOWN = {name: _without_radian(known_unit(OTHERWISE.get(name, name))) for name in (*SPELLED, *OTHERWISE)}
-KNOWN |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0, 273.15))
+KNOWN_UNITS = {name: _without_radian(known_unit(UNIT_ALIASES.get(name, name))) for name in (*UNIT_NAMES, *UNIT_ALIASES)}
+KNOWN_UNITS |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0, 273.15))
 """What a unit's name means where the FMU does not define it, or defines it in turns instead of radians."""
 
 
@@ -81,27 +93,27 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
         if definition.name == unit and definition.baseUnit is not None:
             base = definition.baseUnit
             dimension = Dimension(*(int(getattr(base, name) or 0) for name in Dimension._fields))
-            return meant(unit, Conversion(dimension, float(base.factor), float(base.offset)))
-    return meant(unit)
+            return si_conversion(unit, Conversion(dimension, float(base.factor), float(base.offset)))
+    return si_conversion(unit)
 
 
-def meant(unit: str, stated: Conversion | None = None) -> Conversion | None:
+def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | None:
     """How values in `unit` become SI, of which a file has `stated` so much; None if unknown.
 
     A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
     """
-    if unit.strip() in ENERGY:
+    if unit.strip() in ENERGY_UNITS:
         return None
-    known = KNOWN.get(unit.strip())
+    known = KNOWN_UNITS.get(unit.strip())
     if stated is None:
         return known
     stated = stated._replace(dimension=stated.dimension._replace(rad=0))
-    if known and known.dimension == stated.dimension and math.isclose(known.factor, TURN * stated.factor):
+    if known and known.dimension == stated.dimension and math.isclose(known.factor, RAD_PER_TURN * stated.factor):
         return known
     return stated
 
 
-def named_values(variable: Any) -> dict[str, float]:
+def enumeration_items(variable: Any) -> dict[str, float]:
     """Name -> value of the enumeration that a variable (FMPy's) is declared as; empty: none, or one without items."""
     declared = variable.declaredType
     if declared is None or variable.type != "Enumeration":
@@ -114,7 +126,7 @@ def named_values(variable: Any) -> dict[str, float]:
     return found
 
 
-def valued(where: str, items: Mapping[str, float], value: float | str) -> float:
+def parse_value(where: str, items: Mapping[str, float], value: float | str) -> float:
     """`value`, which may be one of the names of `items`; if there are some, it has to be one of them.
 
     Args:
@@ -144,7 +156,7 @@ class Variable:
     Attributes:
         name, causality, description: as the FMU has them.
         type: as the FMU has it, "Real" or "Float64".
-        kind: index into `KINDS`; -1: text or binary.
+        kind: index into `NUMERIC_TYPES`; -1: text or binary.
         reference: FMI value reference.
         size: number of values, > 1 for an array.
         unit: as the FMU has it, "" where it states none.
@@ -177,7 +189,7 @@ class Variable:
 
     @property
     def is_text(self) -> bool:
-        return self.type in TEXTS
+        return self.type in TEXT_TYPES
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -186,7 +198,7 @@ class Variable:
             return 0.0, 1.0
         if 2 <= self.kind < 10:
             return WHOLE_LOW[self.kind - 2], WHOLE_HIGH[self.kind - 2]
-        most = FLOAT_32 if KINDS[self.kind] == "Float32" else FLOAT_64
+        most = FLOAT_32 if NUMERIC_TYPES[self.kind] == "Float32" else FLOAT_64
         return -most, most
 
     @property
@@ -195,11 +207,11 @@ class Variable:
         low, high = self.bounds
         return f"which is {self.type} ({low:.17g} .. {high:.17g})"
 
-    def unfit(self, value: float) -> str:
+    def range_error(self, value: float) -> str:
         """Why its type cannot hold `value`: `in8 is UInt8; expected 0 .. 255`; "" if it can."""
         low, high = self.bounds
         # an int is compared as it is, as a double may round it
-        whole = self.type in REALS or isinstance(value, int) or not abs(value) < EXACT // 2
+        whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2
         if low <= (value if whole else math.floor(value + 0.5)) <= high:
             return ""
         why = ", which doubles hold exactly" if self.kind in (8, 9) else ""
@@ -209,7 +221,7 @@ class Variable:
         """`value` for people: by its name, if it has one."""
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
-    def resized(self, file: Path, structure: Mapping[str, float]) -> "Variable":
+    def with_size(self, file: Path, structure: Mapping[str, float]) -> "Variable":
         """The same variable where the structural parameters have the values of `structure`.
 
         Raises:
@@ -219,9 +231,9 @@ class Variable:
             return self
         sizes = [structure[d] if isinstance(d, str) else d for d in self.dimensions]
         size = math.prod(sizes)
-        if not 1 <= size <= MOST_VALUES:
+        if not 1 <= size <= MAX_ARRAY_VALUES:
             asked = " x ".join(f"{s:g}" for s in sizes)
-            raise InputRefused(f"{file}: '{self.name}' would have {asked} values; expected 1 .. {MOST_VALUES}")
+            raise InputRefused(f"{file}: '{self.name}' would have {asked} values; expected 1 .. {MAX_ARRAY_VALUES}")
         return replace(self, size=round(size))
 
 
@@ -235,23 +247,23 @@ def variable_of(v: Any, model: Any) -> Variable:
         causality=v.causality or "local",
         description=v.description or "",
         type=v.type,
-        kind=KINDS.index(kind) if kind in KINDS else -1,
+        kind=NUMERIC_TYPES.index(kind) if kind in NUMERIC_TYPES else -1,
         reference=v.valueReference,
         size=1,
         unit=unit,
         conversion=conversion(unit, model.unitDefinitions) if unit else None,
-        start=number(v.start),
-        low=number(v.min),
-        high=number(v.max),
+        start=parse_number(v.start),
+        low=parse_number(v.min),
+        high=parse_number(v.max),
         variability=v.variability or "continuous",
         dimensions=tuple(d.variable.name if d.start is None else int(d.start) for d in v.dimensions or ()),
         clocks=tuple(clock.valueReference for clock in v.clocks or ()),
         intermediate=v.intermediateUpdate,
-        items=named_values(v),
+        items=enumeration_items(v),
     )
 
 
-def number(text: Any) -> float:
+def parse_number(text: Any) -> float:
     """Of an attribute; NaN if it is not stated or none."""
     if text in ("true", "false"):
         return float(text == "true")
@@ -311,7 +323,7 @@ def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
     return texts[0] if len(texts) == 1 else texts
 
 
-def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
+def setting_value(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
     """`value` as `variable` of the FMU `file` takes it.
 
     Raises:
@@ -332,35 +344,35 @@ def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray |
 
 
 def _number(where: str, variable: Variable, value: float | str) -> float:
-    value = valued(where, variable.items, value)
+    value = parse_value(where, variable.items, value)
     low = variable.low if not math.isnan(variable.low) else -math.inf
     high = variable.high if not math.isnan(variable.high) else math.inf
     if not (low <= value <= high and math.isfinite(value)):
         raise InputRefused(f"{where} = {value:g}: expected {low:g} .. {high:g} {variable.unit}".rstrip())
-    if why := variable.unfit(value):
+    if why := variable.range_error(value):
         raise InputRefused(f"{where} = {value:.17g}: {why}")
     return float(value)
 
 
 def _text(where: str, value: object) -> str:
     if not isinstance(value, str):
-        raise InputRefused(f'{where} = {value}: expected text, or "{FILE}NAME" for a file')
+        raise InputRefused(f'{where} = {value}: expected text, or "{FILE_PREFIX}NAME" for a file')
     return value
 
 
 def _path(where: str, text: str) -> str:
-    if not text.startswith(FILE):
+    if not text.startswith(FILE_PREFIX):
         return text
-    path = FilePath(text.removeprefix(FILE))
+    path = FilePath(text.removeprefix(FILE_PREFIX))
     if not os.path.isfile(path):
         raise InputRefused(f"{where}: {path}: no such file")
     return path
 
 
 def _bytes(where: str, text: str) -> bytes:
-    if not text.startswith(FILE):
+    if not text.startswith(FILE_PREFIX):
         return text.encode()
-    return read_bytes(Path(text.removeprefix(FILE)), MOST_BYTES)
+    return read_bytes(Path(text.removeprefix(FILE_PREFIX)), MAX_BINARY_SIZE)
 
 
 def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
@@ -372,18 +384,18 @@ def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
     if value.type == "Binary" or not value.values:
         what = "binary, which is not supported" if value.values else "given no value"
         raise InputRefused(f"{where}: {value.name} is {what}")
-    if any(isinstance(one, str) and one.startswith(FILE) for one in value.values):
+    if any(isinstance(one, str) and one.startswith(FILE_PREFIX) for one in value.values):
         raise InputRefused(
-            f"{where}: {value.name} begins with '{FILE}'; a parameter set may not name files of this machine"
+            f"{where}: {value.name} begins with '{FILE_PREFIX}'; a parameter set may not name files of this machine"
         )
     return list(value.values)  # type: ignore[return-value]
 
 
-def stated_unit(unit: str, definitions: Sequence[UnitDefinition]) -> Conversion | None:
+def defined_conversion(unit: str, definitions: Sequence[UnitDefinition]) -> Conversion | None:
     """How values in `unit` become SI by the `definitions` of an SSP file; None: it does not define that unit."""
     for one in definitions:
         if one.name == unit:
-            return meant(unit, Conversion(one.dimension, one.factor, one.offset))
+            return si_conversion(unit, Conversion(one.dimension, one.factor, one.offset))
     return None
 
 

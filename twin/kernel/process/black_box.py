@@ -26,12 +26,14 @@ INPUTS_AT = 1024
 _COMPILED_AT = 32
 _CALL_AT = 64
 """A cache line of its own for the mark."""
-_MARK = _COMPILED = _CALL = struct.Struct("=qq")
-_TEXT_AT = _CALL_AT + _CALL.size
-_LONGEST = 255
+_MARK_STRUCT = _COMPILED_STRUCT = _CALL_STRUCT = struct.Struct("=qq")
+_TEXT_AT = _CALL_AT + _CALL_STRUCT.size
+_MAX_PART_BYTES = 255
 """Bytes of each of the three parts of a call's text that are kept; as long as the name of a file may be."""
-LONGEST_QUOTE = 200
-_REMEDY = "{file} is not fit to be used: tell its maker, with these facts; `--isolate none` runs it under a debugger."
+MAX_QUOTE_LENGTH = 200
+_FMU_REMEDY = (
+    "{file} is not fit to be used: tell its maker, with these facts; `--isolate none` runs it under a debugger."
+)
 
 
 class Call(NamedTuple):
@@ -66,21 +68,21 @@ class BlackBox:
 
     def mark(self) -> tuple[int, int]:
         """(tick, component) of the step that is running or was the last to begin; see `SimulationMemory.mark`."""
-        tick, component = _MARK.unpack(os.pread(self.fd, _MARK.size, 0))
+        tick, component = _MARK_STRUCT.unpack(os.pread(self.fd, _MARK_STRUCT.size, 0))
         return tick, component
 
-    def compiled(self) -> float:
+    def compile_time(self) -> float:
         """How long the writer has compiled until now (s)."""
-        done, since = _COMPILED.unpack(os.pread(self.fd, _COMPILED.size, _COMPILED_AT))
+        done, since = _COMPILED_STRUCT.unpack(os.pread(self.fd, _COMPILED_STRUCT.size, _COMPILED_AT))
         return 1e-9 * (done + (max(time.monotonic_ns() - since, 0) if since else 0))
 
     def call(self) -> Call | None:
         """The call that has been announced last, if it has not returned."""
         content = os.pread(self.fd, INPUTS_AT - _CALL_AT, _CALL_AT)
-        number, length = _CALL.unpack_from(content)
+        number, length = _CALL_STRUCT.unpack_from(content)
         if not length:
             return None
-        text = content[_CALL.size : _CALL.size + length].decode(errors="replace")
+        text = content[_CALL_STRUCT.size : _CALL_STRUCT.size + length].decode(errors="replace")
         # a living writer may be half-way through the next one
         file, instance, function, *_ = [*text.split("\0"), "", ""]
         return Call(number, file, instance, function)
@@ -111,17 +113,17 @@ class Announcer:
         if not begins:
             self._compiled += now - self._since
         self._since = now if begins else 0
-        _COMPILED.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
+        _COMPILED_STRUCT.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
-    def tell(self, file: str, instance: str, function: str) -> None:
+    def announce_call(self, file: str, instance: str, function: str) -> None:
         """A call begins; with function "" it has returned. Fits `Hooks.fmi_call`."""
-        _CALL.pack_into(self._memory, _CALL_AT, self._number, 0)
+        _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
-            text = b"\0".join(part.encode()[:_LONGEST] for part in (file, instance, function))
+            text = b"\0".join(part.encode()[:_MAX_PART_BYTES] for part in (file, instance, function))
             self._memory[_TEXT_AT : _TEXT_AT + len(text)] = text
             self._number += 1
             # the length comes last: a process that is ended while it writes has not called yet
-            _CALL.pack_into(self._memory, _CALL_AT, self._number, len(text))
+            _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, len(text))
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class Participant:
 
 
 @dataclass(frozen=True)
-class Stepped:
+class SteppedSystem:
     """The system being stepped: tick (s), number of the last tick, components in the order of the mark."""
 
     tick: float
@@ -154,18 +156,18 @@ class Stepped:
 
 
 @dataclass
-class Account:
+class JobAccount:
     """Attributes:
     stepped: None while components are being made.
     unstepped: what to say of the time while `stepped` is None.
     helpers: component -> the process it lives in.
     """
 
-    stepped: Stepped | None = None
+    stepped: SteppedSystem | None = None
     unstepped: str = "before the first step"
     helpers: dict[str, int] = field(default_factory=dict)
 
-    def take(self, report: dict[str, Any]) -> None:
+    def update(self, report: dict[str, Any]) -> None:
         """Learn from a report of the kinds "loading", "stepping" and "helper"; others tell nothing."""
         if "loading" in report:
             self.stepped = None
@@ -179,19 +181,19 @@ class Account:
                 Participant(**{**c, "inputs": tuple((name, size, unit) for name, size, unit in c["inputs"])})
                 for c in facts["components"]
             )
-            self.stepped = Stepped(facts["tick"], facts["last_tick"], components)
+            self.stepped = SteppedSystem(facts["tick"], facts["last_tick"], components)
 
     def stepping(self, box: BlackBox) -> Participant | None:
         """The component whose step is running, or was when the process ended."""
         component = box.mark()[1]
         return self.stepped.components[component] if self.stepped and component >= 0 else None
 
-    def busy(self, box: BlackBox) -> bool:
+    def is_busy(self, box: BlackBox) -> bool:
         """Whether a call into a component is running."""
         return box.call() is not None or self.stepping(box) is not None
 
 
-def manner(status: int) -> str:
+def exit_phrase(status: int) -> str:
     """How a process ended by itself, as the verb phrase of a sentence.
 
     Args:
@@ -207,8 +209,8 @@ def manner(status: int) -> str:
     return f"crashed ({name}, {(signal.strsignal(-status) or 'unknown').lower()})"
 
 
-def failure_sentence(
-    account: Account, box: BlackBox, manner: str, remedy: str | None, printed: str, culprit: str | None = None
+def failure_message(
+    account: JobAccount, box: BlackBox, manner: str, remedy: str | None, printed: str, culprit: str | None = None
 ) -> str:
     """Who ended the job: file, instance, function, simulated time, last inputs, remedy.
 
@@ -219,39 +221,39 @@ def failure_sentence(
         printed: what the job wrote at last.
         culprit: the component to blame; None: the one at work.
     """
-    participant = _named(account.stepped, culprit) if culprit else account.stepping(box)
+    participant = _find_participant(account.stepped, culprit) if culprit else account.stepping(box)
     if (call := box.call()) and not culprit:
         _, file, instance, function = call
-        who, where = f"{file} ({instance})", f"in {function}, {_when(account, box)}"
-        participant = _named(account.stepped, instance)
+        who, where = f"{file} ({instance})", f"in {function}, {_time_phrase(account, box)}"
+        participant = _find_participant(account.stepped, instance)
     elif account.stepped and participant:
         file = participant.label
         who = f"{file} ({participant.name})" if file else participant.name
-        where = ("at " if participant.sampled else "in the step from ") + _time(account.stepped, box)
+        where = ("at " if participant.sampled else "in the step from ") + _time_text(account.stepped, box)
         where += f", in {participant.function} or the set and get calls around it" if participant.function else ""
     else:
         file, who = "", "the process of this job"
-        where = f"between two steps, {_when(account, box)}"
+        where = f"between two steps, {_time_phrase(account, box)}"
     parts = [f"{who} {manner} {where}."]
     if participant:
         parts.append(f"Last inputs: {_last_inputs(participant, box)}.")
     if remedy or file:
-        parts.append(remedy or _REMEDY.format(file=file))
+        parts.append(remedy or _FMU_REMEDY.format(file=file))
     lines = printed.strip().splitlines()
     if lines:
-        parts.append(f"It printed last: '{lines[-1][-LONGEST_QUOTE:]}'.")
+        parts.append(f"It printed last: '{lines[-1][-MAX_QUOTE_LENGTH:]}'.")
     return " ".join(parts)
 
 
-def _named(stepped: Stepped | None, name: str) -> Participant | None:
+def _find_participant(stepped: SteppedSystem | None, name: str) -> Participant | None:
     return next((c for c in stepped.components if c.name == name), None) if stepped else None
 
 
-def _when(account: Account, box: BlackBox) -> str:
-    return f"at {_time(account.stepped, box)}" if account.stepped else account.unstepped
+def _time_phrase(account: JobAccount, box: BlackBox) -> str:
+    return f"at {_time_text(account.stepped, box)}" if account.stepped else account.unstepped
 
 
-def _time(stepped: Stepped, box: BlackBox) -> str:
+def _time_text(stepped: SteppedSystem, box: BlackBox) -> str:
     tick = box.mark()[0]
     return f"t = {tick * stepped.tick:.6g} s, tick {tick}"
 

@@ -15,7 +15,7 @@ import sys
 import threading
 from collections.abc import Iterator
 
-from twin.kernel.process.job import STOP, failure_report, function_called, interrupt_main, keep_interrupts
+from twin.kernel.process.job import STOP_ORDER, failure_report, interrupt_main, load_function, retry_lost_interrupts
 
 _PR_SET_PDEATHSIG = 1
 
@@ -31,8 +31,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # a service that ends all its processes ends this one as its parent would
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    keep_interrupts()
-    _die_with(parent)
+    retry_lost_interrupts()
+    _exit_with_parent(parent)
     lines = _lines(orders)
     name = next(lines)
     begun: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -40,16 +40,16 @@ def main() -> None:
     while True:
         try:
             if reporter is None:
-                job = function_called(name)
+                job = load_function(name)
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
                 from twin.kernel.hooks import HOOKS
                 from twin.kernel.process.reporter import PipeReporter
 
                 reporter = PipeReporter(reports, box)
-                HOOKS.fmi_call.append(reporter.announcer.tell)
+                HOOKS.fmi_call.append(reporter.announcer.announce_call)
                 HOOKS.compiling.append(reporter.announcer.compiling)
                 HOOKS.memory, HOOKS.reporter = reporter.stepping, reporter
-                threading.Thread(target=_obey, args=(lines, begun), daemon=True).start()
+                threading.Thread(target=_process_orders, args=(lines, begun), daemon=True).start()
             arguments = pickle.loads(bytes.fromhex(begun.get()))
             last = {"finished": job(reporter, **arguments)}
         except KeyboardInterrupt:
@@ -64,7 +64,7 @@ def main() -> None:
             os._exit(0)
 
 
-def _die_with(parent: int) -> None:
+def _exit_with_parent(parent: int) -> None:
     """On Linux the kernel ends this process with `parent`, also one that hangs; elsewhere the closed pipe has to do."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -87,9 +87,9 @@ def _lines(fd: int) -> Iterator[str]:
         rest = line + more
 
 
-def _obey(lines: Iterator[str], begun: "queue.SimpleQueue[str]") -> None:
+def _process_orders(lines: Iterator[str], begun: "queue.SimpleQueue[str]") -> None:
     for line in lines:
-        if line == STOP:
+        if line == STOP_ORDER:
             interrupt_main()
         else:
             begun.put(line)

@@ -6,28 +6,35 @@ from collections.abc import Callable, Iterator
 from itertools import groupby
 from typing import Any
 
-from twin.kernel.errors import ComponentFailed, InputRefused, TwinError, visible
-from twin.kernel.process.black_box import Account, failure_sentence, manner
-from twin.kernel.process.job import PATIENCE, STOP, WAITING, JobLimits, duration_text, error_of
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError, escape_controls
+from twin.kernel.process.black_box import JobAccount, exit_phrase, failure_message
+from twin.kernel.process.job import (
+    MAX_WAIT_RATIO,
+    MIN_ESTIMATE_TIME,
+    STOP_ORDER,
+    JobLimits,
+    duration_text,
+    rebuild_error,
+)
 from twin.kernel.process.process import GuardedProcess, process_for, resident_memory
 
-POLL = 0.05
+POLL_INTERVAL = 0.05
 """How often (s) limits are looked at and progress is shown."""
-GRACE = 5.0
+STOP_TIMEOUT = 5.0
 """How long (s) a job that steps a system may take to stop by itself when asked to: it ends its recording."""
-UNSTEPPED_GRACE = 0.5
+UNSTEPPED_STOP_TIMEOUT = 0.5
 """The same (s) before its first step. What is compiled cannot be interrupted, and there is nothing to lose."""
 
 
-class JobEnded(ComponentFailed):
+class JobFailure(ComponentFailed):
     """The job's process crashed, ended itself or was ended for a limit, after stepping had begun."""
 
 
-class JobEndedLoading(InputRefused):
+class JobLoadFailure(InputRefused):
     """The same before the first step: a component could not even be made."""
 
 
-def guarded(
+def run_guarded(
     job: str,
     arguments: dict[str, Any],
     limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
@@ -55,31 +62,31 @@ def guarded(
         process.start(arguments)
         watch = Watchdog(process, limits)
         try:
-            return _followed(process, watch, listen, show)
+            return _follow(process, watch, listen, show)
         except KeyboardInterrupt:
-            process.order(STOP)
-            deadline = time.monotonic() + (GRACE if watch.account.stepped else UNSTEPPED_GRACE)
+            process.order(STOP_ORDER)
+            deadline = time.monotonic() + (STOP_TIMEOUT if watch.account.stepped else UNSTEPPED_STOP_TIMEOUT)
             while not process.gone and time.monotonic() < deadline:
-                process.reports(POLL)
+                process.reports(POLL_INTERVAL)
             raise
 
 
-def _followed(
+def _follow(
     process: GuardedProcess,
     watch: "Watchdog",
     listen: Callable[[dict[str, Any]], None],
     show: Callable[[int, int], None],
 ) -> Any:
     while True:
-        for report in process.reports(POLL):
-            watch.account.take(report)
+        for report in process.reports(POLL_INTERVAL):
+            watch.account.update(report)
             raise_failure(report)
             if "note" in report:
                 listen(report["note"])
             elif "finished" in report:
                 process.end()
                 # whatever an FMU has printed is shown, and never obeyed
-                sys.stderr.write("".join(f"{line}\n" for line in _shown(process.printed)))
+                sys.stderr.write("".join(f"{line}\n" for line in _printed_lines(process.output_tail)))
                 return report["finished"]
         stepped = watch.account.stepped
         if stepped:
@@ -87,11 +94,11 @@ def _followed(
         watch.raise_if_over()
 
 
-def _shown(printed: str) -> Iterator[str]:
+def _printed_lines(printed: str) -> Iterator[str]:
     """The lines of it; one that comes several times in a row, as from each instance of an FMU, once."""
     for line, same in groupby(printed.splitlines()):
         count = len(list(same))
-        yield visible(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")
+        yield escape_controls(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")
 
 
 def raise_failure(report: dict[str, Any]) -> None:
@@ -102,7 +109,7 @@ def raise_failure(report: dict[str, Any]) -> None:
         KeyboardInterrupt: the job was interrupted.
     """
     if "failed" in report:
-        raise error_of(report["failed"])
+        raise rebuild_error(report["failed"])
     if "interrupted" in report:
         raise KeyboardInterrupt
 
@@ -116,7 +123,7 @@ class Watchdog:
     """
 
     def __init__(self, process: GuardedProcess, limits: JobLimits):
-        self.account = Account()
+        self.account = JobAccount()
         self.process, self.limits = process, limits
         self._doing: object = None
         self._begin()
@@ -130,11 +137,11 @@ class Watchdog:
         """
         limits, process = self.limits, self.process
         if process.gone:
-            raise self._failure(manner(process.end()))
+            raise self._failure(exit_phrase(process.end()))
         # what is compiled meanwhile gives a call its whole time again
-        compiled = process.box.compiled()
+        compiled = process.box.compile_time()
         doing = (process.box.mark(), process.box.call(), compiled)
-        if doing != self._doing or not self.account.busy(process.box):
+        if doing != self._doing or not self.account.is_busy(process.box):
             self._doing = doing
             self._begin()
         elif self._is_over():
@@ -142,7 +149,7 @@ class Watchdog:
                 f"did not return within {limits.step:g} s",
                 "If it is slow rather than stuck, raise --limit-step; else choose another one.",
             )
-        if (seconds := self._expected()) > limits.expected:
+        if (seconds := self._expected_duration()) > limits.expected:
             raise self._failure(
                 f"was at work when the whole run was seen to take about {duration_text(seconds)}",
                 "--yes runs it anyway, --set duration_s=... shortens it; `twin drive check` measures the cost.",
@@ -173,16 +180,16 @@ class Watchdog:
     def _is_over(self) -> bool:
         """Whether what is going on takes longer than a call may."""
         now, limit = time.monotonic(), self.limits.step
-        if self.process.waits:
+        if self.process.is_waiting:
             self._waited += now - self._looked
         self._looked = now
         if now - self._since <= limit:
             return False
         used = self.process.processor_time - self._used
         # nothing is known of the processor: the difference is no number
-        return not used <= limit or self._waited > WAITING * limit
+        return not used <= limit or self._waited > MAX_WAIT_RATIO * limit
 
-    def _expected(self) -> float:
+    def _expected_duration(self) -> float:
         """How long the simulation takes as a whole (s), from what its ticks have taken; 0 if nothing can be said."""
         stepped, now = self.account.stepped, time.monotonic()
         if stepped is None:
@@ -192,10 +199,10 @@ class Watchdog:
         if stepped is not self._stepped or tick == 0:
             self._stepped, self._first = stepped, now
         taken = now - self._first
-        return taken * stepped.last_tick / tick if tick and taken > PATIENCE else 0.0
+        return taken * stepped.last_tick / tick if tick and taken > MIN_ESTIMATE_TIME else 0.0
 
     def _failure(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
         """The error that tells of the end of the process; ends it first, so that nothing changes any more."""
         self.process.end()
-        text = failure_sentence(self.account, self.process.box, manner, remedy, self.process.printed, culprit)
-        return JobEnded(text) if self.account.stepped else JobEndedLoading(text)
+        text = failure_message(self.account, self.process.box, manner, remedy, self.process.output_tail, culprit)
+        return JobFailure(text) if self.account.stepped else JobLoadFailure(text)

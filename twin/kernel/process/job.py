@@ -16,23 +16,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.errors import NotWritten, TwinError, internal_error, system_sentence
+from twin.kernel.errors import NotWritten, TwinError, internal_error, os_error_message
 
-STOP = "stop"
+STOP_ORDER = "stop"
 """Order to a job's process: interrupt it."""
-LONG = 3600.0
+LONG_RUN_DURATION = 3600.0
 """Time (s) beyond which a run starts only after a question."""
-PATIENCE = 10.0
+MIN_ESTIMATE_TIME = 10.0
 """How long (s) what is stepped is watched before anything is said of how long it will take."""
-WAITING = 4.0
+MAX_WAIT_RATIO = 4.0
 """How many times longer than on a processor a call may wait for something else, which may want a processor itself."""
-INTERRUPTED, TERMINATED = 130, 143
+INTERRUPT_EXIT_CODE, TERMINATE_EXIT_CODE = 130, 143
 """Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
-SOON = 0.01
+INTERRUPT_RETRY_DELAY = 0.01
 """s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
 
 
-def function_called(name: str) -> Callable[..., Any]:
+def load_function(name: str) -> Callable[..., Any]:
     """The function "module:function"."""
     module, _, function = name.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
@@ -45,7 +45,7 @@ class JobLimits:
 
     Attributes:
         step: longest time of one call into a component (s): on the clock, and of that much on a processor, so that a
-            busy machine makes no call look slow; a call that waits for something else may take `WAITING` times as
+            busy machine makes no call look slow; a call that waits for something else may take `MAX_WAIT_RATIO` times as
             long. Code that calls no FMU, a compilation say, has no such limit.
         wall: longest time of the whole job (s), less that in which it compiles.
         memory: most resident memory (bytes); watched where the system has /proc, so on Linux.
@@ -58,7 +58,7 @@ class JobLimits:
     expected: float = math.inf
 
 
-def cores() -> int:
+def core_count() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -72,16 +72,16 @@ def duration_text(seconds: float) -> str:
 
 
 def failure_report(problem: Exception) -> list[Any]:
-    """What `error_of` makes an error of again: module and class, text, exit code."""
+    """What `rebuild_error` makes an error of again: module and class, text, exit code."""
     if isinstance(problem, OSError):
-        return failure_report(NotWritten(system_sentence(problem)))
+        return failure_report(NotWritten(os_error_message(problem)))
     if not isinstance(problem, TwinError):
         return failure_report(internal_error())
     kind = type(problem)
     return [kind.__module__, kind.__qualname__, str(problem), problem.exit_code]
 
 
-def error_of(report: list[Any]) -> TwinError:
+def rebuild_error(report: list[Any]) -> TwinError:
     """The error of a `failure_report`: of the same class, with the same text and exit code.
 
     What else the error carried is left out: code that needs it runs in the process itself.
@@ -94,19 +94,19 @@ def error_of(report: list[Any]) -> TwinError:
     return error
 
 
-_terminated: list[int] = []
+_termination_signals: list[int] = []
 """Signals of the kind SIGTERM that this process got."""
 
 
 @contextlib.contextmanager
-def terminable() -> Iterator[None]:
+def handle_termination() -> Iterator[None]:
     """Within the block SIGTERM and SIGHUP end this process as Ctrl-C does, with another exit code; for a main thread.
 
     A SIGHUP that is ignored stays so: `nohup`.
     """
 
     def end(number: int, frame: object) -> None:
-        _terminated.append(number)
+        _termination_signals.append(number)
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
@@ -124,10 +124,10 @@ def terminable() -> Iterator[None]:
 
 def interruption() -> tuple[int, str]:
     """Exit code of, and word for, what has interrupted this process: Ctrl-C, or SIGTERM."""
-    return (TERMINATED, "terminated") if _terminated else (INTERRUPTED, "interrupted")
+    return (TERMINATE_EXIT_CODE, "terminated") if _termination_signals else (INTERRUPT_EXIT_CODE, "interrupted")
 
 
-def keep_interrupts() -> None:
+def retry_lost_interrupts() -> None:
     """From now on an interrupt that cannot be caught where it arrives comes again a moment later.
 
     Compiling is full of such places: each piece of machine code is kept and let go by finalisers and callbacks.
@@ -136,7 +136,7 @@ def keep_interrupts() -> None:
 
     def hear(lost: "sys.UnraisableHookArgs") -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
-            again = threading.Timer(SOON, interrupt_main)
+            again = threading.Timer(INTERRUPT_RETRY_DELAY, interrupt_main)
             again.daemon = True
             again.start()
         else:
@@ -154,35 +154,35 @@ def interrupt_main() -> None:
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
-def recorded_until_then(folder: Path | None) -> str:
+def recording_status(folder: Path | None) -> str:
     """A sentence about the recording in `folder` (None: there is no folder yet)."""
     # the supervisor loads no numerics unless something goes wrong
-    from twin.kernel.recording.folder import PARTIAL, RECORDING
+    from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
     from twin.kernel.recording.reader import last_time
 
-    if folder is not None and (folder / RECORDING).exists():
-        return f"The recording is complete: {seen_from_here(folder / RECORDING)}."
-    if folder is None or not (partial := folder / f"{RECORDING}{PARTIAL}").exists():
+    if folder is not None and (folder / RECORDING_FILE).exists():
+        return f"The recording is complete: {relative_path(folder / RECORDING_FILE)}."
+    if folder is None or not (partial := folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}").exists():
         return "Nothing was recorded."
-    return f"Recorded until then: {seen_from_here(partial)} ({last_time(partial) or 0.0:.3f} s)."
+    return f"Recorded until then: {relative_path(partial)} ({last_time(partial) or 0.0:.3f} s)."
 
 
-def left_behind(folder: Path) -> str:
+def interrupt_message(folder: Path) -> str:
     """What Ctrl-C has left in the `folder` of a run; it goes if that is nothing."""
-    from twin.kernel.recording.folder import PARTIAL, RECORDING
+    from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
 
-    whole, partial = folder / RECORDING, folder / f"{RECORDING}{PARTIAL}"
+    whole, partial = folder / RECORDING_FILE, folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}"
     if partial.exists():
-        go_on = f"twin run --from {seen_from_here(folder)} goes on"
-        return f"interrupted; recorded until then: {seen_from_here(partial)}; {go_on}"
+        go_on = f"twin run --from {relative_path(folder)} goes on"
+        return f"interrupted; recorded until then: {relative_path(partial)}; {go_on}"
     if whole.exists():
-        return f"interrupted; the recording is complete: {seen_from_here(whole)}"
+        return f"interrupted; the recording is complete: {relative_path(whole)}"
     # whatever else is in it stays
     with contextlib.suppress(OSError):
         folder.rmdir()
     return "interrupted before the first step; nothing is recorded"
 
 
-def seen_from_here(path: Path) -> Path:
+def relative_path(path: Path) -> Path:
     """`path` relative to the current folder, if it lies below."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

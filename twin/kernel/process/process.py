@@ -39,12 +39,12 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
-TAIL = 8192
+TAIL_BYTES = 8192
 """Bytes kept of what the process printed."""
-THREADS = {"OPENBLAS_NUM_THREADS": "1"}
+THREAD_LIMITS = {"OPENBLAS_NUM_THREADS": "1"}
 """Environment of the process, where the user does not say otherwise. Processes that run side by side would start a
 thread per core each; and sums would depend on how many cores there are, in the last bit of long vectors."""
-_READ = 65536
+_READ_BYTES = 65536
 
 
 class GuardedProcess:
@@ -70,7 +70,7 @@ class GuardedProcess:
             stdout=PIPE,
             stderr=None if helper else PIPE,
             pass_fds=[self.box.fd],
-            env={**THREADS, **environment()},
+            env={**THREAD_LIMITS, **environment()},
             start_new_session=not helper,
         )
         self.pid = self._process.pid
@@ -110,7 +110,7 @@ class GuardedProcess:
         return processor_time(self.pid)
 
     @property
-    def waits(self) -> bool:
+    def is_waiting(self) -> bool:
         """Whether it is not even ready for a processor; so it is where the system does not tell."""
         try:
             # pid (name) state ..; a name may have brackets
@@ -120,7 +120,7 @@ class GuardedProcess:
             return True
 
     @property
-    def printed(self) -> str:
+    def output_tail(self) -> str:
         """The last kilobytes of what it wrote to standard output and standard error."""
         return self._tail.decode(errors="replace")
 
@@ -130,7 +130,7 @@ class GuardedProcess:
         return resident_memory(self.pid)
 
     @property
-    def ended(self) -> bool:
+    def has_exit_status(self) -> bool:
         return self._process.returncode is not None
 
     def start(self, arguments: dict[str, Any]) -> None:
@@ -147,20 +147,20 @@ class GuardedProcess:
         """What it has reported since the last call, waiting at most `timeout` (s) for something to happen."""
         lines: list[bytes] = []
         ready = self._selector.select(timeout)
-        if not ready and not self.ended:
-            self.gone |= self._has_died()
+        if not ready and not self.has_exit_status:
+            self.gone |= self._is_zombie()
         for key, _ in ready:
-            data = os.read(key.fd, _READ)
+            data = os.read(key.fd, _READ_BYTES)
             if not data:
                 self._selector.unregister(key.fd)
                 self.gone |= key.fd == self._reports
             elif key.fd == self._reports:
                 *lines, self._rest = (self._rest + data).split(b"\n")
             else:
-                self._tail = (self._tail + data)[-TAIL:]
+                self._tail = (self._tail + data)[-TAIL_BYTES:]
         return [json.loads(line) for line in lines]
 
-    def _has_died(self) -> bool:
+    def _is_zombie(self) -> bool:
         """Whether it has ended, which its closed pipe does not tell while something it started holds that open.
 
         It is not waited for: until then its number, which is also that of its group, stays its own.
@@ -175,7 +175,7 @@ class GuardedProcess:
 
         A process that has ended by itself keeps the status it ended with.
         """
-        if not self.ended:
+        if not self.has_exit_status:
             # not waited for yet, so its number cannot have gone to anybody else
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 (os.kill if self._helper else os.killpg)(self.pid, signal.SIGKILL)
@@ -221,7 +221,7 @@ def start_ahead(job: str) -> None:
     _waiting[job] = GuardedProcess(job)
 
 
-def taken(job: str) -> GuardedProcess | None:
+def claim_process(job: str) -> GuardedProcess | None:
     """The process that was started ahead for `job`, if one was; none waits any more."""
     found = _waiting.pop(job, None)
     end_waiting()
@@ -230,7 +230,7 @@ def taken(job: str) -> GuardedProcess | None:
 
 def process_for(job: str) -> GuardedProcess:
     """The process that was started ahead for `job`, or a new one; none waits any more."""
-    return taken(job) or GuardedProcess(job)
+    return claim_process(job) or GuardedProcess(job)
 
 
 def end_waiting() -> None:

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-FIRST, SECOND = 20, 10
+RECEIVER_PRIORITY, WORKER_PRIORITY = 20, 10
 """Priorities under SCHED_FIFO of who waits for messages, and of who works on them."""
-SWITCH = 2e-5
+SWITCH_INTERVAL = 2e-5
 """s after which a thread that waits for the interpreter gets it, of two on one processor; Python's own is 5 ms."""
-SWITCH_APART = 1e-4
+PARALLEL_SWITCH_INTERVAL = 1e-4
 """Of two that may run at the same time, and so interrupt each other."""
-_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 """Of mlockall(2). What has been used once stays in memory; what is only reserved takes none."""
 
 
@@ -34,16 +34,16 @@ def real_time(first: int | None = None) -> Iterator[str]:
         What is not allowed here, as a sentence; "" if all is.
     """
     turns = sys.getswitchinterval()
-    refused = [why for why in (_go_first(), _lock_memory()) if why]
+    refused = [why for why in (_raise_priority(), _lock_memory()) if why]
     # what there is by now stays: a search through all of it takes tens of milliseconds
     gc.collect()
     gc.freeze()
     processors = _share_processor(first) if first and not refused else set()
-    sys.setswitchinterval(SWITCH if processors else SWITCH_APART)
+    sys.setswitchinterval(SWITCH_INTERVAL if processors else PARALLEL_SWITCH_INTERVAL)
     try:
         yield f"not in real time: {'; '.join(refused)}" if refused else ""
     finally:
-        _go_as_others()
+        _reset_priority()
         if processors:
             os.sched_setaffinity(0, processors)
         if hasattr(ctypes.CDLL(None), "munlockall"):
@@ -67,21 +67,21 @@ def _threads() -> list[int]:
     return [int(one.name) for one in Path("/proc/self/task").iterdir()]
 
 
-def _go_first() -> str:
+def _raise_priority() -> str:
     if sys.platform != "linux":
         return f"SCHED_FIFO is not known on {sys.platform}"
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
         for thread in _threads():
             with suppress(ProcessLookupError):
-                os.sched_setscheduler(thread, policy, os.sched_param(FIRST))
-        os.sched_setscheduler(0, policy, os.sched_param(SECOND))
+                os.sched_setscheduler(thread, policy, os.sched_param(RECEIVER_PRIORITY))
+        os.sched_setscheduler(0, policy, os.sched_param(WORKER_PRIORITY))
     except PermissionError:
         return "SCHED_FIFO is not allowed (CAP_SYS_NICE or ulimit -r 20)"
     return ""
 
 
-def _go_as_others() -> None:
+def _reset_priority() -> None:
     if sys.platform == "linux":
         for thread in _threads():
             with suppress(ProcessLookupError):
@@ -93,7 +93,7 @@ def _lock_memory() -> str:
     library = ctypes.CDLL(None, use_errno=True)
     if not hasattr(library, "mlockall"):
         return f"memory cannot be locked on {sys.platform}"
-    if library.mlockall(_CURRENT | _FUTURE | _ON_FAULT) == 0:
+    if library.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0:
         return ""
     why = errno.errorcode.get(ctypes.get_errno(), "")
     return f"memory cannot be locked, {why} (CAP_IPC_LOCK or ulimit -l unlimited)"

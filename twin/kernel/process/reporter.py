@@ -20,7 +20,7 @@ from twin.kernel.hooks import HOOKS
 from twin.kernel.process.black_box import INPUTS_AT, Announcer
 
 
-class Elsewhere(Component):
+class ProcessProxy(Component):
     """A component that stands for one in another process.
 
     Attributes:
@@ -35,10 +35,10 @@ class Elsewhere(Component):
 def called_function(component: Component) -> str:
     """The FMI function that a step of `component` calls, empty if it calls none."""
     if isinstance(component, FmuComponent):
-        return component.called
+        return component.step_call
     if isinstance(component, Subsystem):
         return ", ".join(dict.fromkeys(filter(None, map(called_function, component.system.components))))
-    return component.function if isinstance(component, Elsewhere) else ""
+    return component.function if isinstance(component, ProcessProxy) else ""
 
 
 Listen = Callable[[dict[str, Any]], None]

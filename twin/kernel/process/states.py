@@ -22,21 +22,21 @@ import numpy as np
 from twin.kernel.compiled.machine import chosen_form
 from twin.kernel.cosim import master
 from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.observers import Assembled, Observer, Simulated, TickEvent, simulate
+from twin.kernel.cosim.observers import Observer, SimulationResult, SystemOwner, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import MEDIA_TYPE, SavedState, stateless
+from twin.kernel.cosim.state import MEDIA_TYPE, SavedState, stateless_reasons
 from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import cosim_step
-from twin.kernel.process.reporter import Elsewhere
-from twin.kernel.recording.folder import STAMP
-from twin.kernel.recording.reader import CONTINUES, attachments
+from twin.kernel.process.reporter import ProcessProxy
+from twin.kernel.recording.folder import FOLDER_STAMP
+from twin.kernel.recording.reader import CONTINUES_KEY, attachments
 from twin.kernel.recording.recorder import Recorder
 
-OF_EVERY_RUN = (master.advance.native, cosim_step.step, cosim_step.plain_step, cosim_step.event_step)
+RUN_FUNCTIONS = (master.advance.native, cosim_step.step, cosim_step.plain_step, cosim_step.event_step)
 """What steps a system, and FMUs in it."""
-REASONS = {
+MISMATCH_REASONS = {
     "experiment": "of another experiment",
     "files": "of another FMU",
     "code": "of another version of twin's code",
@@ -57,23 +57,23 @@ def identity(system: System, packages: Mapping[str, str], files: Mapping[str, st
     """
     digest = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     # the name of a compiled function has a digest of all the source that it reaches
-    names = sorted({*code_of(system.components), *(native.name for native in OF_EVERY_RUN)})
+    names = sorted({*compiled_names(system.components), *(native.name for native in RUN_FUNCTIONS)})
     code = hashlib.sha256(" ".join(names).encode()).hexdigest()
-    return {"experiment": digest, "files": dict(files), "code": code} | identity_here(packages)
+    return {"experiment": digest, "files": dict(files), "code": code} | machine_identity(packages)
 
 
-def code_of(components: Iterable[Component]) -> Iterator[str]:
+def compiled_names(components: Iterable[Component]) -> Iterator[str]:
     """Names of compiled functions that step `components`, wherever these live."""
     for component in components:
         if isinstance(component, Subsystem):
-            yield from code_of(component.system.components)
-        elif isinstance(component, Elsewhere):
+            yield from compiled_names(component.system.components)
+        elif isinstance(component, ProcessProxy):
             yield from component.code
         elif isinstance(component, NativeComponent):
             yield component.step.name
 
 
-def identity_here(packages: Mapping[str, str]) -> dict[str, Any]:
+def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
     """The part of an identity that no experiment decides: versions of `packages`, and the processor."""
     return {
         "versions": {name: number for name, number in packages.items() if name != "twin"},
@@ -90,22 +90,22 @@ def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> N
     its = saved.about.get("of")
     if not isinstance(its, dict):
         raise InputRefused(f"{where}: the state does not say of whom it is")
-    for part, reason in REASONS.items():
+    for part, reason in MISMATCH_REASONS.items():
         if part in own and its.get(part) != own[part]:
             both = isinstance(its.get(part), dict) and isinstance(own[part], dict)
-            detail = f": {_differing(its[part], own[part])}" if both else ""
+            detail = f": {_difference_text(its[part], own[part])}" if both else ""
             raise InputRefused(
-                f"{where}: the state at {_seconds(saved)} is {reason}{detail}; it cannot be gone on from here, run "
+                f"{where}: the state at {_time_text(saved)} is {reason}{detail}; it cannot be gone on from here, run "
                 "the experiment again"
             )
 
 
-def _differing(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+def _difference_text(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
     keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
     return ", ".join(f"{key} {str(there.get(key, '-'))[:12]}, here {str(here.get(key, '-'))[:12]}" for key in keys[:3])
 
 
-def _seconds(saved: SavedState) -> str:
+def _time_text(saved: SavedState) -> str:
     time = saved.about.get("time")
     return f"{time:g} s" if isinstance(time, float) else f"tick {saved.tick}"
 
@@ -141,7 +141,7 @@ class RunStates(Observer):
 
     def begin(self, simulation: Simulation) -> None:
         self._simulation, self._first = simulation, simulation.next_tick
-        self.lacking = "; ".join(stateless(simulation.system.components))
+        self.lacking = "; ".join(stateless_reasons(simulation.system.components))
         # after a halt at which nothing is written a recorder's block would have no room for the next slice
         self.halts = [self._last_tick] if self.lacking else self.halts
 
@@ -153,14 +153,14 @@ class RunStates(Observer):
         elif tick in self._asked and tick > self._first:
             self._write(tick, self._content())
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         begun = first == self._simulation.system.first_tick
         if self.lacking and self._asked and first == self._simulation.next_tick - len(rows) and begun:
             text = f"no state is saved: {self.lacking}; twin run --from runs again from the start"
             events.append(TickEvent(first, "WARNING", text, "states"))
             events.sort(key=lambda event: event.tick)
 
-    def interrupted(self) -> None:
+    def save_on_interrupt(self) -> None:
         """The run ends here, before its time: save the state."""
         if not self.lacking and not self._simulation.failure and 0 < self._simulation.next_tick <= self._last_tick:
             self._write(self._simulation.next_tick, self._content())
@@ -185,7 +185,7 @@ class RunStates(Observer):
         recorder.attach(tick, content, MEDIA_TYPE)
 
 
-def asked_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
+def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
     """Ticks within a run at which a state is asked for.
 
     Args:
@@ -238,7 +238,7 @@ class Interrupts(Observer):
 
 
 def simulate_saving(
-    assembly: Assembled,
+    assembly: SystemOwner,
     last_tick: int,
     observers: Sequence[Observer],
     slice_ticks: int,
@@ -247,7 +247,7 @@ def simulate_saving(
     lasting: Mapping[str, Observer] = MappingProxyType({}),
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     timed: bool = True,
-) -> Simulated:
+) -> SimulationResult:
     """`simulate` a system that is recorded: `states` are saved, the last one also where an interrupt ends it.
 
     Args:
@@ -264,8 +264,8 @@ def simulate_saving(
         # states first: what others change at the beginning of a tick is not in its state
         watching = [states, *observers, interrupts]
         done = simulate(assembly, last_tick, watching, slice_ticks, timed, saved, lasting, adopt)
-        if interrupts.enough and not done.simulation.finished:
-            states.interrupted()
+        if interrupts.enough and not done.simulation.is_over:
+            states.save_on_interrupt()
             interrupts.end()
         if not done.failure:
             states.finish()
@@ -291,7 +291,7 @@ class StoredState:
     alive: Mapping[str, Component] = field(default_factory=dict)
 
     @property
-    def saved(self) -> SavedState:
+    def saved_state(self) -> SavedState:
         """The state.
 
         Raises:
@@ -331,9 +331,9 @@ def stored_state(recording: Path, until: float | None) -> StoredState | None:
     return found
 
 
-def continues(state: StoredState) -> dict[str, dict[str, str]]:
+def continuation_metadata(state: StoredState) -> dict[str, dict[str, str]]:
     """What the recording that goes on from `state` says of it."""
     folder = state.recording.resolve().parent
     # where a folder lies that its user has named is private
-    run = f"{folder.parent.name}/{folder.name}" if STAMP.fullmatch(folder.name) else folder.name
-    return {CONTINUES: {"run": run, "time_s": f"{state.time:.9g}"}}
+    run = f"{folder.parent.name}/{folder.name}" if FOLDER_STAMP.fullmatch(folder.name) else folder.name
+    return {CONTINUES_KEY: {"run": run, "time_s": f"{state.time:.9g}"}}

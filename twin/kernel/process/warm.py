@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, Self, TypeVar
 
-from twin.kernel.process.guard import POLL, Watchdog, raise_failure
+from twin.kernel.process.guard import POLL_INTERVAL, Watchdog, raise_failure
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.process import GuardedProcess, process_for
 
@@ -27,7 +27,7 @@ class WarmProcess:
     Args:
         job: see `function_called`.
         limits: of the process.
-        check: called at least every `POLL` s during an answer; an exception gives the answer up.
+        check: called at least every `POLL_INTERVAL` s during an answer; an exception gives the answer up.
     """
 
     def __init__(self, job: str, limits: JobLimits, check: Callable[[], None] = lambda: None):
@@ -70,8 +70,8 @@ class WarmProcess:
         process.start(dict(arguments))
         try:
             while True:
-                for report in process.reports(POLL):
-                    self._watch.account.take(report)
+                for report in process.reports(POLL_INTERVAL):
+                    self._watch.account.update(report)
                     raise_failure(report)
                     if "finished" in report:
                         if process.memory > MEMORY_SHARE * self._limits.memory:
@@ -84,7 +84,7 @@ class WarmProcess:
             raise
 
 
-class _Stopped(Exception):
+class _PoolShutdown(Exception):
     """The pool has been closed."""
 
 
@@ -130,18 +130,18 @@ class Pool(Generic[Task, Answer]):
             left -= len(batch)
             yield batch
 
-    def _raise_if_stopped(self) -> None:
+    def _raise_if_stopping(self) -> None:
         if self._stopping.is_set():
-            raise _Stopped
+            raise _PoolShutdown
 
     def _serve(self) -> None:
         """Work of a thread. It starts its process itself, because a process dies with the thread that started it."""
-        with WarmProcess(self._job, self._limits, self._raise_if_stopped) as process:
+        with WarmProcess(self._job, self._limits, self._raise_if_stopping) as process:
             while (item := self._waiting.get()) is not None and not self._stopping.is_set():
                 task, done = item
                 try:
                     done.put((task, self._ask(process, task)))
-                except _Stopped:
+                except _PoolShutdown:
                     return
                 # also an interrupt of the process, which would else be lost with this thread
                 except BaseException as problem:

@@ -12,18 +12,18 @@ from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from twin.kernel.errors import RecordingFailed, RecordingRefused, disk_refusals
-from twin.kernel.files import meant
-from twin.kernel.writing import made_folder, write_text
+from twin.kernel.atomic_write import make_folder, write_text
+from twin.kernel.errors import RecordingError, RecordingWriteError, translate_disk_errors
+from twin.kernel.files import suggestion
 
-RESULTS = Path("results")
-RECORDING = "run.mcap"
-LATEST = "latest"
-STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
+RESULTS_FOLDER = Path("results")
+RECORDING_FILE = "run.mcap"
+LATEST_LINK = "latest"
+FOLDER_STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
 """What `create_run_folder` calls the folder of a run."""
-NAMED = "named.txt"
+NAMED_NOTE_FILE = "named.txt"
 """In a folder that its user has called as `create_run_folder` might have done."""
-PARTIAL = ".partial"
+PARTIAL_SUFFIX = ".partial"
 
 
 def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
@@ -32,15 +32,15 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
     Raises:
         InputRefused: it cannot be created.
     """
-    home = made_folder(results / experiment)
+    home = make_folder(results / experiment)
     stamp = now.strftime("%Y-%m-%d_%H%M%S")
     for attempt in range(1, 1000):
         folder = home / (stamp if attempt == 1 else f"{stamp}_{attempt}")
-        refusals = disk_refusals(folder, "cannot be created", RecordingRefused, "choose with --out")
+        refusals = translate_disk_errors(folder, "cannot be created", RecordingError, "choose with --out")
         with refusals, contextlib.suppress(FileExistsError):
             folder.mkdir()
             break
-    _point(home / LATEST, folder.name)
+    _link_latest(home / LATEST_LINK, folder.name)
     return folder
 
 
@@ -50,12 +50,12 @@ def discard_run_folder(folder: Path) -> None:
         folder.rmdir()
     except OSError:
         return
-    before = [one.name for one in folder.parent.iterdir() if one.is_dir() and STAMP.fullmatch(one.name)]
+    before = [one.name for one in folder.parent.iterdir() if one.is_dir() and FOLDER_STAMP.fullmatch(one.name)]
     # a tenth run within a second sorts before the second one, and is later
-    _point(folder.parent / LATEST, max(before, key=lambda name: (name[:17], len(name), name), default=None))
+    _link_latest(folder.parent / LATEST_LINK, max(before, key=lambda name: (name[:17], len(name), name), default=None))
 
 
-def _point(latest: Path, run: str | None) -> None:
+def _link_latest(latest: Path, run: str | None) -> None:
     # Windows grants links to administrators only; `recording_in` then takes the newest folder
     with contextlib.suppress(OSError):
         latest.unlink(missing_ok=True)
@@ -71,12 +71,12 @@ def claim_run_folder(folder: Path) -> Path:
     Raises:
         InputRefused: it exists and is not empty, or cannot be created.
     """
-    with disk_refusals(folder, "cannot be read", RecordingRefused):
+    with translate_disk_errors(folder, "cannot be read", RecordingError):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise RecordingRefused(f"{folder}: exists and is not empty; name a new folder, a run is never overwritten")
-    made_folder(folder)
-    if STAMP.fullmatch(folder.name):
-        write_text(folder / NAMED, "twin runs --prune leaves this run: its folder was named with --out\n")
+            raise RecordingError(f"{folder}: exists and is not empty; name a new folder, a run is never overwritten")
+    make_folder(folder)
+    if FOLDER_STAMP.fullmatch(folder.name):
+        write_text(folder / NAMED_NOTE_FILE, "twin runs --prune leaves this run: its folder was named with --out\n")
     return folder
 
 
@@ -89,18 +89,18 @@ def recording_in(path: Path) -> Path:
     # not Path.is_file, which raises for a name that is too long
     if os.path.isfile(path):
         return path
-    latest = path / LATEST
+    latest = path / LATEST_LINK
     # a path that was printed means another run after the next one, unless it names the run
     runs = [path, path / os.readlink(latest) if os.path.islink(latest) else latest]
     if os.path.isdir(path):
         runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
     for folder in runs:
-        for name in (RECORDING, f"{RECORDING}.partial"):
+        for name in (RECORDING_FILE, f"{RECORDING_FILE}.partial"):
             if os.path.isfile(folder / name):
                 return folder / name
-    hint = "" if os.path.exists(path) else meant(RESULTS / path) or meant(path)
+    hint = "" if os.path.exists(path) else suggestion(RESULTS_FOLDER / path) or suggestion(path)
     hint = hint or "; expected an .mcap file, a run's folder or results/<experiment>"
-    raise RecordingRefused(f"{path}: no recording{hint}")
+    raise RecordingError(f"{path}: no recording{hint}")
 
 
 class Output:
@@ -120,10 +120,10 @@ class Output:
             RecordingFailed: it cannot be created.
         """
         self.path = path
-        self.partial = path.with_name(path.name + PARTIAL)
+        self.partial = path.with_name(path.name + PARTIAL_SUFFIX)
         self.size = 0
         self.crc = 0
-        with disk_refusals(self.partial, "cannot be created", RecordingFailed):
+        with translate_disk_errors(self.partial, "cannot be created", RecordingWriteError):
             # unbuffered: what `append` returned from is with the operating system and survives this process
             self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
 
@@ -141,10 +141,10 @@ class Output:
             RecordingFailed: the operating system refuses: disk full, file too large, closed file.
         """
         if self._file is None:
-            raise RecordingFailed(f"{self.partial}: the recording is closed")
+            raise RecordingWriteError(f"{self.partial}: the recording is closed")
         size, crc = self.size, self.crc
         remedy = f"the {self.size} bytes already written stay readable"
-        with disk_refusals(self.partial, "recording stopped", RecordingFailed, remedy):
+        with translate_disk_errors(self.partial, "recording stopped", RecordingWriteError, remedy):
             try:
                 for piece in (data,) if isinstance(data, bytes) else data:
                     rest = memoryview(piece)
@@ -172,8 +172,8 @@ class Output:
             RecordingFailed: the disk or the folder refuses; the partial file stays.
         """
         if self._file is None:
-            raise RecordingFailed(f"{self.partial}: the recording is closed")
-        with disk_refusals(self.partial, "cannot be finished", RecordingFailed):
+            raise RecordingWriteError(f"{self.partial}: the recording is closed")
+        with translate_disk_errors(self.partial, "cannot be finished", RecordingWriteError):
             try:
                 os.fsync(self._file.fileno())
             finally:

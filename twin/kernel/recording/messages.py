@@ -31,7 +31,7 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.opcode import Opcode
 
-from twin.kernel.compiled.function import carray, copy, put
+from twin.kernel.compiled.function import carray, copy, store_number
 from twin.kernel.compiled.native import address_of, entry
 
 Kind = Literal["double", "int", "bool"]
@@ -107,20 +107,20 @@ def check_stream(name: str, period: int) -> None:
         raise ValueError(f"topic {name}: period is {period} ticks, expected 1 or more")
 
 
-PACKAGE = "twin"
+PROTO_PACKAGE = "twin"
 # sfixed64 rather than int64: counts of any value take 8 bytes, so messages have one length
 PROTOBUF_TYPES: dict[Kind, FieldDescriptorProto.Type.ValueType] = {
     "double": FieldDescriptorProto.TYPE_DOUBLE,
     "int": FieldDescriptorProto.TYPE_SFIXED64,
     "bool": FieldDescriptorProto.TYPE_BOOL,
 }
-KINDS: dict[int, Kind] = {number: kind for kind, number in PROTOBUF_TYPES.items()}
-CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+FIELD_KINDS: dict[int, Kind] = {number: kind for kind, number in PROTOBUF_TYPES.items()}
+CONTROL_CHARACTERS = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 """Characters that a terminal may obey."""
-LARGEST_FIELD = 10_000
+MAX_FIELD_SIZE = 10_000
 """Values of a field; a schema must not ask for any amount of memory."""
 # field numbers of `message_type` in FileDescriptorProto and of `field` in DescriptorProto, for source paths
-MESSAGE_TYPE, FIELD = 4, 2
+MESSAGE_TYPE_NUMBER, FIELD_NUMBER = 4, 2
 
 
 def message_names(topics: Sequence[Topic]) -> list[str]:
@@ -136,17 +136,17 @@ def message_names(topics: Sequence[Topic]) -> list[str]:
         words = [word.capitalize() for word in topic.name.replace("_", "/").split("/")]
         candidates = ("".join(w for w in words if not w.isdigit()), "".join(words))
         if topic.fields not in names:
-            free = [c for c in candidates if f"{PACKAGE}.{c}" not in names.values()]
+            free = [c for c in candidates if f"{PROTO_PACKAGE}.{c}" not in names.values()]
             if not free:
                 raise ValueError(f"topic {topic.name}: type {candidates[-1]} has other fields already")
-            names[topic.fields] = f"{PACKAGE}.{free[0]}"
+            names[topic.fields] = f"{PROTO_PACKAGE}.{free[0]}"
     return [names[topic.fields] for topic in topics]
 
 
 def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
     """Serialised FileDescriptorSet of the message type `message_name` with `fields`, numbered from 1."""
-    simple_name = message_name.removeprefix(f"{PACKAGE}.")
-    file = FileDescriptorProto(name=f"{PACKAGE}/{simple_name}.proto", package=PACKAGE, syntax="proto3")
+    simple_name = message_name.removeprefix(f"{PROTO_PACKAGE}.")
+    file = FileDescriptorProto(name=f"{PROTO_PACKAGE}/{simple_name}.proto", package=PROTO_PACKAGE, syntax="proto3")
     message = file.message_type.add(name=simple_name)
     known = Counter(_json_name(field.name) for field in fields)
     for index, field in enumerate(fields):
@@ -156,7 +156,7 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
         label = FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL
         message.field.add(name=field.name, number=index + 1, type=PROTOBUF_TYPES[field.kind], label=label, **own)
         file.source_code_info.location.add(
-            path=[MESSAGE_TYPE, 0, FIELD, index],
+            path=[MESSAGE_TYPE_NUMBER, 0, FIELD_NUMBER, index],
             span=[index, 0, 0],
             leading_comments=f"{field.unit}: {field.meaning}",
             trailing_comments=f"{field.size} values" if repeated else "",
@@ -170,7 +170,7 @@ def _json_name(name: str) -> str:
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 
 
-def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
+def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
     """Fields of the message type `message_name`: `descriptor_set` backwards.
 
     Raises:
@@ -185,8 +185,8 @@ def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]
     comments = {tuple(location.path): location for location in file.source_code_info.location}
     fields = []
     for index, field in enumerate(message.field):
-        comment = comments.get((MESSAGE_TYPE, position, FIELD, index))
-        if comment is None or field.number != index + 1 or field.type not in KINDS:
+        comment = comments.get((MESSAGE_TYPE_NUMBER, position, FIELD_NUMBER, index))
+        if comment is None or field.number != index + 1 or field.type not in FIELD_KINDS:
             raise ValueError(f"field {field.name} of {message_name} is not one that twin writes")
         # protobuf hands out what is not UTF-8 as bytes
         if not all(isinstance(text, str) for text in (field.name, comment.leading_comments, comment.trailing_comments)):
@@ -194,9 +194,9 @@ def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]
         unit, _, meaning = comment.leading_comments.partition(": ")
         repeated = field.label == FieldDescriptorProto.LABEL_REPEATED
         size = int(comment.trailing_comments.split()[0]) if repeated else 1
-        if not 1 <= size <= LARGEST_FIELD or CONTROLS.search(unit + meaning):
+        if not 1 <= size <= MAX_FIELD_SIZE or CONTROL_CHARACTERS.search(unit + meaning):
             raise ValueError(f"field {field.name} of {message_name} is not one that twin writes")
-        fields.append(Field(field.name, size, KINDS[field.type], unit, meaning))
+        fields.append(Field(field.name, size, FIELD_KINDS[field.type], unit, meaning))
     return tuple(fields)
 
 
@@ -227,15 +227,15 @@ def descriptors_of(message_type: Descriptor) -> bytes:
     return found.SerializeToString(deterministic=True)
 
 
-DOUBLE, INTEGER, BOOL, SECONDS, NANOS = range(5)
+DOUBLE_PLACE, INTEGER_PLACE, BOOL_PLACE, SECONDS_PLACE, NANOS_PLACE = range(5)
 """Kinds of places: a double, a 64-bit integer, a byte that is 0 or 1, and a time in groups of 7 bits."""
 SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
 """Where an MCAP Message record (https://mcap.dev/spec#message-op0x05) has what differs from one to the next."""
-GROUPS = 5
+TIME_GROUPS = 5
 """Of 7 bits, in which a form has seconds and nanoseconds."""
-SECOND = 10**9
-FLOAT = np.dtype(np.float64)
-ITEM = FLOAT.itemsize
+NS_PER_S = 10**9
+FLOAT_TYPE = np.dtype(np.float64)
+FLOAT_BYTES = FLOAT_TYPE.itemsize
 NO_PLACES = np.empty((0, 3), dtype=np.int64)
 
 
@@ -245,26 +245,26 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
     for i in range(count):
         to = records + i * stride
         copy(to, template, stride)
-        put(to + SEQUENCE_AT, np.uint32(first_sequence + i))
-        put(to + LOG_TIME_AT, at[i])
-        put(to + PUBLISH_TIME_AT, at[i])
+        store_number(to + SEQUENCE_AT, np.uint32(first_sequence + i))
+        store_number(to + LOG_TIME_AT, at[i])
+        store_number(to + PUBLISH_TIME_AT, at[i])
         for k in range(number):
             kind, column, where = place[3 * k], place[3 * k + 1], to + place[3 * k + 2]
-            if kind == DOUBLE:
-                put(where, row[i * step + column])
-            elif kind == BOOL:
-                put(where, np.uint8(row[i * step + column] != 0.0))
-            elif kind == INTEGER:
+            if kind == DOUBLE_PLACE:
+                store_number(where, row[i * step + column])
+            elif kind == BOOL_PLACE:
+                store_number(where, np.uint8(row[i * step + column] != 0.0))
+            elif kind == INTEGER_PLACE:
                 value = row[i * step + column]
                 # what is beyond the integers, and NaN, has none to be compared with
                 if not -(2.0**63) <= value < 2.0**63 or value != np.floor(value):
                     return 0
-                put(where, np.int64(value))
+                store_number(where, np.int64(value))
             else:
-                rest = at[i] // SECOND if kind == SECONDS else at[i] % SECOND
-                for group in range(GROUPS):
-                    more = 0x80 if group < GROUPS - 1 else 0
-                    put(where + group, np.uint8(rest >> 7 * group & 0x7F | more))
+                rest = at[i] // NS_PER_S if kind == SECONDS_PLACE else at[i] % NS_PER_S
+                for group in range(TIME_GROUPS):
+                    more = 0x80 if group < TIME_GROUPS - 1 else 0
+                    store_number(where + group, np.uint8(rest >> 7 * group & 0x7F | more))
     return 1
 
 
@@ -288,11 +288,11 @@ class Filling:
             first_sequence: number of the first record.
             rows: (count, columns) float64.
         """
-        if rows.dtype != FLOAT or rows.strides[1] != ITEM or rows.strides[0] % ITEM:
-            rows = np.ascontiguousarray(rows, dtype=FLOAT)
-        stride, step = len(self.template), rows.strides[0] // ITEM
+        if rows.dtype != FLOAT_TYPE or rows.strides[1] != FLOAT_BYTES or rows.strides[0] % FLOAT_BYTES:
+            rows = np.ascontiguousarray(rows, dtype=FLOAT_TYPE)
+        stride, step = len(self.template), rows.strides[0] // FLOAT_BYTES
         # addresses all of them: an entry would look for arrays among its arguments
-        whole: int = _fill.native.called(
+        whole: int = _fill.native.c_function(
             to, count, stride, self._template_at, times, first_sequence, address_of(rows[:1]), step,
             self._places_at, len(self._places),
         )  # fmt: skip
@@ -325,7 +325,7 @@ CONSTANT_HEAD = slice(0, 11)
 # opcode and length are not counted in the length of a record
 RECORD_PREFIX = 9
 VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
-PLACE_KINDS: dict[Kind, int] = {"double": DOUBLE, "int": INTEGER, "bool": BOOL}
+PLACE_KINDS: dict[Kind, int] = {"double": DOUBLE_PLACE, "int": INTEGER_PLACE, "bool": BOOL_PLACE}
 # wire types of protobuf
 VARINT, I64, LEN = 0, 1, 2
 
@@ -409,11 +409,11 @@ def message_records(
     """
     records = layout.filling.records(times, first_sequence, rows)
     if records is None:
-        raise ValueError(no_integer(fields, rows))
+        raise ValueError(no_integer_message(fields, rows))
     return records
 
 
-def no_integer(fields: Sequence[Field], rows: np.ndarray) -> str:
+def no_integer_message(fields: Sequence[Field], rows: np.ndarray) -> str:
     """A sentence about the first of `rows` that has none where `fields` want one."""
     start = 0
     for field in fields:
@@ -435,19 +435,19 @@ def varint(number: int) -> bytes:
     return bytes([*groups, number])
 
 
-# seconds and nanoseconds as integers of five groups of 7 bits, `filling.GROUPS`; both of these need all five
+# seconds and nanoseconds as integers of five groups of 7 bits, `filling.TIME_GROUPS`; both of these need all five
 BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
 """Stands in an example where the message's own time goes."""
 TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
 # behind their tags of one byte each
-SECONDS_AT, NANOS_AT = 1, 1 + GROUPS + 1
+SECONDS_AT, NANOS_AT = 1, 1 + TIME_GROUPS + 1
 # the upper half of a double of about 1e307 that no program writes on purpose; the lower half is the column
-BLANK = 0x7FC0_7749
+BLANK_BITS = 0x7FC0_7749
 
 
-def blank(column: int) -> float:
+def blank_value(column: int) -> float:
     """Stands in an example where the numbers of `column` of the rows go."""
-    return struct.unpack("<d", struct.pack("<II", column, BLANK))[0]
+    return struct.unpack("<d", struct.pack("<II", column, BLANK_BITS))[0]
 
 
 @dataclass(frozen=True)
@@ -480,14 +480,14 @@ def form_filling(channel: int, form: MessageForm) -> Filling:
         ValueError: a column has no blank in the example.
     """
     body = form.example.SerializeToString(deterministic=True)
-    doubles = [struct.pack("<d", blank(column)) for column in range(form.width)]
+    doubles = [struct.pack("<d", blank_value(column)) for column in range(form.width)]
     found = [(column, place) for column, double in enumerate(doubles) for place in _places(body, double)]
     missing = set(range(form.width)) - {column for column, _ in found}
     if missing:
         raise ValueError(f"form {form.name}: columns {sorted(missing)} have no blank in the example")
-    places = [(DOUBLE, column, place) for column, place in found]
+    places = [(DOUBLE_PLACE, column, place) for column, place in found]
     for place in _places(body, TIME_BYTES):
-        places += [(SECONDS, 0, place + SECONDS_AT), (NANOS, 0, place + NANOS_AT)]
+        places += [(SECONDS_PLACE, 0, place + SECONDS_AT), (NANOS_PLACE, 0, place + NANOS_AT)]
     table = np.array(places, dtype=np.int64).reshape(-1, 3) + np.array([0, 0, HEAD_SIZE])
     return Filling(record_template(channel, body), table)
 

@@ -21,18 +21,18 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin.kernel.errors import (
     InputRefused,
-    RecordingDamaged,
-    RecordingRefused,
+    RecordingDamageError,
+    RecordingError,
     UnknownSeries,
-    disk_refusals,
+    escape_controls,
     nearest,
-    visible,
+    translate_disk_errors,
 )
-from twin.kernel.files import LIMIT, json_of
-from twin.kernel.recording.folder import PARTIAL, recording_in
+from twin.kernel.files import MAX_TEXT_BYTES, parse_json
+from twin.kernel.recording.folder import PARTIAL_SUFFIX, recording_in
 from twin.kernel.recording.messages import RECORD_PREFIX, Field, MessageLayout
-from twin.kernel.recording.scan import NANOSECONDS, Contents, Damage, Event, Scan
-from twin.kernel.recording.summary import encoded
+from twin.kernel.recording.scan import NS_PER_S, Contents, Damage, Event, Scan
+from twin.kernel.recording.summary import encode_record
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,7 +114,7 @@ class Recording:
             raise UnknownSeries(
                 f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}", topic
             )
-        return self.streams[topic].head["log_time"] / NANOSECONDS
+        return self.streams[topic].head["log_time"] / NS_PER_S
 
     @property
     def deviations(self) -> tuple[str, ...]:
@@ -125,19 +125,19 @@ class Recording:
         ]
         if "changed" in self.metadata:
             stated.append("changed by hand while it ran: the experiment alone does not repeat this run")
-        return tuple(visible(text) for text in stated)
+        return tuple(escape_controls(text) for text in stated)
 
     @property
     def other_parts(self) -> tuple[str, ...]:
         """Sentences on third-party parts of the robot."""
-        return tuple(visible(text) for text in self.metadata.get("part", {}).values())
+        return tuple(escape_controls(text) for text in self.metadata.get("part", {}).values())
 
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the file."""
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}
 
 
-def origin(path: Path) -> dict[str, dict[str, str]]:
+def read_metadata(path: Path) -> dict[str, dict[str, str]]:
     """The metadata of the recording's file `path`, finished or not: name -> key -> text.
 
     Goes from record to record; samples are passed over. Nothing is checked: `reader.read` does that.
@@ -146,11 +146,11 @@ def origin(path: Path) -> dict[str, dict[str, str]]:
         RecordingRefused: it cannot be read, or is no MCAP file.
     """
     found: dict[str, dict[str, str]] = {}
-    for body in _bodies(path, Opcode.METADATA):
+    for body in _record_bodies(path, Opcode.METADATA):
         try:
             record = Metadata.read(ReadDataStream(BytesIO(body)))
         except (McapError, ValueError, struct.error, OverflowError):
-            raise RecordingRefused(f"{path}: not a recording that twin wrote: its metadata is damaged") from None
+            raise RecordingError(f"{path}: not a recording that twin wrote: its metadata is damaged") from None
         found.setdefault(record.name, {}).update(record.metadata)
     return found
 
@@ -163,24 +163,24 @@ def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
     Raises:
         RecordingRefused: it cannot be read, or is no MCAP file.
     """
-    for body in _bodies(path, Opcode.ATTACHMENT):
+    for body in _record_bodies(path, Opcode.ATTACHMENT):
         try:
             record = Attachment.read(ReadDataStream(BytesIO(body)))
         except (McapError, ValueError, struct.error, OverflowError):
             continue
-        if record.media_type == media_type and encoded(record)[RECORD_PREFIX:] == body:
-            yield record.log_time / NANOSECONDS, record.data
+        if record.media_type == media_type and encode_record(record)[RECORD_PREFIX:] == body:
+            yield record.log_time / NS_PER_S, record.data
 
 
-def _bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
-    """Of each whole record of that kind outside chunks; raises as `origin`."""
-    with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
+def _record_bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
+    """Of each whole record of that kind outside chunks; raises as `read_metadata`."""
+    with translate_disk_errors(path, "cannot be read", RecordingError), path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
+            raise RecordingError(f"{path}: not an MCAP file, expected a recording of twin")
         for kind, length in _records(file):
             if kind == Opcode.DATA_END:
                 break
-            if kind == opcode and length <= LIMIT:
+            if kind == opcode and length <= MAX_TEXT_BYTES:
                 yield file.read(length)
 
 
@@ -196,9 +196,9 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
         yield opcode, length
 
 
-CONTINUES = "continues"
+CONTINUES_KEY = "continues"
 """Metadata of a recording that goes on from the state of a run: which run, and from when on (`time_s`)."""
-ROUNDING = 2
+TIME_ROUNDING = 2
 """ns; times are rounded to whole ones."""
 
 
@@ -220,14 +220,14 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
         path = recording_in(path)
     try:
         with path.open("rb") as file:
-            return _read(path, file, salvage)
+            return _read_file(path, file, salvage)
     except OSError as error:
-        partial = path.with_name(path.name + PARTIAL)
+        partial = path.with_name(path.name + PARTIAL_SUFFIX)
         hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
-        raise RecordingRefused(f"{path}: cannot be read: {error.strerror}{hint}") from error
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
         reason = error.args[0] if isinstance(error, LookupError) and error.args else error
-        raise RecordingRefused(f"{path}: not a recording that twin wrote: {reason}") from error
+        raise RecordingError(f"{path}: not a recording that twin wrote: {reason}") from error
 
 
 def last_time(path: Path) -> float | None:
@@ -241,14 +241,14 @@ def last_time(path: Path) -> float | None:
         for opcode, _ in _records(file):
             if opcode == Opcode.CHUNK:
                 _, last = struct.unpack("<QQ", file.read(16))
-    return None if last is None else last / NANOSECONDS
+    return None if last is None else last / NS_PER_S
 
 
-def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
+def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     magic = file.read(len(MCAP0_MAGIC))
     if magic != MCAP0_MAGIC:
         what = "not an MCAP file" if magic else "an empty file"
-        raise RecordingRefused(f"{path}: {what}, expected a recording of twin")
+        raise RecordingError(f"{path}: {what}, expected a recording of twin")
     contents = Contents()
     metadata: dict[str, dict[str, str]] = {}
     scan = Scan(file)
@@ -269,7 +269,7 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     except Damage as error:
         damage = error
     if contents.foreign and not contents.series:
-        raise RecordingRefused(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
+        raise RecordingError(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
     streams = {
         contents.topics[channel]: Stream(series.fields, series.layout, series.all_records())
         for channel, series in contents.series.items()
@@ -278,21 +278,21 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     if damage is not None:
         what = f"damaged at byte {damage.position}: {damage.reason}"
         if not salvage:
-            raise RecordingDamaged(f"{path}: {what}; with salvage it can be read {_reach(streams)}")
-        note = f"{what}; read {_reach(streams)}"
+            raise RecordingDamageError(f"{path}: {what}; with salvage it can be read {_reach_text(streams)}")
+        note = f"{what}; read {_reach_text(streams)}"
     elif not scan.complete:
-        note = f"unfinished recording: read {_reach(streams)}; {scan.rest} bytes after that are incomplete"
+        note = f"unfinished recording: read {_reach_text(streams)}; {scan.rest} bytes after that are incomplete"
     else:
         note = _shortfall(streams, metadata)
     return Recording(path, streams, contents.events, metadata, not note, note)
 
 
-def _reach(streams: dict[str, Stream]) -> str:
+def _reach_text(streams: dict[str, Stream]) -> str:
     """How far the messages of `streams` reach, as half a sentence."""
     ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
     if not ends:
         return "up to its metadata, no chunk is complete"
-    return f"up to {max(ends) / NANOSECONDS:.3f} s, its last complete chunk"
+    return f"up to {max(ends) / NS_PER_S:.3f} s, its last complete chunk"
 
 
 def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str, str]]) -> str:
@@ -301,7 +301,7 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
     Chunks can be taken out of a file and the rest be sealed again, index and all. What then still tells is that a run
     is recorded tick by tick, from 0 to the duration of its experiment.
     """
-    duration, began = _duration(metadata), _began(metadata)
+    duration, began = _duration(metadata), _start_time(metadata)
     times = {topic: stream.head["log_time"].astype(np.int64) for topic, stream in streams.items()}
     if duration is None or not any(len(t) for t in times.values()):
         return ""
@@ -311,27 +311,27 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
         # every step is the topic's period; the last sample is less than one before the end
         period = int(np.median(steps)) if len(steps) else 0
         # what goes on from a state begins where that was taken
-        if not len(t) or t[0] > (began + period - 1 if began else 0) + ROUNDING:
+        if not len(t) or t[0] > (began + period - 1 if began else 0) + TIME_ROUNDING:
             return f"the first samples of {topic} are missing"
-        uneven = np.flatnonzero(np.abs(steps - period) > ROUNDING)
+        uneven = np.flatnonzero(np.abs(steps - period) > TIME_ROUNDING)
         if len(uneven):
             at = uneven[0]
             return (
-                f"samples of {topic} are missing or moved: after {t[at] / NANOSECONDS:.3f} s comes "
-                f"{t[at + 1] / NANOSECONDS:.3f} s, though one is due every {period / NANOSECONDS:g} s"
+                f"samples of {topic} are missing or moved: after {t[at] / NS_PER_S:.3f} s comes "
+                f"{t[at + 1] / NS_PER_S:.3f} s, though one is due every {period / NS_PER_S:g} s"
             )
-        if len(steps) and end - t[-1] >= period - ROUNDING:
-            return f"samples of {topic} are missing: the last is at {t[-1] / NANOSECONDS:.3f} s"
+        if len(steps) and end - t[-1] >= period - TIME_ROUNDING:
+            return f"samples of {topic} are missing: the last is at {t[-1] / NS_PER_S:.3f} s"
     # a duration is a whole number of ticks to a billionth
-    if abs(end - duration * NANOSECONDS) > ROUNDING + duration:
-        return f"ends at {end / NANOSECONDS:.3f} s, though its experiment lasts {duration:g} s"
+    if abs(end - duration * NS_PER_S) > TIME_ROUNDING + duration:
+        return f"ends at {end / NS_PER_S:.3f} s, though its experiment lasts {duration:g} s"
     return ""
 
 
-def _began(metadata: Mapping[str, Mapping[str, str]]) -> int:
+def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
     """When a run begins that goes on from another one's state (ns); 0: it does not."""
     try:
-        return max(0, round(float(metadata[CONTINUES]["time_s"]) * NANOSECONDS))
+        return max(0, round(float(metadata[CONTINUES_KEY]["time_s"]) * NS_PER_S))
     except (KeyError, ValueError, OverflowError):
         return 0
 
@@ -339,7 +339,7 @@ def _began(metadata: Mapping[str, Mapping[str, str]]) -> int:
 def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
     """Of the run (s), as its experiment says; None: it does not."""
     try:
-        values = json_of(metadata["experiment"]["values"], "")
+        values = parse_json(metadata["experiment"]["values"], "")
         duration = float(values["duration_s"])
     except (InputRefused, KeyError, TypeError, ValueError, OverflowError):
         return None

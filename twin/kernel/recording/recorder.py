@@ -17,8 +17,8 @@ import numpy as np
 from twin.kernel.cosim.observers import Level, Observer, TickEvent
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import of_plain, plain
-from twin.kernel.errors import ComponentFailed, EndRequested
+from twin.kernel.cosim.state import decode_json, encode_json
+from twin.kernel.errors import ComponentFailed, EndRequest
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
 
@@ -64,7 +64,7 @@ class RowBlock:
         return self._memory[: self._count]
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         return self._count == len(self._memory)
 
     def add(self, rows: np.ndarray, events: list[TickEvent]) -> None:
@@ -98,14 +98,14 @@ class EventLog(Observer):
     def __init__(self) -> None:
         self.events: list[TickEvent] = []
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.events += events
 
     def state(self) -> Any:
-        return plain(self.events)
+        return encode_json(self.events)
 
     def restore(self, state: Any) -> None:
-        self.events = [TickEvent(*one) for one in of_plain(state, "events")]
+        self.events = [TickEvent(*one) for one in decode_json(state, "events")]
         for event in self.events:
             if [type(value) for value in event] != [int, str, str, str] or event.level not in get_args(Level):
                 raise ValueError(f"{event} is no event")
@@ -145,18 +145,18 @@ class Recorder(EventLog):
             self._writer.write_metadata("changed", {"first": first, "all": "the events of 'tuning'"})
             self._marked = True
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         began = time.perf_counter()
-        super().take(first, rows, events)
+        super().on_rows(first, rows, events)
         self._block.add(rows, events)
-        if self._block.full or self._simulation.finished:
-            self._write()
+        if self._block.is_full or self._simulation.is_over:
+            self._write_block()
         self.writing += time.perf_counter() - began
 
     def attach(self, tick: int, content: bytes, media_type: str) -> None:
         """Write what belongs to the beginning of `tick`, behind all that was recorded before."""
         began = time.perf_counter()
-        self._write()
+        self._write_block()
         self._writer.write_attachment(f"state_{tick}", tick, media_type, content)
         self.writing += time.perf_counter() - began
 
@@ -171,7 +171,7 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
         return recording
 
-    def end(self, request: EndRequested) -> None:
+    def end(self, request: EndRequest) -> None:
         """A component's request for the end, which becomes an event; the recording is to be finished."""
         event = TickEvent(max(0, self._simulation.next_tick - 1), "INFO", str(request), self._simulation.culprit)
         self.events.append(event)
@@ -184,7 +184,7 @@ class Recorder(EventLog):
         until = max(0, end - 1) * self._simulation.system.tick
         return f"{failure}\nRecorded until then: {self._writer.abandon()} ({until:.3f} s)."
 
-    def _write(self) -> None:
+    def _write_block(self) -> None:
         block = self._block
         if not len(block.rows) and not block.events:
             return

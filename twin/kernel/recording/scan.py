@@ -27,7 +27,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin.kernel.compiled.function import carray, copy, njit
 from twin.kernel.compiled.native import entry
-from twin.kernel.files import LIMIT
+from twin.kernel.files import MAX_TEXT_BYTES
 from twin.kernel.recording.messages import (
     HEAD_OFFSETS,
     HEAD_SIZE,
@@ -36,39 +36,39 @@ from twin.kernel.recording.messages import (
     Field,
     MessageLayout,
     check_stream,
-    described_fields,
+    descriptor_fields,
     message_layout,
 )
-from twin.kernel.recording.summary import allowance, encoded, unpacked
+from twin.kernel.recording.summary import decompress_chunk, encode_record, unpack_allowance
 
-PLACE, OPCODE, LENGTH, CHANNEL, SEQUENCE = range(5)
+PLACE_COLUMN, OPCODE_COLUMN, LENGTH_COLUMN, CHANNEL_COLUMN, SEQUENCE_COLUMN = range(5)
 """Columns of a table of records."""
 LENGTH_AT, CHANNEL_AT = HEAD_OFFSETS[1:3]
 MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
 """Channel, sequence number and two times: no message is shorter."""
-MESSAGE = int(Opcode.MESSAGE)
+MESSAGE_OPCODE = int(Opcode.MESSAGE)
 OTHER_LENGTH, OTHER_SEQUENCE = 1, 2
 # by opcode, all that `Writer` puts between the magics outside chunks, except indexes
-READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | Attachment | DataEnd]] = {
+RECORD_READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | Attachment | DataEnd]] = {
     Opcode.HEADER: Header.read,
     Opcode.CHUNK: Chunk.read,
     Opcode.METADATA: Metadata.read,
     Opcode.ATTACHMENT: Attachment.read,
     Opcode.DATA_END: DataEnd.read,
 }
-LARGEST_RECORD = 64 * 2**20
+MAX_RECORD_BYTES = 64 * 2**20
 """Bytes, packed and unpacked; the largest that twin writes, a chunk, has a few hundred thousand. To go through the
 records of a chunk takes five times as many."""
 # CRC of the summary and closing magic, the last bytes of a finished file
 CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
-NANOSECONDS = 1e9
+NS_PER_S = 1e9
 # message types for viewers, which hold no numbers that are not in the series too
-FOREIGN = "foxglove."
-MISSING = "a chunk before which messages are missing"
+FOREIGN_PREFIX = "foxglove."
+MISSING_MESSAGES = "a chunk before which messages are missing"
 
 
 @njit(cache=True)
-def _number(content, at, size):
+def _little_endian(content, at, size):
     """Of `size` bytes, the least significant first."""
     number = np.int64(0)
     for k in range(size):
@@ -84,14 +84,14 @@ def _walk(content, size, table):
     while place < size:
         if size - place < RECORD_PREFIX:
             return -1
-        opcode, length = np.int64(byte[place]), _number(byte, place + LENGTH_AT, 8)
+        opcode, length = np.int64(byte[place]), _little_endian(byte, place + LENGTH_AT, 8)
         # one beyond the integers is negative here
         if not 0 <= length <= size - place - RECORD_PREFIX:
             return -1
-        whole = opcode == MESSAGE and length >= MESSAGE_FRONT
-        row[count, PLACE], row[count, OPCODE], row[count, LENGTH] = place, opcode, length
-        row[count, CHANNEL] = _number(byte, place + CHANNEL_AT, 2) if whole else -1
-        row[count, SEQUENCE] = _number(byte, place + SEQUENCE_AT, 4) if whole else -1
+        whole = opcode == MESSAGE_OPCODE and length >= MESSAGE_FRONT
+        row[count, PLACE_COLUMN], row[count, OPCODE_COLUMN], row[count, LENGTH_COLUMN] = place, opcode, length
+        row[count, CHANNEL_COLUMN] = _little_endian(byte, place + CHANNEL_AT, 2) if whole else -1
+        row[count, SEQUENCE_COLUMN] = _little_endian(byte, place + SEQUENCE_AT, 4) if whole else -1
         count += 1
         place += RECORD_PREFIX + length
     return count
@@ -101,12 +101,12 @@ def _walk(content, size, table):
 def _gather(content, table, count, channel, first_sequence, stride, gathered):
     row, found = carray(table, (count, 5)), 0
     for i in range(count):
-        if row[i, CHANNEL] == channel:
-            if row[i, LENGTH] != stride - RECORD_PREFIX:
+        if row[i, CHANNEL_COLUMN] == channel:
+            if row[i, LENGTH_COLUMN] != stride - RECORD_PREFIX:
                 return OTHER_LENGTH
-            if row[i, SEQUENCE] != first_sequence + found:
+            if row[i, SEQUENCE_COLUMN] != first_sequence + found:
                 return OTHER_SEQUENCE
-            copy(gathered + found * stride, content + row[i, PLACE], stride)
+            copy(gathered + found * stride, content + row[i, PLACE_COLUMN], stride)
             found += 1
     return 0
 
@@ -135,7 +135,7 @@ class Records:
             raise ValueError("a record that is longer than its chunk")
         self.table = room[:count]
 
-    def of(self, channel: int, count: int, first_sequence: int, stride: int) -> np.ndarray | None:
+    def channel_records(self, channel: int, count: int, first_sequence: int, stride: int) -> np.ndarray | None:
         """The `count` records of `channel`, of `stride` bytes each, (count, stride) uint8.
 
         Args:
@@ -200,7 +200,7 @@ class Scan:
         self.file.seek(0)
         crc = zlib.crc32(self.file.read(len(MCAP0_MAGIC)))
         position = len(MCAP0_MAGIC)
-        most, metadata = allowance(size), 0
+        most, metadata = unpack_allowance(size), 0
         while True:
             self.position = position
             prefix = self.file.read(RECORD_PREFIX)
@@ -211,25 +211,25 @@ class Scan:
                     raise Damage(position, "a record is longer than the file")
                 self.rest = size - position
                 return
-            if length > LARGEST_RECORD:
+            if length > MAX_RECORD_BYTES:
                 raise Damage(position, f"a record of {length / 1e6:.0f} MB where twin writes none of that size")
             body = self.file.read(length)
             if opcode == Opcode.DATA_END:
-                if _parsed(position, opcode, body) != DataEnd(crc):
+                if _parse_record(position, opcode, body) != DataEnd(crc):
                     raise Damage(position, "its CRC fails though no chunk's does, so metadata may be wrong")
                 self._check_summary(end)
                 return
             crc = zlib.crc32(body, zlib.crc32(prefix, crc))
             if opcode != Opcode.MESSAGE_INDEX:
-                record = _parsed(position, opcode, body)
+                record = _parse_record(position, opcode, body)
                 if isinstance(record, Chunk):
-                    content = _content(position, record, most)
+                    content = _chunk_content(position, record, most)
                     most -= len(content)
                     yield position, content
                 elif isinstance(record, Metadata):
                     metadata += length
-                    if metadata > LIMIT:
-                        raise Damage(position, f"more than {LIMIT / 2**20:g} MB of metadata")
+                    if metadata > MAX_TEXT_BYTES:
+                        raise Damage(position, f"more than {MAX_TEXT_BYTES / 2**20:g} MB of metadata")
                     yield position, record
             position = end
 
@@ -249,27 +249,27 @@ class Scan:
                     self.statistics = Statistics.read(ReadDataStream(BytesIO(ending[place - length : place])))
 
 
-def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | Attachment | DataEnd:
+def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | Attachment | DataEnd:
     """The record in `body`, which it fills exactly."""
-    if opcode not in READERS:
+    if opcode not in RECORD_READERS:
         raise Damage(position, f"a record of kind {opcode} where twin writes none")
     try:
-        record = READERS[opcode](ReadDataStream(BytesIO(body)))
+        record = RECORD_READERS[opcode](ReadDataStream(BytesIO(body)))
     # a damaged length inside may be beyond what an index can hold
     except (McapError, struct.error, ValueError, OverflowError) as error:
         raise Damage(position, "a record that does not parse") from error
     # mcap's readers return what there is where a length inside points beyond the record
-    if encoded(record)[RECORD_PREFIX:] != body:
+    if encode_record(record)[RECORD_PREFIX:] != body:
         raise Damage(position, "a record that does not parse")
     return record
 
 
-def _content(position: int, chunk: Chunk, most: int) -> bytes:
+def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
     """Decompressed content of `chunk`, of at most so many bytes, with the CRC it was written with."""
     try:
         if chunk.compression != "zstd":
             raise ValueError("a chunk that is not compressed by zstd")
-        content = unpacked(chunk, most, LARGEST_RECORD)
+        content = decompress_chunk(chunk, most, MAX_RECORD_BYTES)
     except ValueError as problem:
         raise Damage(position, str(problem)) from problem
     if zlib.crc32(content) != chunk.uncompressed_crc:
@@ -349,26 +349,26 @@ class Contents:
             ValueError, KeyError, struct.error, McapError, DecodeError: not what twin writes.
         """
         records = Records(content)
-        is_message = records.table[:, CHANNEL] >= 0
-        declared = self._declared(position, content, records.table[~is_message])
+        is_message = records.table[:, CHANNEL_COLUMN] >= 0
+        declared = self._read_declarations(position, content, records.table[~is_message])
         messages = records.table[is_message]
-        of_channel = messages[:, CHANNEL]
+        of_channel = messages[:, CHANNEL_COLUMN]
         number = np.bincount(of_channel)
         counts = {channel: int(number[channel]) for channel in np.flatnonzero(number).tolist()}
         parts, logs = {}, []
         for channel, count in counts.items():
-            place = messages[(of_channel == channel).argmax(), PLACE] if channel in declared else 0
+            place = messages[(of_channel == channel).argmax(), PLACE_COLUMN] if channel in declared else 0
             if channel not in self._channels or place < declared.get(channel, 0):
                 raise Damage(position, "a chunk before which the declaration of its topics is missing")
             if channel in self.series:
-                part = records.of(channel, count, self.counts[channel], self.series[channel].layout.stride)
+                part = records.channel_records(channel, count, self.counts[channel], self.series[channel].layout.stride)
                 if part is None:
-                    raise Damage(position, MISSING)
+                    raise Damage(position, MISSING_MESSAGES)
                 parts[channel] = part
                 continue
-            sequence = messages[of_channel == channel, SEQUENCE]
+            sequence = messages[of_channel == channel, SEQUENCE_COLUMN]
             if not np.array_equal(sequence, np.arange(count) + self.counts[channel]):
-                raise Damage(position, MISSING)
+                raise Damage(position, MISSING_MESSAGES)
             if channel not in self.foreign:
                 logs.append(channel)
         logged = messages[np.isin(of_channel, logs)] if logs else ()
@@ -378,7 +378,7 @@ class Contents:
         self.events += events
         self.counts.update(counts)
 
-    def _declared(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
+    def _read_declarations(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
         """Declare what the chunk declares, in records that are no messages: by channel number, where in it that is.
 
         Raises:
@@ -386,7 +386,7 @@ class Contents:
         """
         declared: dict[int, int] = {}
         for record in others:
-            place, opcode, length = record[: LENGTH + 1].tolist()
+            place, opcode, length = record[: LENGTH_COLUMN + 1].tolist()
             if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
                 raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")
             stream = ReadDataStream(BytesIO(_body(content, record)))
@@ -406,10 +406,10 @@ class Contents:
         if schema.name == Log.DESCRIPTOR.full_name:
             return
         # a robot's own messages are recorded beside the twin's as they came
-        if schema.name.startswith(FOREIGN) or channel.message_encoding != "protobuf":
+        if schema.name.startswith(FOREIGN_PREFIX) or channel.message_encoding != "protobuf":
             self.foreign.add(channel.id)
             return
-        fields = described_fields(schema.name, schema.data)
+        fields = descriptor_fields(schema.name, schema.data)
         topic = channel.topic.removeprefix("/")
         check_stream(topic, 1)
         if topic in self.topics.values():
@@ -420,11 +420,11 @@ class Contents:
 
 def _body(content: bytes, record: np.ndarray) -> bytes:
     """Of a record, by its row in the table of `content`."""
-    place, _, length = record[: LENGTH + 1].tolist()
+    place, _, length = record[: LENGTH_COLUMN + 1].tolist()
     return content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
 
 
 def _event(body: bytes) -> Event:
     message = Message.read(ReadDataStream(BytesIO(body)), len(body))
     log = Log.FromString(message.data)
-    return Event(message.log_time / NANOSECONDS, Log.Level.Name(log.level).lower(), log.message, log.name)
+    return Event(message.log_time / NS_PER_S, Log.Level.Name(log.level).lower(), log.message, log.name)

@@ -29,18 +29,18 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-FEW_BYTES = 64 * 2**20
-LARGEST_RATIO = 100
+MIN_UNPACK_ALLOWANCE = 64 * 2**20
+MAX_UNPACK_RATIO = 100
 """Bytes that chunks may unpack to: those of a file, however small, and how many times its own. A recording in which
 nothing ever changes has a ratio of 20; a bomb has thousands."""
-LARGEST_CHUNK = 256 * 2**20
+MAX_CHUNK_BYTES = 256 * 2**20
 """Bytes that one chunk may unpack to, however large the file: all of it is in memory at once."""
 # doubles hardly compress: levels 3 and 5 save 1 % and 4 % of the file and cost 20 % and 90 % more time in all
 COMPRESSION_LEVEL = 1
 FOOTER_LENGTH = 8 + 8 + 4
 
 
-def chunk(content: memoryview | bytes, start: int, end: int, compressor: zstandard.ZstdCompressor) -> Chunk:
+def make_chunk(content: memoryview | bytes, start: int, end: int, compressor: zstandard.ZstdCompressor) -> Chunk:
     """Chunk record of `content`, whose messages have log times from `start` to `end`, ns."""
     return Chunk(
         compression="zstd",
@@ -52,12 +52,12 @@ def chunk(content: memoryview | bytes, start: int, end: int, compressor: zstanda
     )
 
 
-def allowance(size: int) -> int:
+def unpack_allowance(size: int) -> int:
     """Bytes that all chunks of a file of `size` bytes may unpack to."""
-    return max(FEW_BYTES, LARGEST_RATIO * size)
+    return max(MIN_UNPACK_ALLOWANCE, MAX_UNPACK_RATIO * size)
 
 
-def unpacked(chunk: Chunk, most: int, largest: int = LARGEST_CHUNK) -> bytes:
+def decompress_chunk(chunk: Chunk, most: int, largest: int = MAX_CHUNK_BYTES) -> bytes:
     """Content of `chunk`, of any writer: at most `most` bytes, compressed by zstd, LZ4 or not at all.
 
     Args:
@@ -70,7 +70,9 @@ def unpacked(chunk: Chunk, most: int, largest: int = LARGEST_CHUNK) -> bytes:
     """
     size = chunk.uncompressed_size
     if size > most:
-        raise ValueError(f"a chunk that would unpack to {size / 1e6:.0f} MB, more than {LARGEST_RATIO} times the file")
+        raise ValueError(
+            f"a chunk that would unpack to {size / 1e6:.0f} MB, more than {MAX_UNPACK_RATIO} times the file"
+        )
     if size > largest:
         raise ValueError(
             f"a chunk that would unpack to {size / 1e6:.0f} MB; expected chunks of at most {largest / 1e6:.0f} MB"
@@ -95,7 +97,7 @@ def unpacked(chunk: Chunk, most: int, largest: int = LARGEST_CHUNK) -> bytes:
     return content
 
 
-def encoded(record: McapRecord) -> bytes:
+def encode_record(record: McapRecord) -> bytes:
     """Bytes of an MCAP record with its opcode and length."""
     builder = RecordBuilder()
     record.write(builder)
@@ -161,14 +163,14 @@ class Summary:
 
     def ending(self, data_size: int, data_crc: int) -> Iterator[bytes]:
         """DataEnd, summary section, footer and magic after `data_size` bytes of CRC-32 `data_crc`, by records."""
-        data_end = encoded(DataEnd(data_crc))
+        data_end = encode_record(DataEnd(data_crc))
         yield data_end
         start = place = data_size + len(data_end)
         groups: list[tuple[Opcode, Iterable[McapRecord]]] = [
             (Opcode.SCHEMA, self.schemas),
             (Opcode.CHANNEL, self.channels),
             (Opcode.STATISTICS, [self.statistics()]),
-            (Opcode.CHUNK_INDEX, map(_placed, self.chunks, self._of_chunks)),
+            (Opcode.CHUNK_INDEX, map(_locate_indexes, self.chunks, self._of_chunks)),
             (Opcode.ATTACHMENT_INDEX, self.attachments),
             (Opcode.METADATA_INDEX, self.metadata),
         ]
@@ -176,24 +178,24 @@ class Summary:
         offsets: list[McapRecord] = []
         for opcode, records in groups:
             begin = place
-            for data in map(encoded, records):
+            for data in map(encode_record, records):
                 crc = zlib.crc32(data, crc)
                 place += len(data)
                 yield data
             if place > begin:
                 offsets.append(SummaryOffset(opcode, begin, place - begin))
-        ends = b"".join(map(encoded, offsets))
+        ends = b"".join(map(encode_record, offsets))
         # the CRC also covers the footer up to the CRC itself
         front = struct.pack("<BQQQ", Opcode.FOOTER, FOOTER_LENGTH, start, place)
         footer = Footer(start, place, zlib.crc32(ends + front, crc))
-        yield ends + encoded(footer) + MCAP0_MAGIC
+        yield ends + encode_record(footer) + MCAP0_MAGIC
 
 
 _Layout = tuple[tuple[int, int], ...]
 """Of a chunk: channels and the lengths of their indexes, in order."""
 
 
-def _placed(chunk: ChunkIndex, layout: _Layout) -> ChunkIndex:
+def _locate_indexes(chunk: ChunkIndex, layout: _Layout) -> ChunkIndex:
     """`chunk` with the places of its indexes."""
     ends = accumulate((size for _, size in layout), initial=chunk.chunk_start_offset + chunk.chunk_length)
     return replace(chunk, message_index_offsets={channel: end for (channel, _), end in zip(layout, ends, strict=False)})

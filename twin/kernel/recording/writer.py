@@ -26,7 +26,7 @@ from mcap.writer import MCAP0_MAGIC
 from twin import __version__
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
-from twin.kernel.errors import RecordingFailed
+from twin.kernel.errors import RecordingWriteError
 from twin.kernel.recording.folder import Output
 from twin.kernel.recording.messages import (
     HEAD_SIZE,
@@ -41,23 +41,23 @@ from twin.kernel.recording.messages import (
     log_message,
     message_layout,
     message_names,
-    no_integer,
+    no_integer_message,
     record_template,
 )
-from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, chunk, encoded
+from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encode_record, make_chunk
 
-ROOM = 256 * 1024
+INITIAL_BYTES = 256 * 1024
 """Bytes to begin with: those of a slice."""
 # small enough that little is lost with the last one, large enough to compress; before compression, bytes
-LARGEST_CHUNK = 256 * 1024
+MAX_CHUNK_BYTES = 256 * 1024
 # of a log time and an offset in an index, bytes
-ENTRY = 16
-CACHED, CACHED_MESSAGES = 32, 5000
+INDEX_ENTRY_BYTES = 16
+MAX_CACHED_ORDERS, MAX_CACHED_MESSAGES = 32, 5000
 """So many weaves of so many messages at most are remembered: a few MB."""
-EVENTS = "events"
-NANOSECONDS = 1e9
+EVENTS_TOPIC = "events"
+NS_PER_S = 1e9
 # a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
-SMALLEST_CHUNK = 64 * 1024
+MIN_CHUNK_BYTES = 64 * 1024
 
 
 class BlockShape(NamedTuple):
@@ -68,7 +68,7 @@ class BlockShape(NamedTuple):
     stride: int
 
 
-class Pending:
+class PendingMessages:
     """Message records of several channels, one block after another in one memory.
 
     Attributes:
@@ -79,28 +79,28 @@ class Pending:
     """
 
     def __init__(self) -> None:
-        self._hold(np.empty(ROOM, dtype=np.uint8))
+        self._use_memory(np.empty(INITIAL_BYTES, dtype=np.uint8))
         self.clear()
 
-    def room(self, size: int) -> int:
+    def reserve(self, size: int) -> int:
         """Address at which the next block begins, with room for `size` bytes at least."""
         if self.size + size > len(self._memory):
             larger = np.empty(2 * (self.size + size), dtype=np.uint8)
             larger[: self.size] = self._memory[: self.size]
-            self._hold(larger)
+            self._use_memory(larger)
         return self.address + self.size
 
-    def add(self, channel: int, times: np.ndarray, stride: int) -> None:
+    def add_block(self, channel: int, times: np.ndarray, stride: int) -> None:
         """What has been written into the room is a block: a record of `stride` bytes for each of `times`."""
         self.shapes.append(BlockShape(channel, len(times), stride))
         self.times.append(times)
         self.size += len(times) * stride
 
-    def put(self, channel: int, times: np.ndarray, records: np.ndarray) -> None:
+    def append_records(self, channel: int, times: np.ndarray, records: np.ndarray) -> None:
         """Append a block of `records`, (n, stride) uint8."""
-        self.room(records.size)
+        self.reserve(records.size)
         self._memory[self.size : self.size + records.size] = records.reshape(-1)
-        self.add(channel, times, records.shape[1])
+        self.add_block(channel, times, records.shape[1])
 
     def clear(self) -> None:
         """Forget all blocks; their memory is used again."""
@@ -108,7 +108,7 @@ class Pending:
         self.times: list[np.ndarray] = []
         self.size = 0
 
-    def _hold(self, memory: np.ndarray) -> None:
+    def _use_memory(self, memory: np.ndarray) -> None:
         self._memory, self.address = memory, memory.ctypes.data
 
 
@@ -142,13 +142,13 @@ class Piece:
         return {channel: head + own[where] for channel, head, where in self.channels}
 
 
-class Woven(NamedTuple):
+class MergedRecords(NamedTuple):
     """Records in between each other, in order of time; those of one time in the order of their blocks.
 
     Attributes:
         begin: log time of the first message, ns.
         content: the records, one after another, (bytes,) uint8.
-        pieces: chunks of about `LARGEST_CHUNK` bytes at most, cut between ticks: whatever of them survives, every
+        pieces: chunks of about `MAX_CHUNK_BYTES` bytes at most, cut between ticks: whatever of them survives, every
             topic ends at the same tick.
     """
 
@@ -157,16 +157,16 @@ class Woven(NamedTuple):
     pieces: tuple[Piece, ...]
 
 
-def woven(pending: Pending) -> Woven:
+def merge_by_time(pending: PendingMessages) -> MergedRecords:
     """The records of `pending`, of which there is at least one; there are none in it afterwards."""
     times = np.concatenate(pending.times)
     begin = times.min()
-    made = _block_times if len(times) <= CACHED_MESSAGES else _block_times.__wrapped__
+    made = _merge_order if len(times) <= MAX_CACHED_MESSAGES else _merge_order.__wrapped__
     weave = made(tuple(pending.shapes), (times - begin).tobytes())
     content = np.empty(pending.size, dtype=np.uint8)
     _scatter(content, pending.address, *weave.table)
     pending.clear()
-    return Woven(int(begin), content, weave.pieces)
+    return MergedRecords(int(begin), content, weave.pieces)
 
 
 @entry("nothing", "int", "int", "integers", "int", "integers", "int")
@@ -181,7 +181,7 @@ def _scatter(content, source, blocks, number, places, messages):
             k += 1
 
 
-class _Weave:
+class _MergeOrder:
     """How the records of some blocks go in between each other.
 
     Args:
@@ -189,7 +189,7 @@ class _Weave:
         places: bytes at which records go, of one block after another, (n,) int64.
 
     Attributes:
-        pieces: see `Woven`.
+        pieces: see `MergedRecords`.
         table: what `_scatter` takes of it.
     """
 
@@ -199,8 +199,8 @@ class _Weave:
         self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
 
 
-@lru_cache(CACHED)
-def _block_times(shapes: tuple[BlockShape, ...], times: bytes) -> _Weave:
+@lru_cache(MAX_CACHED_ORDERS)
+def _merge_order(shapes: tuple[BlockShape, ...], times: bytes) -> _MergeOrder:
     """`times` (n,) int64 since the first message, of one block after another."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
@@ -210,19 +210,19 @@ def _block_times(shapes: tuple[BlockShape, ...], times: bytes) -> _Weave:
     offsets = np.concatenate([[0], np.cumsum(np.repeat([shape.stride for shape in shapes], counts)[order])])
     places = np.empty(len(since), dtype=np.int64)
     places[order] = offsets[:-1]
-    parts = -(-int(offsets[-1]) // LARGEST_CHUNK)
+    parts = -(-int(offsets[-1]) // MAX_CHUNK_BYTES)
     targets = np.arange(1, parts) * int(offsets[-1]) // parts
     inside = np.searchsorted(offsets, targets, side="right") - 1
     bounds = np.unique([0, *np.searchsorted(since, since[inside]), len(since)])
     pieces = tuple(_piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist()))
-    return _Weave(shapes, places, pieces)
+    return _MergeOrder(shapes, places, pieces)
 
 
 def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piece:
     first, last = offsets[[0, -1]].tolist()
     entries = np.stack([since, offsets[:-1] - first], axis=1).astype("<u8")
     numbers, counts = np.unique(channels, return_counts=True)
-    sizes = ENTRY * counts
+    sizes = INDEX_ENTRY_BYTES * counts
     ends = np.cumsum(sizes)
     places = tuple(
         (number, struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, number, size), slice(end - size, end))
@@ -253,7 +253,7 @@ class OpenTopic:
     next_tick: int = 0
 
     @classmethod
-    def of(cls, topic: Topic | MessageForm, channel: int) -> Self:
+    def from_topic(cls, topic: Topic | MessageForm, channel: int) -> Self:
         """`topic` on channel number `channel`."""
         if isinstance(topic, MessageForm):
             return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
@@ -262,7 +262,7 @@ class OpenTopic:
 
 
 @dataclass(frozen=True)
-class OthersTopic:
+class ForeignTopic:
     """A topic whose messages are recorded as they came, in the encoding of who sent them.
 
     Attributes:
@@ -292,7 +292,7 @@ class Writer:
         tick: float,
         metadata: Mapping[str, Mapping[str, str]],
         forms: Sequence[MessageForm] = (),
-        others: Sequence[OthersTopic] = (),
+        others: Sequence[ForeignTopic] = (),
     ) -> None:
         """Create the partial file and write its header and metadata.
 
@@ -311,25 +311,25 @@ class Writer:
         """
         streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]
-        if len({*names, EVENTS}) <= len(names):
-            raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
+        if len({*names, EVENTS_TOPIC}) <= len(names):
+            raise ValueError(f"topics {names}: expected different names, none of them {EVENTS_TOPIC!r}")
         self.tick = tick
-        schemas, self._channels = _declared(topics, forms)
+        schemas, self._channels = _declare_topics(topics, forms)
         self._topics = {
-            stream.name: OpenTopic.of(stream, channel.id)
+            stream.name: OpenTopic.from_topic(stream, channel.id)
             for stream, channel in zip(streams, self._channels[:-1], strict=True)
         }
         self._events = self._channels[-1].id
         self._others = _declare_others(others, schemas, self._channels)
         self._summary = Summary(schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
-        self._pending = Pending()
+        self._pending = PendingMessages()
         self._slice_topics: set[str] = set()
         self._newest: dict[int, int] = {}
         # most topics have the same; with their addresses
         self._slice_times: dict[range, tuple[np.ndarray, int]] = {}
         self._output = Output(Path(path))
-        self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
+        self._output.append(MCAP0_MAGIC + encode_record(Header(profile="", library=f"twin {__version__}")))
         for name, entries in metadata.items():
             self.write_metadata(name, entries)
 
@@ -366,7 +366,7 @@ class Writer:
         if known is None:
             made = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
             known = self._slice_times[ticks] = made, made.ctypes.data
-        self._put(opened, *known, rows)
+        self._append_rows(opened, *known, rows)
         opened.next_tick = ticks.stop
 
     def write_at(self, topic: str, ticks: np.ndarray, rows: np.ndarray) -> None:
@@ -386,11 +386,11 @@ class Writer:
         if ticks[0] < opened.next_tick or np.any(np.diff(ticks) <= 0):
             raise ValueError(f"topic {topic}: ticks that do not ascend, or come before {opened.next_tick}")
         times = self._times(ticks)
-        self._put(opened, times, times.ctypes.data, rows)
+        self._append_rows(opened, times, times.ctypes.data, rows)
         opened.next_tick = int(ticks[-1]) + 1
 
     def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Record `messages` of an `OthersTopic` as they came; `ticks` of each of them; see `write_event`.
+        """Record `messages` of an `ForeignTopic` as they came; `ticks` of each of them; see `write_event`.
 
         Raises:
             RecordingFailed: disk full or recording closed.
@@ -400,7 +400,7 @@ class Writer:
         # messages of a type that changes little are of one length, and make one block
         for size, group in groupby(zip(ticks, messages, strict=True), lambda one: len(one[1])):
             of_tick, contents = zip(*group, strict=True)
-            times = self._ascending(channel, of_tick)
+            times = self._ascending_times(channel, of_tick)
             records = np.empty((len(times), HEAD_SIZE + size), dtype=np.uint8)
             records[:] = record_template(channel, bytes(size))
             head = records.view(head_dtype(records.shape[1]))[:, 0]
@@ -408,7 +408,7 @@ class Writer:
             head["log_time"] = head["publish_time"] = times
             records[:, HEAD_SIZE:] = np.frombuffer(b"".join(contents), dtype=np.uint8).reshape(len(times), size)
             counts[channel] += len(times)
-            self._pending.put(channel, times, records)
+            self._pending.append_records(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`, no earlier than the event before.
@@ -420,12 +420,12 @@ class Writer:
             ValueError: an unknown level.
         """
         channel = self._events
-        times = self._ascending(channel, [tick])
+        times = self._ascending_times(channel, [tick])
         time = int(times[0])
         data = log_message(time, level, text, name)
-        record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
+        record = encode_record(Message(channel, time, data, time, self._summary.message_counts[channel]))
         self._summary.message_counts[channel] += 1
-        self._pending.put(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
+        self._pending.append_records(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record at once, ahead of messages still buffered.
@@ -433,7 +433,7 @@ class Writer:
         Raises:
             RecordingFailed: disk full or recording closed.
         """
-        record = encoded(Metadata(name, dict(entries)))
+        record = encode_record(Metadata(name, dict(entries)))
         start = self._output.append(record)
         self._summary.metadata.append(MetadataIndex(start, len(record), name))
 
@@ -445,7 +445,7 @@ class Writer:
         """
         self._write_chunks()
         time = int(self._times(np.array([tick]))[0])
-        record = encoded(Attachment(0, time, name, media_type, content))
+        record = encode_record(Attachment(0, time, name, media_type, content))
         start = self._output.append(record)
         self._summary.attachments.append(AttachmentIndex(start, len(record), time, 0, len(content), name, media_type))
 
@@ -480,7 +480,7 @@ class Writer:
         if error is not None:
             try:
                 self.abandon()
-            except RecordingFailed as failure:
+            except RecordingWriteError as failure:
                 # the first error is the one to report; this one came of saving its remains
                 error.add_note(str(failure))
         elif not self._output.closed:
@@ -495,20 +495,20 @@ class Writer:
         self.end_slice()
         self._write_chunks()
 
-    def _put(self, opened: OpenTopic, times: np.ndarray, times_at: int, rows: np.ndarray) -> None:
+    def _append_rows(self, opened: OpenTopic, times: np.ndarray, times_at: int, rows: np.ndarray) -> None:
         """Records of `rows` at `times` (ns), which lie at the address `times_at`."""
         count, counts, stride = len(rows), self._summary.message_counts, len(opened.filling.template)
-        to = self._pending.room(count * stride)
+        to = self._pending.reserve(count * stride)
         if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
-            raise ValueError(no_integer(opened.fields, rows))
+            raise ValueError(no_integer_message(opened.fields, rows))
         counts[opened.channel] += count
-        self._pending.add(opened.channel, times, stride)
+        self._pending.add_block(opened.channel, times, stride)
 
     def _times(self, ticks: np.ndarray) -> np.ndarray:
         """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
-        return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
+        return np.rint(ticks * (self.tick * NS_PER_S)).astype(np.int64)
 
-    def _ascending(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
+    def _ascending_times(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
         """As `_times`, none before one of its channel: in order of time, and of their numbers, messages lie alike."""
         times = np.maximum.accumulate([self._newest.get(channel, 0), *self._times(np.array(ticks)).tolist()])[1:]
         self._newest[channel] = int(times[-1])
@@ -522,14 +522,16 @@ class Writer:
         """
         self._slice_topics.clear()
         self._slice_times.clear()
-        if self._pending.size >= SMALLEST_CHUNK:
+        if self._pending.size >= MIN_CHUNK_BYTES:
             self._write_chunks()
 
     def _write_chunks(self) -> None:
         append_chunks(self._output, self._summary, self._pending, self._compressor)
 
 
-def append_chunks(output: Output, summary: Summary, pending: Pending, compressor: zstandard.ZstdCompressor) -> None:
+def append_chunks(
+    output: Output, summary: Summary, pending: PendingMessages, compressor: zstandard.ZstdCompressor
+) -> None:
     """Put what is `pending` into the file as chunks with their indexes, and note them in `summary`.
 
     Raises:
@@ -537,15 +539,15 @@ def append_chunks(output: Output, summary: Summary, pending: Pending, compressor
     """
     if not pending.size:
         return
-    records = woven(pending)
+    records = merge_by_time(pending)
     for piece in records.pieces:
         # in the first chunk rather than before it, schemas and channels are under its CRC
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
-        preamble = b"".join(map(encoded, declared))
+        preamble = b"".join(map(encode_record, declared))
         messages = records.content.data[piece.content]
         inside = b"".join((preamble, messages)) if preamble else messages
-        record = chunk(inside, records.begin + piece.start, records.begin + piece.end, compressor)
-        data = encoded(record)
+        record = make_chunk(inside, records.begin + piece.start, records.begin + piece.end, compressor)
+        data = encode_record(record)
         indexes = piece.indexes(records.begin, len(preamble))
         start = output.append(data + b"".join(indexes.values()))
         summary.note_chunk(record, start, len(data), indexes)
@@ -565,11 +567,11 @@ def declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> Itera
     for topic, name in zip(topics, message_names(topics), strict=True):
         meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
         yield Declaration(topic.name, name, descriptor_set(name, topic.fields), meanings)
-    for name, kind in [*((form.name, form.example.DESCRIPTOR) for form in forms), (EVENTS, Log.DESCRIPTOR)]:
+    for name, kind in [*((form.name, form.example.DESCRIPTOR) for form in forms), (EVENTS_TOPIC, Log.DESCRIPTOR)]:
         yield Declaration(name, kind.full_name, descriptors_of(kind), {})
 
 
-def _declared(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
+def _declare_topics(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
     """Schemas and channels of all `declarations`; ids count from 1."""
     schemas: dict[str, Schema] = {}
     channels: list[Channel] = []
@@ -579,7 +581,7 @@ def _declared(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[li
     return list(schemas.values()), channels
 
 
-def _declare_others(others: Sequence[OthersTopic], schemas: list[Schema], channels: list[Channel]) -> dict[str, int]:
+def _declare_others(others: Sequence[ForeignTopic], schemas: list[Schema], channels: list[Channel]) -> dict[str, int]:
     """Schemas and channels of `others`, added to those that are there; channel numbers by topic.
 
     One that is called as a topic of twin's gets `/robot` before its name.

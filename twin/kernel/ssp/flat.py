@@ -7,13 +7,16 @@ from typing import NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.kernel.ssp import structure as ssp
 
-SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
+SOURCE_KINDS, SINK_KINDS = (
+    ("output", "calculatedParameter", "constant", "local"),
+    ("input", "parameter", "structuralParameter"),
+)
 """Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""
-MOST_BINDINGS = 1_000_000
+MAX_BINDINGS = 1_000_000
 """Values on their ways, of all components together."""
 
 
-class Hop(NamedTuple):
+class UnitStep(NamedTuple):
     """A part of the way of a value: converted to the unit of where it gets, then transformed.
 
     Attributes:
@@ -22,7 +25,7 @@ class Hop(NamedTuple):
         unit: of the system's connector where the hop ends; "": that of the value, or the last hop.
     """
 
-    transformation: ssp.Transformation = ssp.NONE
+    transformation: ssp.Transformation = ssp.IDENTITY_TRANSFORMATION
     suppress: bool = False
     unit: str = ""
 
@@ -33,11 +36,11 @@ class Lead:
 
     start: ssp.Endpoint
     end: ssp.Endpoint
-    hops: tuple[Hop, ...]
+    hops: tuple[UnitStep, ...]
 
 
 @dataclass(frozen=True)
-class Assigned:
+class AssignedValue:
     """A value for a variable of a component, and how it becomes that.
 
     Attributes:
@@ -48,7 +51,7 @@ class Assigned:
 
     value: ssp.ParameterValue
     units: tuple[ssp.UnitDefinition, ...]
-    hops: tuple[Hop, ...]
+    hops: tuple[UnitStep, ...]
 
 
 @dataclass(frozen=True)
@@ -66,23 +69,23 @@ class FlatSystem:
 
     components: dict[str, ssp.SspComponent]
     leads: tuple[Lead, ...]
-    assigned: dict[str, dict[str, Assigned]]
+    assigned: dict[str, dict[str, AssignedValue]]
     ignored: tuple[str, ...]
-    entrances: dict[str, tuple[tuple[ssp.Endpoint, tuple[Hop, ...]], ...]] = field(default_factory=dict)
+    entrances: dict[str, tuple[tuple[ssp.Endpoint, tuple[UnitStep, ...]], ...]] = field(default_factory=dict)
     exits: dict[str, Lead] = field(default_factory=dict)
 
 
-def flattened(structure: ssp.Structure, where: str) -> FlatSystem:
+def flatten(structure: ssp.Structure, where: str) -> FlatSystem:
     """The system of `structure` without systems in it; `where` is for sentences.
 
     Raises:
         InputRefused: a connection from or to what is not there, two that lead to one connector, one that leads in a
             circle through connectors of systems, or two components of one path.
     """
-    return _Flat(structure.system, where).system()
+    return _Flattener(structure.system, where).system()
 
 
-class _Flat:
+class _Flattener:
     """What is known of all systems in one.
 
     Attributes of a node: an `Endpoint` whose element is the path of a component or of a system ("" for the outermost).
@@ -94,10 +97,10 @@ class _Flat:
         self._systems: dict[str, ssp.SspSystem] = {"": outermost}
         self._into: dict[ssp.Endpoint, tuple[ssp.Endpoint, ssp.Connection]] = {}
         self._out: dict[ssp.Endpoint, list[tuple[ssp.Endpoint, ssp.Connection]]] = {}
-        self._assigned: dict[str, dict[str, Assigned]] = {}
+        self._assigned: dict[str, dict[str, AssignedValue]] = {}
         self._ignored: dict[str, None] = {}
         self._count = 0
-        self._patience = ssp.Patience(where)
+        self._patience = ssp.ParseBudget(where)
         self._visit(outermost, "")
 
     def system(self) -> FlatSystem:
@@ -105,7 +108,7 @@ class _Flat:
         self._assign(self._systems[""], "")
         ignored = tuple(self._ignored)
         entrances = {
-            one.name: tuple(self._forward(ssp.Endpoint("", one.name), (Hop(unit=one.unit),)))
+            one.name: tuple(self._forward(ssp.Endpoint("", one.name), (UnitStep(unit=one.unit),)))
             for one in self._systems[""].connectors
             # from those that are not fed themselves every way is another one
             if one.kind in ("input", "inout") and ssp.Endpoint("", one.name) not in self._into
@@ -127,7 +130,7 @@ class _Flat:
                 self._components[below] = part
         for connection in system.connections:
             self._patience.spend()
-            start, end = self._directed(connection, path, system)
+            start, end = self._orient(connection, path, system)
             if end in self._into:
                 first, second = _text(self._into[end][0]), _text(start)
                 raise InputRefused(
@@ -136,7 +139,7 @@ class _Flat:
             self._into[end] = start, connection
             self._out.setdefault(start, []).append((end, connection))
 
-    def _directed(
+    def _orient(
         self, connection: ssp.Connection, path: str, system: ssp.SspSystem
     ) -> tuple[ssp.Endpoint, ssp.Endpoint]:
         """Where the value comes from, and where it gets: the standard leaves that to the kinds of the connectors."""
@@ -156,14 +159,14 @@ class _Flat:
         owner = within or self._components[node.element]
         found = owner.connector_of.get(node.connector)
         kind = found.kind if found else ""
-        if kind not in (*SOURCES, *SINKS):
+        if kind not in (*SOURCE_KINDS, *SINK_KINDS):
             return None
         # a system's own connector, seen from inside
-        return (kind in SOURCES) == bool(stated.element)
+        return (kind in SOURCE_KINDS) == bool(stated.element)
 
     def _node(self, end: ssp.Endpoint, path: str, system: ssp.SspSystem) -> ssp.Endpoint:
         if not end.element:
-            self._known(system, end.connector, path)
+            self._require_connector(system, end.connector, path)
             return ssp.Endpoint(path, end.connector)
         part = system.element_of.get(end.element)
         if part is None:
@@ -174,10 +177,10 @@ class _Flat:
             )
         below = f"{path}.{part.name}" if path else part.name
         if isinstance(part, ssp.SspSystem):
-            self._known(part, end.connector, below)
+            self._require_connector(part, end.connector, below)
         return ssp.Endpoint(below, end.connector)
 
-    def _known(self, system: ssp.SspSystem, connector: str, path: str) -> ssp.Connector:
+    def _require_connector(self, system: ssp.SspSystem, connector: str, path: str) -> ssp.Connector:
         found = system.connector_of.get(connector)
         if found is None:
             raise InputRefused(
@@ -188,12 +191,12 @@ class _Flat:
 
     def _lead(self, end: ssp.Endpoint) -> Lead | None:
         """What feeds an end; None: a connector of the outermost system, which has no source."""
-        hops: list[Hop] = []
+        hops: list[UnitStep] = []
         node, seen = end, {end}
         while node in self._into:
             self._patience.spend()
             start, connection = self._into[node]
-            hops.append(self._hop(node, connection))
+            hops.append(self._unit_step(node, connection))
             if start in seen:
                 raise InputRefused(
                     f"{self._where}: what feeds {_text(end)} leads in a circle through {_text(start)}, a connector of "
@@ -205,11 +208,11 @@ class _Flat:
                 return Lead(node, end, tuple(reversed(hops)))
         return None
 
-    def _hop(self, end: ssp.Endpoint, connection: ssp.Connection) -> Hop:
+    def _unit_step(self, end: ssp.Endpoint, connection: ssp.Connection) -> UnitStep:
         unit = ""
         if end.element in self._systems:
-            unit = self._known(self._systems[end.element], end.connector, end.element).unit
-        return Hop(connection.transformation, connection.suppress_unit_conversion, unit)
+            unit = self._require_connector(self._systems[end.element], end.connector, end.element).unit
+        return UnitStep(connection.transformation, connection.suppress_unit_conversion, unit)
 
     def _assign(self, system: ssp.SspSystem, path: str) -> None:
         """What is inside first: a value of a higher level counts."""
@@ -227,21 +230,23 @@ class _Flat:
                 self._patience.spend()
                 name = binding.prefix + value.name
                 entries = binding.mapping.entries_of.get(name, []) if binding.mapping else []
-                targets: list[tuple[str, tuple[Hop, ...]]] = [
-                    (one.target, (Hop(one.transformation, one.suppress_unit_conversion),)) for one in entries
+                targets: list[tuple[str, tuple[UnitStep, ...]]] = [
+                    (one.target, (UnitStep(one.transformation, one.suppress_unit_conversion),)) for one in entries
                 ]
                 for target, hops in targets or [(name, ())]:
-                    reached = list(self._resolved(target, path, hops))
+                    reached = list(self._resolve(target, path, hops))
                     for end, way in reached:
                         self._count += 1
-                        if self._count > MOST_BINDINGS:
-                            raise InputRefused(f"{self._where}: more than {MOST_BINDINGS} values; do not trust it")
-                        given = Assigned(value, binding.parameters.units, way)
+                        if self._count > MAX_BINDINGS:
+                            raise InputRefused(f"{self._where}: more than {MAX_BINDINGS} values; do not trust it")
+                        given = AssignedValue(value, binding.parameters.units, way)
                         self._assigned.setdefault(end.element, {})[end.connector] = given
                     if not reached:
                         self._ignored[f"{path}.{target}" if path else target] = None
 
-    def _resolved(self, name: str, path: str, hops: tuple[Hop, ...]) -> Iterator[tuple[ssp.Endpoint, tuple[Hop, ...]]]:
+    def _resolve(
+        self, name: str, path: str, hops: tuple[UnitStep, ...]
+    ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
         """The variables of components that `name`, in the component or system at `path`, means."""
         if path in self._components:
             yield ssp.Endpoint(path, name), hops
@@ -249,15 +254,17 @@ class _Flat:
         system = self._systems[path]
         own = system.connector_of.get(name)
         if own is not None:
-            led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (Hop(unit=own.unit),)
+            led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (UnitStep(unit=own.unit),)
             yield from self._forward(ssp.Endpoint(path, name), led)
             return
         # names of elements may have dots themselves
         inner = next((name[:n] for n in system.lengths if name[n : n + 1] == "." and name[:n] in system.element_of), "")
         if inner:
-            yield from self._resolved(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
+            yield from self._resolve(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
 
-    def _forward(self, start: ssp.Endpoint, hops: tuple[Hop, ...]) -> Iterator[tuple[ssp.Endpoint, tuple[Hop, ...]]]:
+    def _forward(
+        self, start: ssp.Endpoint, hops: tuple[UnitStep, ...]
+    ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
         """Where a value gets from a connector of a system; on one way at most, as nothing is fed twice."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
@@ -270,7 +277,7 @@ class _Flat:
             for end, connection in reversed(self._out.get(node, [])):
                 if end not in seen:
                     seen.add(end)
-                    ahead.append((end, (*way, self._hop(end, connection))))
+                    ahead.append((end, (*way, self._unit_step(end, connection))))
 
 
 def _text(end: ssp.Endpoint) -> str:

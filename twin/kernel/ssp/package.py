@@ -10,17 +10,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast, get_args
 
-from twin.kernel.archive import content_of, entries, entry_of, sha256
+from twin.kernel.archive import entries, entry_of, read_entry, sha256
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import LIMIT, read_bytes, xml_of
+from twin.kernel.files import MAX_TEXT_BYTES, parse_xml, read_bytes
 from twin.kernel.ssp.ssd import Resource, structure_of
-from twin.kernel.ssp.structure import STRUCTURE, Structure
+from twin.kernel.ssp.structure import STRUCTURE_FILE, Structure
 
-SCHEME = "twin.scheme"
+SCHEME_ANNOTATION = "twin.scheme"
 """Type of the annotation of a system that says by which scheme it is coupled."""
-MOST_STRUCTURE = 16 << 20
-MOST_FMU = 512 << 20
+MAX_STRUCTURE_SIZE = 16 << 20
+MAX_FMU_SIZE = 512 << 20
 """Bytes, unpacked of the structure, packed of an FMU."""
 
 
@@ -46,13 +46,13 @@ class Package:
     form: str = "SSP"
     scheme: Scheme = "gauss_seidel"
     loose: Mapping[str, Path] = field(default_factory=dict)
-    unsaid: tuple[str, ...] = ()
+    omissions: tuple[str, ...] = ()
 
     def entry(self, source: str) -> str:
         """The entry that a URI in the structure means; "": it is no file of this archive."""
         if self.loose:
             return source if source in self.entries else ""
-        return entry_of(source, self.entries, STRUCTURE)
+        return entry_of(source, self.entries, STRUCTURE_FILE)
 
     def content(self, entry: str) -> bytes:
         """Of an FMU, or of a table.
@@ -61,8 +61,8 @@ class Package:
             InputRefused: it is too large.
         """
         if self.loose:
-            return read_bytes(self.loose[entry], MOST_FMU)
-        return content_of(self.file, entry, MOST_FMU)
+            return read_bytes(self.loose[entry], MAX_FMU_SIZE)
+        return read_entry(self.file, entry, MAX_FMU_SIZE)
 
 
 def loose_package(
@@ -96,27 +96,27 @@ def read_package(file: Path) -> Package:
     if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such SSP")
     sizes = entries(file, "SSP")
-    if STRUCTURE not in sizes:
-        raise InputRefused(f"{file}: no {STRUCTURE} inside; this is not an SSP")
+    if STRUCTURE_FILE not in sizes:
+        raise InputRefused(f"{file}: no {STRUCTURE_FILE} inside; this is not an SSP")
 
     def brought(source: str, what: str) -> Resource:
-        entry = entry_of(source, sizes, STRUCTURE)
+        entry = entry_of(source, sizes, STRUCTURE_FILE)
         if not entry:
             raise InputRefused(f"{file}: {what}: '{source}' is no file of this archive")
-        return Resource(content_of(file, entry, LIMIT), entry, f"{file}: {entry}")
+        return Resource(read_entry(file, entry, MAX_TEXT_BYTES), entry, f"{file}: {entry}")
 
-    where = f"{file}: {STRUCTURE}"
-    structure = structure_of(content_of(file, STRUCTURE, MOST_STRUCTURE), where, brought)
+    where = f"{file}: {STRUCTURE_FILE}"
+    structure = structure_of(read_entry(file, STRUCTURE_FILE, MAX_STRUCTURE_SIZE), where, brought)
     return Package(file, sha256(file), sizes, structure, scheme=_scheme(structure, where))
 
 
 def _scheme(structure: Structure, where: str) -> Scheme:
     """Of the coupling, where an annotation says it."""
     for note in structure.system.annotations:
-        if note.type == SCHEME and note.content:
-            name = xml_of(note.content.encode(), f"{where}: annotation {SCHEME}").get("name", "")
+        if note.type == SCHEME_ANNOTATION and note.content:
+            name = parse_xml(note.content.encode(), f"{where}: annotation {SCHEME_ANNOTATION}").get("name", "")
             if name not in get_args(Scheme):
                 known = " or ".join(get_args(Scheme))
-                raise InputRefused(f"{where}: annotation {SCHEME}: '{name}'; expected {known}")
+                raise InputRefused(f"{where}: annotation {SCHEME_ANNOTATION}: '{name}'; expected {known}")
             return cast(Scheme, name)
     return "gauss_seidel"

@@ -11,15 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeVar, cast, get_args
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import xml_of
+from twin.kernel.files import parse_xml
 from twin.kernel.ssp import structure as ssp
-from twin.kernel.ssp.structure import inside, listed, truth
+from twin.kernel.ssp.structure import boolean_attribute, child_elements, grouped_children
 
-MOST_PARAMETERS = 100_000
+MAX_PARAMETERS = 100_000
 """Of one set, and entries of one mapping."""
-TEXTS = ("String", "Enumeration", "Binary")
-NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
-MOST_PARTS = 10_000
+TEXT_TYPES = ("String", "Enumeration", "Binary")
+SSD_NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+MAX_PARTS = 10_000
 """Components and systems; a file that has more would take minutes."""
 _T = TypeVar("_T")
 VERSION = "1.0"
@@ -40,7 +40,7 @@ def parameter_set(content: bytes, where: str, source: str = "") -> ssp.Parameter
     Raises:
         InputRefused: no SSV, or as `parameter_set_of`.
     """
-    return parameter_set_of(xml_of(content, where), where, source)
+    return parameter_set_of(parse_xml(content, where), where, source)
 
 
 def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
@@ -50,21 +50,23 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
         InputRefused: it is none, a parameter has no name or another one's, or what it has is no finite number, truth
             value or text.
     """
-    if ssp.local(root) != "ParameterSet":
-        raise InputRefused(f"{where}: <{ssp.local(root)}>; expected <ParameterSet>, an SSV file")
-    found = listed(root, "Parameters", "Parameter")
-    if len(found) > MOST_PARAMETERS:
-        raise InputRefused(f"{where}: {len(found)} parameters; expected at most {MOST_PARAMETERS}")
+    if ssp.local_name(root) != "ParameterSet":
+        raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterSet>, an SSV file")
+    found = grouped_children(root, "Parameters", "Parameter")
+    if len(found) > MAX_PARAMETERS:
+        raise InputRefused(f"{where}: {len(found)} parameters; expected at most {MAX_PARAMETERS}")
     values: dict[str, ssp.ParameterValue] = {}
     for element in found:
         name = element.get("name", "")
         kinds = [
-            child for child in element if ssp.local(child) not in ("Annotations", "Dimension", "MetaData", "Signature")
+            child
+            for child in element
+            if ssp.local_name(child) not in ("Annotations", "Dimension", "MetaData", "Signature")
         ]
         if not name or name in values or len(kinds) != 1:
             wrong = "without a name" if not name else "given twice" if name in values else "without one value"
             raise InputRefused(f"{where}: a parameter {wrong}{f', {name}' if name else ''}")
-        type_ = ssp.local(kinds[0])
+        type_ = ssp.local_name(kinds[0])
         taken = values_of(kinds[0], type_, f"{where}: {name}")
         values[name] = ssp.ParameterValue(name, type_, taken, kinds[0].get("unit", ""), element.get("description", ""))
     units = ssp.units_of(root, where)
@@ -79,17 +81,17 @@ def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterM
     Raises:
         InputRefused: it is none, or an entry has no source or target.
     """
-    if ssp.local(root) != "ParameterMapping":
-        raise InputRefused(f"{where}: <{ssp.local(root)}>; expected <ParameterMapping>, an SSM file")
-    found = inside(root, "MappingEntry")
-    if len(found) > MOST_PARAMETERS:
-        raise InputRefused(f"{where}: {len(found)} entries; expected at most {MOST_PARAMETERS}")
+    if ssp.local_name(root) != "ParameterMapping":
+        raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterMapping>, an SSM file")
+    found = child_elements(root, "MappingEntry")
+    if len(found) > MAX_PARAMETERS:
+        raise InputRefused(f"{where}: {len(found)} entries; expected at most {MAX_PARAMETERS}")
     entries = [
         ssp.MappingEntry(
-            ssp.named(entry, "source", where),
-            ssp.named(entry, "target", where),
+            ssp.required_attribute(entry, "source", where),
+            ssp.required_attribute(entry, "target", where),
             ssp.transformation_of(entry, where),
-            truth(entry, "suppressUnitConversion", where),
+            boolean_attribute(entry, "suppressUnitConversion", where),
         )
         for entry in found
         # tools write entries that lead from nothing, for people to fill in
@@ -105,9 +107,9 @@ def values_of(element: ET.Element, type_: str, where: str) -> tuple[float, ...] 
         InputRefused: no finite number, or neither true nor false.
     """
     text = element.get("value")
-    if type_ in TEXTS:
+    if type_ in TEXT_TYPES:
         # an array of texts has an element for each
-        return tuple(one.get("value", "") for one in inside(element, "Value")) if text is None else (text,)
+        return tuple(one.get("value", "") for one in child_elements(element, "Value")) if text is None else (text,)
     words = re.split(r"\s+", (text or "").strip())
     return tuple(_number(word, type_, where) for word in words)
 
@@ -115,9 +117,9 @@ def values_of(element: ET.Element, type_: str, where: str) -> tuple[float, ...] 
 def _number(text: str, type_: str, where: str) -> float:
     try:
         if type_ == "Boolean":
-            return float(ssp.TRUTH[text])
-        value = float(int(text)) if type_ in ssp.WHOLES else float(text) if type_ in ssp.REALS else math.nan
-        if type_ in ssp.WHOLES and value != int(text):
+            return float(ssp.BOOLEAN_VALUES[text])
+        value = float(int(text)) if type_ in ssp.INTEGER_TYPES else float(text) if type_ in ssp.REAL_TYPES else math.nan
+        if type_ in ssp.INTEGER_TYPES and value != int(text):
             # exact, for a target that refuses it
             return int(text)
     except (KeyError, ValueError, OverflowError):
@@ -135,11 +137,11 @@ class Resource(NamedTuple):
     where: str
 
 
-Bring = Callable[[str, str], Resource]
+ResourceLoader = Callable[[str, str], Resource]
 """The resource that a URI in the structure means; the second argument is what refers to it, for sentences."""
 
 
-def structure_of(content: bytes, where: str, bring: Bring) -> ssp.Structure:
+def structure_of(content: bytes, where: str, bring: ResourceLoader) -> ssp.Structure:
     """What a SystemStructure.ssd says.
 
     Args:
@@ -151,29 +153,32 @@ def structure_of(content: bytes, where: str, bring: Bring) -> ssp.Structure:
         InputRefused: no SSD of SSP 1.0 or 2.0; names or numbers that are none; signal dictionaries and elements of
             arrays, which are not read.
     """
-    root = xml_of(content, where)
-    if root.tag != f"{NAMESPACE}SystemStructureDescription":
+    root = parse_xml(content, where)
+    if root.tag != f"{SSD_NAMESPACE}SystemStructureDescription":
         raise InputRefused(
-            f"{where}: <{ssp.local(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
-            f"{NAMESPACE[1:-1]}"
+            f"{where}: <{ssp.local_name(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
+            f"{SSD_NAMESPACE[1:-1]}"
         )
     version = root.get("version", "")
     if not re.match(r"[12]\.[0-9]", version):
         raise InputRefused(f"{where}: version '{version}'; expected 1.0 or 2.0")
-    system = next(iter(inside(root, "System")), None)
+    system = next(iter(child_elements(root, "System")), None)
     if system is None:
         raise InputRefused(f"{where}: has no system")
     enumerations = tuple(
         (
-            ssp.named(one, "name", where),
-            tuple((ssp.named(i, "name", where), int(ssp.number(i, "value", where, 0))) for i in inside(one, "Item")),
+            ssp.required_attribute(one, "name", where),
+            tuple(
+                (ssp.required_attribute(i, "name", where), int(ssp.number_attribute(i, "value", where, 0)))
+                for i in child_elements(one, "Item")
+            ),
         )
-        for one in listed(root, "Enumerations", "Enumeration")
+        for one in grouped_children(root, "Enumerations", "Enumeration")
     )
     experiment = ssp.DefaultExperiment()
-    for stated in inside(root, "DefaultExperiment")[:1]:
+    for stated in child_elements(root, "DefaultExperiment")[:1]:
         start, stop = (
-            ssp.number(stated, time, where, 0.0) if stated.get(time) is not None else None
+            ssp.number_attribute(stated, time, where, 0.0) if stated.get(time) is not None else None
             for time in ("startTime", "stopTime")
         )
         experiment = ssp.DefaultExperiment(start, stop, ssp.annotations_of(stated))
@@ -197,20 +202,20 @@ class _SystemReader:
         bring: see `structure_of`.
     """
 
-    def __init__(self, where: str, bring: Bring):
+    def __init__(self, where: str, bring: ResourceLoader):
         self._where, self._bring = where, bring
         self._parts = 0
-        self._patience = ssp.Patience(where)
+        self._patience = ssp.ParseBudget(where)
         self._known: dict[tuple[str, str], object] = {}
 
     def system(self, element: ET.Element, place: str) -> ssp.SspSystem:
-        name = ssp.named(element, "name", self._where)
+        name = ssp.required_attribute(element, "name", self._where)
         for unread in ("SignalDictionaries", "SignalDictionary"):
-            if inside(element, unread):
+            if child_elements(element, unread):
                 raise InputRefused(f"{self._where}: {place} '{name}' has signal dictionaries, which are not supported")
-        parts = [self._part(part) for group in inside(element, "Elements") for part in group]
-        ssp.unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
-        connections = [self._connection(one) for one in listed(element, "Connections", "Connection")]
+        parts = [self._part(part) for group in child_elements(element, "Elements") for part in group]
+        ssp.require_unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
+        connections = [self._connection(one) for one in grouped_children(element, "Connections", "Connection")]
         return ssp.SspSystem(
             name=name,
             elements=tuple(parts),
@@ -223,13 +228,13 @@ class _SystemReader:
 
     def _part(self, element: ET.Element) -> ssp.SspComponent | ssp.SspSystem:
         self._parts += 1
-        if self._parts > MOST_PARTS:
-            raise InputRefused(f"{self._where}: more than {MOST_PARTS} parts; do not trust this file")
-        if ssp.local(element) == "System":
+        if self._parts > MAX_PARTS:
+            raise InputRefused(f"{self._where}: more than {MAX_PARTS} parts; do not trust this file")
+        if ssp.local_name(element) == "System":
             return self.system(element, "the system")
-        name = ssp.named(element, "name", self._where)
-        if ssp.local(element) != "Component":
-            kind = re.sub(r"(?<!^)([A-Z])", r" \1", ssp.local(element)).lower()
+        name = ssp.required_attribute(element, "name", self._where)
+        if ssp.local_name(element) != "Component":
+            kind = re.sub(r"(?<!^)([A-Z])", r" \1", ssp.local_name(element)).lower()
             raise InputRefused(f"{self._where}: element '{name}' is a {kind}, which is not supported")
         implementation = element.get("implementation", "any")
         if implementation not in get_args(ssp.Implementation):
@@ -238,7 +243,7 @@ class _SystemReader:
         return ssp.SspComponent(
             name=name,
             source=element.get("source", ""),
-            type=element.get("type", ssp.FMU),
+            type=element.get("type", ssp.FMU_TYPE),
             implementation=cast(ssp.Implementation, implementation),
             connectors=self._connectors(element, name),
             bindings=self._bindings(element, name),
@@ -247,25 +252,28 @@ class _SystemReader:
         )
 
     def _connectors(self, element: ET.Element, owner: str) -> tuple[ssp.Connector, ...]:
-        found = [self._connector(one, owner) for one in listed(element, "Connectors", "Connector")]
-        ssp.unique((one.name for one in found), f"connectors of '{owner}'", self._where)
+        found = [self._connector(one, owner) for one in grouped_children(element, "Connectors", "Connector")]
+        ssp.require_unique((one.name for one in found), f"connectors of '{owner}'", self._where)
         return tuple(found)
 
     def _connector(self, element: ET.Element, owner: str) -> ssp.Connector:
         self._patience.spend()
-        name, kind = ssp.named(element, "name", self._where), ssp.named(element, "kind", self._where)
+        name, kind = (
+            ssp.required_attribute(element, "name", self._where),
+            ssp.required_attribute(element, "kind", self._where),
+        )
         if kind not in get_args(ssp.ConnectorKind):
             known = ", ".join(get_args(ssp.ConnectorKind))
             raise InputRefused(f"{self._where}: {owner}.{name}: kind '{kind}'; expected {known}")
         unread = ("ConnectorGeometry", "Annotations", "Dimension", "Clock")
-        stated = next((child for child in element if ssp.local(child) not in unread), None)
-        sizes = [(one.get("size"), one.get("sizeConnector", "")) for one in inside(element, "Dimension")]
+        stated = next((child for child in element if ssp.local_name(child) not in unread), None)
+        sizes = [(one.get("size"), one.get("sizeConnector", "")) for one in child_elements(element, "Dimension")]
         if not all((size or "1").isdecimal() and (size or by) for size, by in sizes):
             raise InputRefused(f"{self._where}: {owner}.{name}: a dimension without a size")
         return ssp.Connector(
             name=name,
             kind=cast(ssp.ConnectorKind, kind),
-            type="" if stated is None else ssp.local(stated),
+            type="" if stated is None else ssp.local_name(stated),
             unit="" if stated is None else stated.get("unit", ""),
             dimensions=tuple(by if size is None else int(size) for size, by in sizes),
             description=element.get("description", ""),
@@ -274,7 +282,9 @@ class _SystemReader:
     def _connection(self, element: ET.Element) -> ssp.Connection:
         self._patience.spend()
         start, end = (
-            ssp.Endpoint(element.get(f"{side}Element", ""), ssp.named(element, f"{side}Connector", self._where))
+            ssp.Endpoint(
+                element.get(f"{side}Element", ""), ssp.required_attribute(element, f"{side}Connector", self._where)
+            )
             for side in ("start", "end")
         )
         if element.get("startIndices") or element.get("endIndices"):
@@ -282,26 +292,26 @@ class _SystemReader:
                 f"{self._where}: the connection from {'.'.join(start)} to {'.'.join(end)} selects elements of arrays "
                 "(startIndices, endIndices), which is not supported; connect whole arrays"
             )
-        suppressed = truth(element, "suppressUnitConversion", self._where)
+        suppressed = boolean_attribute(element, "suppressUnitConversion", self._where)
         return ssp.Connection(start, end, ssp.transformation_of(element, self._where), suppressed)
 
     def _bindings(self, element: ET.Element, owner: str) -> tuple[ssp.ParameterBinding, ...]:
         return tuple(
             self._binding(one, f"parameters of '{owner}'")
-            for one in listed(element, "ParameterBindings", "ParameterBinding")
+            for one in grouped_children(element, "ParameterBindings", "ParameterBinding")
         )
 
     def _binding(self, element: ET.Element, what: str) -> ssp.ParameterBinding:
         self._patience.spend()
-        inline = next(iter(inside(element, "ParameterValues")), None)
-        values = self._stated(element, inline, ssp.PARAMETER_SET, what, parameter_set_of)
+        inline = next(iter(child_elements(element, "ParameterValues")), None)
+        values = self._read_resource(element, inline, ssp.PARAMETER_SET, what, parameter_set_of)
         if values is None:
             raise InputRefused(f"{self._where}: {what}: neither a source nor values")
-        led = next(iter(inside(element, "ParameterMapping")), None)
-        to = None if led is None else self._stated(led, led, ssp.PARAMETER_MAPPING, what, mapping_of)
+        led = next(iter(child_elements(element, "ParameterMapping")), None)
+        to = None if led is None else self._read_resource(led, led, ssp.PARAMETER_MAPPING, what, mapping_of)
         return ssp.ParameterBinding(values, element.get("prefix", ""), to)
 
-    def _stated(
+    def _read_resource(
         self,
         element: ET.Element,
         inline: ET.Element | None,
@@ -321,9 +331,9 @@ class _SystemReader:
             # many components may name one file
             if (type_, source) not in self._known:
                 content, entry, where = self._bring(source, what)
-                self._known[type_, source] = of_element(xml_of(content, where), where, entry)
+                self._known[type_, source] = of_element(parse_xml(content, where), where, entry)
             return cast(_T, self._known[type_, source])
-        stated = [one for name in ("ParameterSet", "ParameterMapping") for one in inside(inline, name)]
+        stated = [one for name in ("ParameterSet", "ParameterMapping") for one in child_elements(inline, name)]
         return of_element(stated[0], f"{self._where}: {what}", "") if stated else None
 
 
@@ -364,7 +374,7 @@ def _bytes(root: ET.Element) -> bytes:
 
 
 def _metadata(metadata: ssp.Metadata) -> dict[str, str]:
-    return {name: text for name, text in zip(ssp.METADATA, vars(metadata).values(), strict=True) if text}
+    return {name: text for name, text in zip(ssp.METADATA_ATTRIBUTES, vars(metadata).values(), strict=True) if text}
 
 
 def _append_annotations(parent: ET.Element, namespace: str, annotations: Sequence[ssp.Annotation]) -> None:
@@ -388,8 +398,8 @@ def _append_units(parent: ET.Element, namespace: str, units: Sequence[ssp.UnitDe
 
 
 def _append_component(parent: ET.Element, element: ssp.SspComponent) -> None:
-    stated = {"name": element.name, **_described(element.description), "source": element.source}
-    stated |= {"type": element.type} if element.type != ssp.FMU else {}
+    stated = {"name": element.name, **_description_attribute(element.description), "source": element.source}
+    stated |= {"type": element.type} if element.type != ssp.FMU_TYPE else {}
     stated |= {"implementation": element.implementation} if element.implementation != "any" else {}
     component = ET.SubElement(parent, f"{SSD}Component", stated)
     _append_interface(component, element)
@@ -397,7 +407,7 @@ def _append_component(parent: ET.Element, element: ssp.SspComponent) -> None:
 
 
 def _append_system(parent: ET.Element, system: ssp.SspSystem) -> None:
-    one = ET.SubElement(parent, f"{SSD}System", {"name": system.name, **_described(system.description)})
+    one = ET.SubElement(parent, f"{SSD}System", {"name": system.name, **_description_attribute(system.description)})
     _append_interface(one, system)
     elements = ET.SubElement(one, f"{SSD}Elements")
     for element in system.elements:
@@ -425,7 +435,7 @@ def _append_all(
 
 
 def _append_connector(parent: ET.Element, connector: ssp.Connector) -> None:
-    stated = {"name": connector.name, "kind": connector.kind, **_described(connector.description)}
+    stated = {"name": connector.name, "kind": connector.kind, **_description_attribute(connector.description)}
     one = ET.SubElement(parent, f"{SSD}Connector", stated)
     if connector.type:
         ET.SubElement(one, f"{SSC}{connector.type}", {"unit": connector.unit} if connector.unit else {})
@@ -443,7 +453,7 @@ def _append_connection(parent: ET.Element, connection: ssp.Connection) -> None:
 
 
 def _append_transformation(parent: ET.Element, transformation: ssp.Transformation) -> None:
-    if transformation != ssp.NONE:
+    if transformation != ssp.IDENTITY_TRANSFORMATION:
         factor, offset = repr(transformation.factor), repr(transformation.offset)
         ET.SubElement(parent, f"{SSC}LinearTransformation", factor=factor, offset=offset)
 
@@ -467,7 +477,9 @@ def _parameter_set(values: ssp.ParameterSet) -> ET.Element:
     root = ET.Element(f"{SSV}ParameterSet", {"version": VERSION, "name": values.name, **_metadata(values.metadata)})
     listed = ET.SubElement(root, f"{SSV}Parameters")
     for value in values.parameters:
-        one = ET.SubElement(listed, f"{SSV}Parameter", {"name": value.name, **_described(value.description)})
+        one = ET.SubElement(
+            listed, f"{SSV}Parameter", {"name": value.name, **_description_attribute(value.description)}
+        )
         stated = {"value": _text(value)} | ({"unit": value.unit} if value.unit else {})
         ET.SubElement(one, f"{SSV}{value.type}", stated)
     _append_units(root, SSV, values.units)
@@ -481,8 +493,8 @@ def _text(value: ssp.ParameterValue) -> str:
     if isinstance(one, str):
         return one
     if value.type == "Boolean":
-        return next(text for text, truth in ssp.TRUTH.items() if truth == bool(one))
-    return str(round(one)) if value.type in ssp.WHOLES else repr(float(one))
+        return next(text for text, truth in ssp.BOOLEAN_VALUES.items() if truth == bool(one))
+    return str(round(one)) if value.type in ssp.INTEGER_TYPES else repr(float(one))
 
 
 def _parameter_mapping(to: ssp.ParameterMapping) -> ET.Element:
@@ -494,5 +506,5 @@ def _parameter_mapping(to: ssp.ParameterMapping) -> ET.Element:
     return root
 
 
-def _described(text: str) -> Mapping[str, str]:
+def _description_attribute(text: str) -> Mapping[str, str]:
     return {"description": text} if text else {}

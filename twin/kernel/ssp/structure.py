@@ -16,22 +16,30 @@ from typing import Literal, NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.kernel.units import Dimension
 
-METADATA = ("description", "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
+METADATA_ATTRIBUTES = (
+    "description",
+    "author",
+    "fileversion",
+    "copyright",
+    "license",
+    "generationTool",
+    "generationDateAndTime",
+)
 """What files call the fields of `Metadata`, in their order."""
 PARAMETER_SET = "application/x-ssp-parameter-set"
 PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
-REALS = ("Real", "Float64", "Float32")
-WHOLES = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
+REAL_TYPES = ("Real", "Float64", "Float32")
+INTEGER_TYPES = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
 """Types whose values are numbers, the first of SSP 1.0, the others of 2.0."""
-TRUTH = {"true": True, "1": True, "false": False, "0": False}
-MOST_POWER = 100
+BOOLEAN_VALUES = {"true": True, "1": True, "false": False, "0": False}
+MAX_POWER = 100
 """Of a base unit; an honest one has 4."""
-MOST_TIME = 30.0
+MAX_PARSE_TIME = 30.0
 """s on a processor, for a structure and once more for what is made of it; the largest that is allowed takes a tenth."""
-STRUCTURE = "SystemStructure.ssd"
+STRUCTURE_FILE = "SystemStructure.ssd"
 """Entry of an SSP archive."""
-FMU = "application/x-fmu-sharedlibrary"
-TABLE = "application/table"
+FMU_TYPE = "application/x-fmu-sharedlibrary"
+TABLE_TYPE = "application/table"
 """Type of OMSimulator's components that are tables of values over time."""
 
 
@@ -85,7 +93,7 @@ class Transformation:
     table: str = ""
 
 
-NONE = Transformation()
+IDENTITY_TRANSFORMATION = Transformation()
 """The value as it is."""
 
 
@@ -131,7 +139,7 @@ class MappingEntry:
 
     source: str
     target: str
-    transformation: Transformation = NONE
+    transformation: Transformation = IDENTITY_TRANSFORMATION
     suppress_unit_conversion: bool = False
 
 
@@ -167,7 +175,7 @@ class ParameterBinding:
     mapping: ParameterMapping | None = None
 
 
-class Patience:
+class ParseBudget:
     """What lasts too long is refused: no file that an honest tool writes needs that.
 
     Args:
@@ -177,7 +185,7 @@ class Patience:
     def __init__(self, where: str):
         self._where = where
         # not the clock's: a busy machine accuses no file
-        self._end = time.process_time() + MOST_TIME
+        self._end = time.process_time() + MAX_PARSE_TIME
 
     def spend(self) -> None:
         """To be called for each of what there may be many of.
@@ -187,27 +195,27 @@ class Patience:
         """
         if time.process_time() > self._end:
             raise InputRefused(
-                f"{self._where}: takes more than {MOST_TIME:g} s to read; expected fewer connectors, connections and "
+                f"{self._where}: takes more than {MAX_PARSE_TIME:g} s to read; expected fewer connectors, connections and "
                 "values. Do not trust this file"
             )
 
 
-def local(element: ET.Element) -> str:
+def local_name(element: ET.Element) -> str:
     """The name of an element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
-def inside(element: ET.Element | None, name: str) -> list[ET.Element]:
+def child_elements(element: ET.Element | None, name: str) -> list[ET.Element]:
     """The children called `name`; none of no element."""
-    return [] if element is None else [child for child in element if local(child) == name]
+    return [] if element is None else [child for child in element if local_name(child) == name]
 
 
-def listed(element: ET.Element, group: str, name: str) -> list[ET.Element]:
+def grouped_children(element: ET.Element, group: str, name: str) -> list[ET.Element]:
     """The children called `name` of the child called `group`."""
-    return [child for part in inside(element, group) for child in inside(part, name)]
+    return [child for part in child_elements(element, group) for child in child_elements(part, name)]
 
 
-def named(element: ET.Element, attribute: str, where: str) -> str:
+def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
     """An attribute that has to be there.
 
     Raises:
@@ -215,11 +223,11 @@ def named(element: ET.Element, attribute: str, where: str) -> str:
     """
     found = element.get(attribute, "")
     if not found:
-        raise InputRefused(f"{where}: a <{local(element)}> without {attribute}")
+        raise InputRefused(f"{where}: a <{local_name(element)}> without {attribute}")
     return found
 
 
-def unique(names: Iterable[str], what: str, where: str) -> None:
+def require_unique(names: Iterable[str], what: str, where: str) -> None:
     """See that no name comes twice.
 
     Raises:
@@ -232,17 +240,17 @@ def unique(names: Iterable[str], what: str, where: str) -> None:
         seen.add(name)
 
 
-def number(element: ET.Element, attribute: str, where: str, default: float) -> float:
+def number_attribute(element: ET.Element, attribute: str, where: str, default: float) -> float:
     """The finite number of an attribute, `default` without it.
 
     Raises:
         InputRefused: it is none.
     """
     text = element.get(attribute)
-    return default if text is None else finite(text, f"{where}: <{local(element)}> {attribute}")
+    return default if text is None else parse_finite(text, f"{where}: <{local_name(element)}> {attribute}")
 
 
-def finite(text: str, where: str) -> float:
+def parse_finite(text: str, where: str) -> float:
     """The finite number that `text` says.
 
     Raises:
@@ -257,28 +265,28 @@ def finite(text: str, where: str) -> float:
     return value
 
 
-def truth(element: ET.Element, attribute: str, where: str) -> bool:
+def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
     """Whether it says so; no if it says nothing.
 
     Raises:
         InputRefused: neither true nor false.
     """
     text = element.get(attribute, "false").strip()
-    if text not in TRUTH:
-        raise InputRefused(f"{where}: <{local(element)}> {attribute} = '{text[:40]}'; expected true or false")
-    return TRUTH[text]
+    if text not in BOOLEAN_VALUES:
+        raise InputRefused(f"{where}: <{local_name(element)}> {attribute} = '{text[:40]}'; expected true or false")
+    return BOOLEAN_VALUES[text]
 
 
 def metadata_of(root: ET.Element) -> Metadata:
     """Of a file."""
-    return Metadata(*(root.get(name, "") for name in METADATA))
+    return Metadata(*(root.get(name, "") for name in METADATA_ATTRIBUTES))
 
 
 def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
     """Of an element; of each only the first element that is in it."""
     return tuple(
         Annotation(one.get("type", ""), ET.tostring(one[0], encoding="unicode").strip() if len(one) else "")
-        for one in listed(element, "Annotations", "Annotation")
+        for one in grouped_children(element, "Annotations", "Annotation")
     )
 
 
@@ -289,19 +297,21 @@ def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
         InputRefused: a unit without a name, one defined twice, or powers that are no small whole numbers.
     """
     found = []
-    for unit in listed(root, "Units", "Unit"):
-        name = named(unit, "name", where)
-        base = next(iter(inside(unit, "BaseUnit")), None)
+    for unit in grouped_children(root, "Units", "Unit"):
+        name = required_attribute(unit, "name", where)
+        base = next(iter(child_elements(unit, "BaseUnit")), None)
         if base is None:
             raise InputRefused(f"{where}: unit '{name}' without a BaseUnit")
-        powers = [number(base, power, where, 0.0) for power in Dimension._fields]
-        if not all(power.is_integer() and abs(power) <= MOST_POWER for power in powers):
+        powers = [number_attribute(base, power, where, 0.0) for power in Dimension._fields]
+        if not all(power.is_integer() and abs(power) <= MAX_POWER for power in powers):
             raise InputRefused(f"{where}: unit '{name}': expected small whole powers of its base units")
-        factor = number(base, "factor", where, 1.0)
+        factor = number_attribute(base, "factor", where, 1.0)
         if factor == 0.0:
             raise InputRefused(f"{where}: unit '{name}' has the factor 0; expected another number")
-        found.append(UnitDefinition(name, Dimension(*map(int, powers)), factor, number(base, "offset", where, 0.0)))
-    unique((unit.name for unit in found), "units", where)
+        found.append(
+            UnitDefinition(name, Dimension(*map(int, powers)), factor, number_attribute(base, "offset", where, 0.0))
+        )
+    require_unique((unit.name for unit in found), "units", where)
     return tuple(found)
 
 
@@ -312,11 +322,13 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
         InputRefused: a factor or an offset is no finite number.
     """
     for child in element:
-        if local(child) == "LinearTransformation":
-            return Transformation(number(child, "factor", where, 1.0), number(child, "offset", where, 0.0))
-        if local(child).endswith("Transformation"):
-            return Transformation(table=local(child))
-    return NONE
+        if local_name(child) == "LinearTransformation":
+            return Transformation(
+                number_attribute(child, "factor", where, 1.0), number_attribute(child, "offset", where, 0.0)
+            )
+        if local_name(child).endswith("Transformation"):
+            return Transformation(table=local_name(child))
+    return IDENTITY_TRANSFORMATION
 
 
 ConnectorKind = Literal[
@@ -362,7 +374,7 @@ class SspComponent:
 
     name: str
     source: str
-    type: str = FMU
+    type: str = FMU_TYPE
     implementation: Implementation = "any"
     connectors: tuple[Connector, ...] = ()
     bindings: tuple[ParameterBinding, ...] = ()
@@ -392,7 +404,7 @@ class Connection:
 
     start: Endpoint
     end: Endpoint
-    transformation: Transformation = NONE
+    transformation: Transformation = IDENTITY_TRANSFORMATION
     suppress_unit_conversion: bool = False
 
 

@@ -12,23 +12,23 @@ import numpy as np
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.fmi.variable import EXACT, Value, Variable
-from twin.kernel.ssp.flat import Assigned, FlatSystem
+from twin.kernel.fmi.variable import MAX_EXACT, Value, Variable
+from twin.kernel.ssp.flat import AssignedValue, FlatSystem
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.ssd import parameter_set
 from twin.kernel.ssp.structure import (
-    REALS,
-    TRUTH,
-    WHOLES,
+    BOOLEAN_VALUES,
+    INTEGER_TYPES,
+    REAL_TYPES,
     Endpoint,
     ParameterBinding,
     ParameterSet,
     ParameterValue,
 )
-from twin.kernel.systems.naming import SINGLE
+from twin.kernel.systems.naming import SINGLE_FORM
 
-UNIT = re.compile(r"(?P<value>.*\S)\s*\[(?P<unit>[^\[\]]*)\]")
-_LIST = re.compile(r"\[(?P<values>.*)\]")
+UNIT_PATTERN = re.compile(r"(?P<value>.*\S)\s*\[(?P<unit>[^\[\]]*)\]")
+_LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ class Additions:
     recorded: Sequence[str] = ()
 
 
-def given_text(value: Value) -> str:
+def setting_text(value: Value) -> str:
     """Return a value as text that reads back as the same value."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
         return value
     if isinstance(value, Sequence | np.ndarray):
-        return f"[{', '.join(given_text(one) for one in value)}]"
+        return f"[{', '.join(setting_text(one) for one in value)}]"
     return str(value) if isinstance(value, int | np.integer) else repr(float(value))
 
 
@@ -68,20 +68,20 @@ def with_parameters(package: Package, files: Sequence[Path]) -> Package:
     if not files:
         return package
     sets = [parameter_set(read_bytes(file, kind="SSV file"), str(file), str(file)) for file in files]
-    if package.form == SINGLE:
+    if package.form == SINGLE_FORM:
         # what goes to one FMU may be called as its variables are
         component = package.structure.system.elements[0].name
         sets = [
             replace(one, parameters=tuple(_of_component(value, component) for value in one.parameters)) for one in sets
         ]
-    return _bound(package, sets)
+    return _add_bindings(package, sets)
 
 
 def _of_component(value: ParameterValue, component: str) -> ParameterValue:
     return value if value.name.startswith(f"{component}.") else replace(value, name=f"{component}.{value.name}")
 
 
-def _bound(package: Package, sets: Iterable[ParameterSet]) -> Package:
+def _add_bindings(package: Package, sets: Iterable[ParameterSet]) -> Package:
     system = package.structure.system
     bindings = (*system.bindings, *(ParameterBinding(one) for one in sets))
     return replace(package, structure=replace(package.structure, system=replace(system, bindings=bindings)))
@@ -98,7 +98,7 @@ class SystemNames:
 
     def __init__(self, package: Package, flat: FlatSystem, files: Mapping[str, Path]):
         self.package, self.flat = package, flat
-        self.alone = next(iter(files)) if package.form == SINGLE else ""
+        self.alone = next(iter(files)) if package.form == SINGLE_FORM else ""
         self._files = files
 
     def description(self, path: str) -> FmuDescription:
@@ -131,14 +131,14 @@ class SystemNames:
         for name in self.flat.entrances:
             yield name, Endpoint("", name)
         for path in self._files:
-            for variable in self.description(path).offered("input"):
+            for variable in self.description(path).variables_of("input"):
                 yield f"{path}.{variable.name}", Endpoint(path, variable.name)
                 if self.alone:
                     yield variable.name, Endpoint(path, variable.name)
 
     def _hint(self, variable: str, path: str) -> str:
         description = self.description(path)
-        known = [v.name for v in (*description.parameters, *description.offered("input"))]
+        known = [v.name for v in (*description.parameters, *description.variables_of("input"))]
         return nearest(variable, known, "it can be set: {}" if len(known) < 20 else "see twin drive info for its names")
 
 
@@ -160,17 +160,17 @@ def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str])
         seen[place] = given
         if place.element:
             value = _value(place.connector, given, names.variable(place), f"--set {name}={given}")
-            assigned.setdefault(place.element, {})[place.connector] = Assigned(value, (), ())
+            assigned.setdefault(place.element, {})[place.connector] = AssignedValue(value, (), ())
             continue
         if place.connector not in flat.entrances:
             raise InputRefused(f"--set {name}: it is no input of the system; set the component's variable")
         for end, hops in flat.entrances[place.connector]:
             value = _value(end.connector, given, names.variable(end), f"--set {name}={given}")
-            assigned.setdefault(end.element, {})[end.connector] = Assigned(value, (), hops)
+            assigned.setdefault(end.element, {})[end.connector] = AssignedValue(value, (), hops)
     return replace(flat, assigned=assigned)
 
 
-def overruled(flat: FlatSystem, names: SystemNames, additions: Additions) -> Iterator[str]:
+def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) -> Iterator[str]:
     """Yield settings and SSV parameters that target inputs fed by connections."""
     fed = {lead.end for lead in flat.leads}
     yield from (one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed)
@@ -186,29 +186,33 @@ def _value(name: str, text: str, variable: Variable, where: str) -> ParameterVal
         if variable.type != "String":
             raise InputRefused(f"{where}: {name} is binary, which cannot be set here")
         return ParameterValue(name, "String", (text.strip("'\""),))
-    found, spelled = _LIST.fullmatch(text), ""
-    if found is None and (measured := UNIT.fullmatch(text)):
+    found, spelled = _LIST_PATTERN.fullmatch(text), ""
+    if found is None and (measured := UNIT_PATTERN.fullmatch(text)):
         text, spelled = measured["value"], measured["unit"]
     texts = [one.strip() for one in found["values"].split(",")] if found else [text]
     if variable.items and not found and _number(text) is None:
         # by its name, which the FMU's enumeration knows
         return ParameterValue(name, "Enumeration", (text,))
-    numbers = tuple(_typed(one, variable, where) for one in texts)
-    return ParameterValue(name, variable.type if variable.type in (*REALS, *WHOLES) else "Real", numbers, spelled)
+    numbers = tuple(_typed_number(one, variable, where) for one in texts)
+    return ParameterValue(
+        name, variable.type if variable.type in (*REAL_TYPES, *INTEGER_TYPES) else "Real", numbers, spelled
+    )
 
 
-def _typed(text: str, variable: Variable, where: str) -> float:
+def _typed_number(text: str, variable: Variable, where: str) -> float:
     if variable.type == "Boolean":
-        if text.lower() not in TRUTH:
+        if text.lower() not in BOOLEAN_VALUES:
             raise InputRefused(f"{where}: {variable.name} is Boolean; expected true or false")
-        return float(TRUTH[text.lower()])
+        return float(BOOLEAN_VALUES[text.lower()])
     number = _number(text)
     if number is None:
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a finite number")
-    if variable.type not in REALS and not number.is_integer():
+    if variable.type not in REAL_TYPES and not number.is_integer():
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a whole number")
     # a number beyond what a double holds exactly is refused as it was given
-    if variable.type not in REALS and (why := variable.unfit(int(Decimal(text)) if abs(number) >= EXACT else number)):
+    if variable.type not in REAL_TYPES and (
+        why := variable.range_error(int(Decimal(text)) if abs(number) >= MAX_EXACT else number)
+    ):
         raise InputRefused(f"{where}: {why}")
     return number
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 Loops = Literal["delay", "solve"]
 Method = Literal["cvode", "rk4"]
-KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
+FMU_KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
 
 
 @dataclass(frozen=True)

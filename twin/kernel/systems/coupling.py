@@ -11,18 +11,18 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.delay import columns, play
-from twin.kernel.cosim.loop import BOUND, LEAST, MOST_PASSES, NUDGE, LoopComponent
+from twin.kernel.cosim.loop import DIFFERENCE_STEP, MAX_PASSES, MAX_RESIDUAL, MIN_SCALE, LoopComponent
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.component import FmuComponent, opened
+from twin.kernel.fmi.component import FmuComponent, open_instance
 from twin.kernel.fmi.description import refuse_step
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.solvers import Solver
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, stop_time
-from twin.kernel.systems.loops import AlgebraicLoop, loops
+from twin.kernel.systems.loops import AlgebraicLoop, find_loops
 from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 
@@ -49,7 +49,7 @@ class PreparedSystem:
     forgiven: Sequence[str] = ()
 
 
-class Initialised(NamedTuple):
+class InitialFmus(NamedTuple):
     """The FMUs of a system.
 
     Attributes:
@@ -72,7 +72,7 @@ def folders_of(plan: SystemPlan) -> dict[str, Path]:
 
 
 @contextmanager
-def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
+def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
     """The system of a plan, whose FMUs are freed at the end.
 
     All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
@@ -87,36 +87,38 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
             cannot be.
     """
     refuse_steps(plan, "another --tick-ms or --step")
-    found = loops(plan)
-    solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
+    found = find_loops(plan)
+    solved = [_SolvableLoop(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
-        plan, components, settled, forgiven = initialised(plan, folders, made, _given(plan), solved, free=True)
+        plan, components, settled, forgiven = initialise_fmus(
+            plan, folders, made, _start_signals(plan), solved, free=True
+        )
         wires = [*plan.wires]
-        together = {**{one.name: one for one in plan.beside.components}, **components}
+        together = {**{one.name: one for one in plan.extras.components}, **components}
         columns: dict[str, tuple[str, int]] = {name: (name, 0) for name in components}
         for one in solved:
-            wires = one.put_together(together, wires, columns)
+            wires = one.merge_parts(together, wires, columns)
         ordered = list(together.values())
-        if plan.beside.order:
-            ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
+        if plan.extras.order:
+            ordered.sort(key=lambda component: plan.extras.order.index(component.name.partition("+")[0]))
         system = System(ordered, wires, plan.timing.tick, plan.scheme)
         system.first_tick = plan.timing.first
         yield PreparedSystem(plan, system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)
 
 
-def initialised(
+def initialise_fmus(
     plan: SystemPlan,
     folders: Mapping[str, Path],
     made: ExitStack,
     given: Mapping[str, np.ndarray],
-    solved: Sequence["_Solved"] = (),
+    solved: Sequence["_SolvableLoop"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
-) -> Initialised:
+) -> InitialFmus:
     """The FMUs of a system, ready to be stepped.
 
     Args:
-        plan, folders: as of `coupled`.
+        plan, folders: as of `couple_system`.
         made: what frees them.
         given: values at the start of what is no FMU, by output.
         solved: loops whose start values are looked for.
@@ -124,7 +126,7 @@ def initialised(
         free: whether outputs that nothing reads need not be finite, and locals that cannot be read are left out.
 
     Raises:
-        InputRefused: as `coupled`.
+        InputRefused: as `couple_system`.
         ComponentFailed: an FMU does not return an output, or its value does not fit the input that it feeds.
     """
     fed = {source for source, _ in plan.wires}
@@ -132,9 +134,9 @@ def initialised(
     instances: dict[str, Instance] = {}
     for part in plan.parts:
         folder, setup = folders[part.description.sha256], _setup(plan, part)
-        instances[part.name] = opened(part.path, part.description, folder, part.settings, (), setup)
+        instances[part.name] = open_instance(part.path, part.description, folder, part.settings, (), setup)
         made.callback(instances[part.name].close)
-    settled = _Settling(plan, instances, solved, given).settled()
+    settled = _InitialValues(plan, instances, solved, given).settle()
     components: dict[str, Component] = {}
     for part in plan.parts:
         instance = instances[part.name]
@@ -162,7 +164,7 @@ def initialised(
     forgiven = [f"{path} lacks {', '.join(missing)}" for path, missing in lacking.items() if missing]
     lost = [f"{old.path}.{port.variable.name}" for old, part in zip(plan.parts, parts, strict=True)
             for port in old.outputs if port not in part.outputs]  # fmt: skip
-    return Initialised(replace(plan, parts=tuple(parts), unreadable=tuple(lost)), components, settled, forgiven)
+    return InitialFmus(replace(plan, parts=tuple(parts), unreadable=tuple(lost)), components, settled, forgiven)
 
 
 def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[str]) -> SystemPart:
@@ -195,7 +197,7 @@ def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, i
     """Of each part, whose outputs begin at a place among those of a component."""
     starts = {component.name: int(start) for component, start in zip(system.components, system.y_start, strict=False)}
     found = {}
-    for component in plan.beside.components:
+    for component in plan.extras.components:
         found[component.name] = slice(starts[component.name], starts[component.name] + width(component.outputs))
     for part in plan.parts:
         owner, offset = places[part.name]
@@ -218,7 +220,7 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
             raise InputRefused(f"{what}: choose {choice}") from None
 
 
-class _Solved:
+class _SolvableLoop:
     """A loop that is to be solved.
 
     Args:
@@ -237,7 +239,7 @@ class _Solved:
     def __init__(self, plan: SystemPlan, loop: AlgebraicLoop):
         self._names, self.path = loop.parts, loop.path
         parts = {part.name: part for part in plan.parts if part.name in loop.parts}
-        stuck = [part for part in parts.values() if not _can_be_asked_again(part)]
+        stuck = [part for part in parts.values() if not _can_repeat_step(part)]
         others = [f"--kind {part.path}=model_exchange" for part in stuck if "model_exchange" in part.description.kinds]
         self.cure = " or ".join([*others, "--loops delay"]) + " does without"
         order = {name: number for number, name in enumerate(loop.parts)}
@@ -261,7 +263,7 @@ class _Solved:
             why = "has no FMU state to go back to the start of a step (canGetAndSetFMUstate)"
             raise InputRefused(f"{file}: {stuck[0].path} of the loop {loop.path} {why}; {self.cure}")
 
-    def put_together(
+    def merge_parts(
         self, components: dict[str, Component], wires: list[tuple[str, str]], columns: dict[str, tuple[str, int]]
     ) -> list[tuple[str, str]]:
         """Make one of the parts among `components`, at the place of the first; the wires that there are then."""
@@ -279,7 +281,7 @@ class _Solved:
                 # a wire has no more than two names
                 entry = target.replace(".", "__")
                 given.append(Port(entry, port.size, port.unit, port.meaning, port.kind))
-                inner.append((f"{LoopComponent.GIVEN}.{entry}", target))
+                inner.append((f"{LoopComponent.INPUT_OWNER}.{entry}", target))
                 target = f"{name}.{entry}"
             if inside[0]:
                 source = f"{name}.{source.replace('.', '__')}"
@@ -295,15 +297,15 @@ class _Solved:
         return outer
 
 
-def _can_be_asked_again(part: SystemPart) -> bool:
-    return part.description.kind == "model_exchange" or _can_go_back(part)
+def _can_repeat_step(part: SystemPart) -> bool:
+    return part.description.kind == "model_exchange" or _has_fmu_state(part)
 
 
-def _can_go_back(part: SystemPart) -> bool:
+def _has_fmu_state(part: SystemPart) -> bool:
     return bool(getattr(part.description.interface, "canGetAndSetFMUstate", False))
 
 
-class _Settling:
+class _InitialValues:
     """Gives every input what feeds it, in initialisation mode.
 
     Args:
@@ -317,7 +319,7 @@ class _Settling:
         self,
         plan: SystemPlan,
         instances: Mapping[str, Instance],
-        solved: Sequence[_Solved],
+        solved: Sequence[_SolvableLoop],
         given: Mapping[str, np.ndarray],
     ):
         self._plan, self._solved = plan, solved
@@ -332,12 +334,12 @@ class _Settling:
         led = {
             (source, target): (*ports[source], *inputs[target])
             for source, target in plan.wires
-            if source in ports and target in inputs and _readable(*ports[source], inputs[target][1])
+            if source in ports and target in inputs and _is_readable(*ports[source], inputs[target][1])
         }
         for start, end in plan.wires:
             if start in given and end in inputs and np.all(np.isfinite(given[start])):
                 instance, into = inputs[end]
-                _write(instance, into, np.asarray(into.in_fmu(given[start]), dtype=float))
+                _write_port(instance, into, np.asarray(into.to_fmu(given[start]), dtype=float))
         back = {wire for loop in solved for wire in loop.leading_back}
         self._back = [one for wire, one in led.items() if wire in back]
         self._led = [one for wire, one in led.items() if wire not in back]
@@ -346,20 +348,20 @@ class _Settling:
         """How often each instance has had an input: what it gives changes by nothing else."""
         self._read: dict[int, int] = {}
 
-    def settled(self) -> bool:
+    def settle(self) -> bool:
         """Whether all agree in the end; False: it never ends.
 
         Raises:
             InputRefused: the values of a loop that is to be solved are not found.
         """
         if not self._back:
-            return self._handed_on()
-        z = np.concatenate([_read(source, output) for source, output, _, _ in self._back])
+            return self._propagate()
+        z = np.concatenate([_read_port(source, output) for source, output, _, _ in self._back])
         step, f = np.zeros_like(z), self._residual(z)
-        scale = np.maximum(np.abs(z), LEAST)
-        for _ in range(MOST_PASSES):
+        scale = np.maximum(np.abs(z), MIN_SCALE)
+        for _ in range(MAX_PASSES):
             scale = np.maximum(scale, np.abs(z))
-            if np.all(np.abs(f) <= BOUND * scale):
+            if np.all(np.abs(f) <= MAX_RESIDUAL * scale):
                 return True
             step = self._newton(z, f, scale)
             # halved until it helps
@@ -372,12 +374,12 @@ class _Settling:
         paths, cure = ", ".join(loop.path for loop in self._solved), self._solved[0].cure
         raise InputRefused(
             f"{self._plan.package.file}: no start values of the loop {paths} are found: the residual is "
-            f"{np.max(np.abs(f) / scale):.3g} after {MOST_PASSES} passes, expected at most {BOUND:g}; give start "
+            f"{np.max(np.abs(f) / scale):.3g} after {MAX_PASSES} passes, expected at most {MAX_RESIDUAL:g}; give start "
             f"values nearer to them, or {cure}"
         )
 
     def _newton(self, z: np.ndarray, f: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        nudge = NUDGE * np.maximum(scale, 1e-3)
+        nudge = DIFFERENCE_STEP * np.maximum(scale, 1e-3)
         moved = [self._residual(z + nudge[i] * np.eye(len(z))[i]) for i in range(len(z))]
         jacobian = np.array([(one - f) / nudge[i] for i, one in enumerate(moved)]).T
         return np.asarray(-np.linalg.lstsq(jacobian, f, rcond=None)[0], dtype=float)
@@ -386,12 +388,12 @@ class _Settling:
         """What becomes of the values that lead back, less themselves."""
         place = 0
         for _, output, target, port in self._back:
-            self._set(target, port, port.in_fmu(z[place : place + output.port.size]))
+            self._set_input(target, port, port.to_fmu(z[place : place + output.port.size]))
             place += output.port.size
-        self._handed_on()
-        return np.concatenate([_read(source, output) for source, output, _, _ in self._back]) - z
+        self._propagate()
+        return np.concatenate([_read_port(source, output) for source, output, _, _ in self._back]) - z
 
-    def _handed_on(self) -> bool:
+    def _propagate(self) -> bool:
         """Hand on what is known, again and again until nothing changes; False: it never ends."""
         for _ in range(len(self._plan.parts) + 2):
             changed = False
@@ -399,43 +401,43 @@ class _Settling:
                 if self._read.get(n) == self._written[id(source)]:
                     continue
                 self._read[n] = self._written[id(source)]
-                value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
+                value = np.asarray(port.to_fmu(_read_port(source, output)), dtype=float)
                 if np.all(np.isfinite(value)) and self._last.get(n) != value.tobytes():
                     self._last[n], changed = value.tobytes(), True
-                    self._set(target, port, value)
+                    self._set_input(target, port, value)
             if not changed:
                 return True
         return False
 
-    def _set(self, target: Instance, port: FmuPort, value: float | np.ndarray) -> None:
-        _write(target, port, np.asarray(value, dtype=float))
+    def _set_input(self, target: Instance, port: FmuPort, value: float | np.ndarray) -> None:
+        _write_port(target, port, np.asarray(value, dtype=float))
         self._written[id(target)] += 1
 
 
-def _given(plan: SystemPlan) -> dict[str, np.ndarray]:
+def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
     """What signals beside the FMUs give at the start, by output."""
     start = np.array([plan.timing.first * plan.timing.tick])
     found: dict[str, np.ndarray] = {}
-    for component in plan.beside.components:
-        if component.name in plan.beside.signals:
+    for component in plan.extras.components:
+        if component.name in plan.extras.signals:
             rows, _ = play(component, start, np.array([plan.timing.tick]), np.zeros((1, 0)))
             found |= {f"{component.name}.{name}": np.atleast_1d(values[0])
                       for name, values in columns(component, rows).items()}  # fmt: skip
     return found
 
 
-def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
+def _is_readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
     """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
 
 
-def _read(instance: Instance, port: FmuPort) -> np.ndarray:
-    return instance.read([port.variable])
+def _read_port(instance: Instance, port: FmuPort) -> np.ndarray:
+    return instance.read_floats([port.variable])
 
 
-def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
+def _write_port(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
     for one in value:
-        if port.variable.unfit(one):
+        if port.variable.range_error(one):
             what = f"{port.variable.name}, {port.variable.range_phrase}"
             raise ComponentFailed(f"{instance.label} gets {one:.17g} for {what}, at the start")
     try:

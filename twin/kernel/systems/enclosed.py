@@ -12,29 +12,29 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.cosim.subsystem import INLET_NAME, Subsystem
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.variable import Setting, Value, Variable, conversion, to_json
-from twin.kernel.ssp.flat import FlatSystem, Hop, flattened
+from twin.kernel.ssp.flat import FlatSystem, UnitStep, flatten
 from twin.kernel.ssp.package import Package, read_package
 from twin.kernel.ssp.structure import Endpoint
-from twin.kernel.systems.additions import SystemNames, given_text, with_settings
-from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.additions import SystemNames, setting_text, with_settings
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.coupling import folders_of, initialised, refuse_steps
-from twin.kernel.systems.loops import loops
-from twin.kernel.systems.opening import at_hand, taken_out
-from twin.kernel.systems.plan import SystemPart, SystemPlan, planned
+from twin.kernel.systems.coupling import folders_of, initialise_fmus, refuse_steps
+from twin.kernel.systems.extras import Feed, SystemExtras
+from twin.kernel.systems.loops import find_loops
+from twin.kernel.systems.opening import extract_fmus, scratch_folder
+from twin.kernel.systems.plan import SystemPart, SystemPlan, plan_system
 from twin.kernel.systems.timing import Timing, timing_inside
-from twin.kernel.systems.ways import SpeltUnit, Way, measure, spelt, way
+from twin.kernel.systems.unit_conversion import AffineMap, ParsedUnit, connection_map, parse_unit, unit_of_variable
 
-OUTLET = "outlet"
-_UNTIMED = Timing(math.nan, "", 0, 0, "", {})
+OUTLET_NAME = "outlet"
+_NO_TIMING = Timing(math.nan, "", 0, 0, "", {})
 Start = float | np.ndarray
-Ends = tuple[tuple[Endpoint, tuple[Hop, ...]], ...]
+Ends = tuple[tuple[Endpoint, tuple[UnitStep, ...]], ...]
 
 
 class EnclosedComponent(Subsystem):
@@ -68,7 +68,7 @@ class EnclosedSystem:
     variables: dict[str, Variable]
     plan: SystemPlan
     _flat: FlatSystem
-    _exits: Mapping[str, tuple[Endpoint, Way]]
+    _exits: Mapping[str, tuple[Endpoint, AffineMap]]
     _folders: Mapping[str, Path]
 
     tolerance = None
@@ -93,12 +93,12 @@ class EnclosedSystem:
         """Where the FMU of a component is unpacked."""
         return self._folders[self.descriptions[part].sha256]
 
-    def offered(self, causality: str) -> list[Variable]:
+    def variables_of(self, causality: str) -> list[Variable]:
         """Its variables of a causality."""
         return [v for v in self.variables.values() if v.causality == causality]
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def contents(self) -> dict[str, Any]:
         """What a recording says of what is inside."""
         return {
             "components": {
@@ -114,7 +114,7 @@ class EnclosedSystem:
             },
             "connections": [f"{start} -> {end}" for start, end in self.links],
             "not_fed": [f"{part.path}.{v.name}" for part in self.plan.parts for v in part.unfed],
-            "loops": [one.path for one in loops(self.plan)],
+            "loops": [one.path for one in find_loops(self.plan)],
         }
 
     def component(
@@ -147,16 +147,16 @@ class EnclosedSystem:
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
         read = [(f"out{n}", port, *self._exits[port.variable.name]) for n, port in enumerate(outputs)]
-        outside = (f"{INLET}.", f"{OUTLET}.")
+        outside = (f"{INLET_NAME}.", f"{OUTLET_NAME}.")
         wires = [
-            (f"{INLET}.{fed[source][0]}" if source in fed else source, target)
+            (f"{INLET_NAME}.{fed[source][0]}" if source in fed else source, target)
             for source, target in self.plan.wires
             if not target.startswith(outside) and (source in fed or not source.startswith(outside))
         ]
         parts = tuple(self._part(part, fed, read, wires) for part in self.plan.parts)
         plan = replace(self.plan, parts=parts, wires=tuple(wires), timing=when)
         refuse_steps(plan, "the step of the archive or of the experiment")
-        given = {f"{INLET}.{entry}": _values(inputs_at_start.get(port.port.name, 0.0), port)
+        given = {f"{INLET_NAME}.{entry}": _values(inputs_at_start.get(port.port.name, 0.0), port)
                  for entry, port in fed.values()}  # fmt: skip
         names = {part.path: part.name for part in parts}
         starts: dict[str, dict[str, Start]] = {}
@@ -164,7 +164,7 @@ class EnclosedSystem:
             if port.port.name in outputs_at_start:
                 starts.setdefault(names[begin.element], {})[own] = outputs_at_start[port.port.name]
         with ExitStack() as made:
-            inside = initialised(plan, self._folders, made, given, outputs_at_start=starts).components
+            inside = initialise_fmus(plan, self._folders, made, given, outputs_at_start=starts).components
             component = EnclosedComponent(
                 name,
                 tuple(replace(port.port, name=entry) for entry, port in fed.values()),
@@ -185,7 +185,7 @@ class EnclosedSystem:
         self,
         part: SystemPart,
         fed: Mapping[str, tuple[str, FmuPort]],
-        read: Sequence[tuple[str, FmuPort, Endpoint, Way]],
+        read: Sequence[tuple[str, FmuPort, Endpoint, AffineMap]],
         wires: Collection[tuple[str, str]],
     ) -> SystemPart:
         """A component whose inputs are scaled for what feeds the whole, with the outputs that somebody reads."""
@@ -211,14 +211,14 @@ class EnclosedSystem:
 
 
 def _wire(system: EnclosedSystem, name: str) -> str:
-    return f"{INLET}.{list(system.variables).index(name)}"
+    return f"{INLET_NAME}.{list(system.variables).index(name)}"
 
 
 def _values(start: Start, port: FmuPort) -> np.ndarray:
     return np.full(port.port.size, start) if np.ndim(start) == 0 else np.asarray(start)
 
 
-def enclosed(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
+def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
     """The SSP archive `file` for a place where one FMU is expected.
 
     Args:
@@ -231,15 +231,15 @@ def enclosed(file: Path, table: str, values: Mapping[str, Value], named: Collect
             is not clear.
     """
     package = read_package(file)
-    flat = flattened(package.structure, f"{file}")
-    with at_hand(package) as scratch:
+    flat = flatten(package.structure, f"{file}")
+    with scratch_folder(package) as scratch:
         try:
-            files, names = taken_out(package, flat, Path(scratch))
+            files, names = extract_fmus(package, flat, Path(scratch))
             flat = _with_values(flat, names, table, values)
-            face = _Face(package, flat, names, values, named)
-            place = Component(INLET, (), (), True, 0, 0, np.zeros(0))
-            beside = Beside((place,), tuple(face.feeds()), tuple(face.drains()))
-            plan = planned(package, flat, files, MasterChoice(), beside, when=_UNTIMED)
+            face = _OuterVariables(package, flat, names, values, named)
+            place = Component(INLET_NAME, (), (), True, 0, 0, np.zeros(0))
+            beside = SystemExtras((place,), tuple(face.feeds()), tuple(face.drains()))
+            plan = plan_system(package, flat, files, MasterChoice(), beside, when=_NO_TIMING)
             folders = folders_of(plan)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -257,12 +257,12 @@ def enclosed(file: Path, table: str, values: Mapping[str, Value], named: Collect
 
 def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mapping[str, Value]) -> FlatSystem:
     try:
-        return with_settings(flat, names, [f"{name}={given_text(value)}" for name, value in values.items()])
+        return with_settings(flat, names, [f"{name}={setting_text(value)}" for name, value in values.items()])
     except InputRefused as refusal:
         raise InputRefused(str(refusal).replace("--set ", f"[{table}.parameters] ")) from None
 
 
-class _Face:
+class _OuterVariables:
     """What of a system is to be seen from outside.
 
     Attributes:
@@ -280,22 +280,22 @@ class _Face:
     ):
         self._package, self._flat, self._names, self._values = package, flat, names, values
         self.variables: dict[str, Variable] = {}
-        self.exits: dict[str, tuple[Endpoint, Way]] = {}
+        self.exits: dict[str, tuple[Endpoint, AffineMap]] = {}
         self._ends: dict[str, Ends] = {}
         self._units: dict[str, str] = {}
         for name, ends in flat.entrances.items():
             if ends:
-                self._enter(name, ends)
+                self._add_input(name, ends)
         for name, lead in flat.exits.items():
-            self._leave(name, lead.start, lead.hops)
+            self._add_output(name, lead.start, lead.hops)
         asked = {name.removeprefix("-").strip() for name in named}
         for name in package.structure.system.connector_of.keys() & asked - self.variables.keys():
             raise InputRefused(
                 f"{package.file}: its connector '{name}' leads to no component; connect it in the archive"
             )
-        self._look_inside(asked)
+        self._add_inner_variables(asked)
 
-    def _look_inside(self, asked: Collection[str]) -> None:
+    def _add_inner_variables(self, asked: Collection[str]) -> None:
         """Variables of components: those that are asked for; all of a side on which there are no connectors."""
         fed = {lead.end for lead in self._flat.leads}
         for path in self._flat.components:
@@ -306,55 +306,57 @@ class _Face:
                     continue
                 if variable.causality == "input" and end not in fed:
                     if name in asked or (not self._flat.entrances and variable.name not in given):
-                        self._enter(name, ((end, ()),))
+                        self._add_input(name, ((end, ()),))
                 elif (variable.causality == "output" and not self._flat.exits) or name in asked:
-                    self._leave(name, end, ())
+                    self._add_output(name, end, ())
 
     def feeds(self) -> Iterator[Feed]:
         """Of what nothing is given to."""
         for number, (name, variable) in enumerate(self.variables.items()):
             for end, hops in self._ends.get(name, ()) if name not in self._values else ():
                 by = f"{self._package.file}: {name}"
-                yield Feed(end, f"{INLET}.{number}", by, self._units[name], hops, variable.size)
+                yield Feed(end, f"{INLET_NAME}.{number}", by, self._units[name], hops, variable.size)
 
     def drains(self) -> Iterator[tuple[Endpoint, str]]:
         for number, name in enumerate(self.variables):
             if name in self.exits:
-                yield self.exits[name][0], f"{OUTLET}.{number}"
+                yield self.exits[name][0], f"{OUTLET_NAME}.{number}"
 
-    def _measured(self, end: Endpoint) -> SpeltUnit:
+    def _variable_unit(self, end: Endpoint) -> ParsedUnit:
         description, where = self._names.description(end.element), f"{self._package.file}: {'.'.join(end)}"
         connector = self._flat.components[end.element].connector_of.get(end.connector)
-        return measure(self._names.variable(end).unit, connector, self._package.structure.units, description, where)
+        return unit_of_variable(
+            self._names.variable(end).unit, connector, self._package.structure.units, description, where
+        )
 
-    def _stated(self, name: str, end: Endpoint) -> SpeltUnit:
+    def _connector_unit(self, name: str, end: Endpoint) -> ParsedUnit:
         """The unit of a connector by what the archive says, else by the FMU behind it; "": it states none."""
         connector = self._package.structure.system.connector_of.get(name)
         if connector is None or not connector.unit:
-            return SpeltUnit("", None)
-        read = spelt(connector.unit, self._package.structure.units)
+            return ParsedUnit("", None)
+        read = parse_unit(connector.unit, self._package.structure.units)
         known = self._names.description(end.element).model.unitDefinitions
-        return read if read.conversion else SpeltUnit(connector.unit, conversion(connector.unit, known))
+        return read if read.conversion else ParsedUnit(connector.unit, conversion(connector.unit, known))
 
-    def _enter(self, name: str, ends: Ends) -> None:
-        inner = [self._inside(end, ("input",), name) for end, _ in ends]
-        measured = [self._measured(end) for end, _ in ends]
-        stated = self._stated(name, ends[0][0])
+    def _add_input(self, name: str, ends: Ends) -> None:
+        inner = [self._inner_variable(end, ("input",), name) for end, _ in ends]
+        measured = [self._variable_unit(end) for end, _ in ends]
+        stated = self._connector_unit(name, ends[0][0])
         if not stated.text and len({one.conversion for one in measured}) > 1:
             units = ", ".join(f"{'.'.join(end)} [{one.text}]" for (end, _), one in zip(ends, measured, strict=True))
             raise InputRefused(f"{self._package.file}: connector '{name}' feeds {units}; state its unit")
         self._ends[name], self._units[name] = ends, stated.text
-        self._seen(name, "input", inner[0], stated if stated.text else measured[0])
+        self._add_variable(name, "input", inner[0], stated if stated.text else measured[0])
 
-    def _leave(self, name: str, start: Endpoint, hops: tuple[Hop, ...]) -> None:
-        inner, measured = self._inside(start, ("output", "local"), name), self._measured(start)
-        stated = self._stated(name, start)
+    def _add_output(self, name: str, start: Endpoint, hops: tuple[UnitStep, ...]) -> None:
+        inner, measured = self._inner_variable(start, ("output", "local"), name), self._variable_unit(start)
+        stated = self._connector_unit(name, start)
         there = stated if stated.text else measured
         where = f"{self._package.file}: connector '{name}'"
-        self.exits[name] = start, way(measured, hops, there, self._package.structure.units, where)
-        self._seen(name, "output", inner, there)
+        self.exits[name] = start, connection_map(measured, hops, there, self._package.structure.units, where)
+        self._add_variable(name, "output", inner, there)
 
-    def _inside(self, end: Endpoint, causes: Sequence[str], name: str) -> Variable:
+    def _inner_variable(self, end: Endpoint, causes: Sequence[str], name: str) -> Variable:
         found = self._names.description(end.element).variables.get(end.connector)
         if found is None or found.causality not in causes or found.kind < 0:
             what = "no such variable" if found is None else f"{found.causality} {found.type}"
@@ -364,6 +366,6 @@ class _Face:
             )
         return found
 
-    def _seen(self, name: str, causality: str, inner: Variable, unit: SpeltUnit) -> None:
+    def _add_variable(self, name: str, causality: str, inner: Variable, unit: ParsedUnit) -> None:
         changed = replace(inner, name=name, causality=causality, unit=unit.text, conversion=unit.conversion)
         self.variables[name] = replace(changed, start=math.nan, low=math.nan, high=math.nan)

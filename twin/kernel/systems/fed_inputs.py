@@ -9,34 +9,34 @@ from pathlib import Path
 import numpy as np
 
 from twin.kernel.archive import sha256
-from twin.kernel.cosim.expression import expression
+from twin.kernel.cosim.expression import parse_expression
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.fmi.variable import EXACT, Variable
-from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
-from twin.kernel.recording.logs.csv_table import CsvTable, read_table, table_of
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.fmi.variable import MAX_EXACT, Variable
+from twin.kernel.recording.logs.column_map import TIME_NAMES, require_unit, split_unit
+from twin.kernel.recording.logs.csv_table import CsvTable, parse_table, read_table
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
-from twin.kernel.ssp.flat import FlatSystem, Hop
+from twin.kernel.ssp.flat import FlatSystem, UnitStep
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.structure import (
-    REALS,
-    TABLE,
+    REAL_TYPES,
+    TABLE_TYPE,
     Endpoint,
     SspComponent,
 )
-from twin.kernel.systems.additions import UNIT, SystemNames
-from twin.kernel.systems.beside import Beside, Feed
-from twin.kernel.systems.naming import distinct, topic, word
+from twin.kernel.systems.additions import UNIT_PATTERN, SystemNames
+from twin.kernel.systems.extras import Feed, SystemExtras
+from twin.kernel.systems.naming import identifier, topic_name, unique_names
 
-INPUTS = "inputs"
+INPUTS_TOPIC = "inputs"
 """The component, and topic, of signals that a user feeds in."""
-FILES = (".csv", ".mcap")
+SIGNAL_SUFFIXES = (".csv", ".mcap")
 
 
 @dataclass(frozen=True)
-class _Fed:
+class _InputSignal:
     """What is fed where: `unit` of the values ("": as of what they feed), `about` what they are made of."""
 
     name: str
@@ -47,7 +47,9 @@ class _Fed:
     ignored: tuple[str, ...] = ()
 
 
-def inputs_beside(names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0) -> Beside:
+def input_extras(
+    names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0
+) -> SystemExtras:
     """The signals of `inputs`, and what they feed.
 
     Args:
@@ -60,16 +62,16 @@ def inputs_beside(names: SystemNames, inputs: Sequence[str], settings: Sequence[
         InputRefused: a name that means no input, a file or an expression that cannot be read, an input that is given
             a value and a signal.
     """
-    fed = [one for text in inputs for one in _fed(names, text)]
+    fed = [one for text in inputs for one in _input_signals(names, text)]
     if not fed:
-        return Beside()
+        return SystemExtras()
     set_ = {names.place(text.partition("=")[0].strip(), "--set") for text in settings}
     ports, signals, feeds, about, spans = [], [], [], {}, {}
-    for one, port in zip(fed, distinct(word(one.name) for one in fed), strict=True):
+    for one, port in zip(fed, unique_names(identifier(one.name) for one in fed), strict=True):
         if one.place in set_:
             raise InputRefused(f"--input {one.name} and --set {one.name} contradict each other; remove one")
-        by, wire = f"--input {one.name}", f"{INPUTS}.{port}"
-        ends: Sequence[tuple[Endpoint, tuple[Hop, ...]]] = [(one.place, ())]
+        by, wire = f"--input {one.name}", f"{INPUTS_TOPIC}.{port}"
+        ends: Sequence[tuple[Endpoint, tuple[UnitStep, ...]]] = [(one.place, ())]
         spelled = one.unit
         if not one.place.element:
             ends = names.flat.entrances[one.place.connector]
@@ -83,44 +85,44 @@ def inputs_beside(names: SystemNames, inputs: Sequence[str], settings: Sequence[
         if isinstance(one.signal, SampledSignal):
             spans[one.name] = (float(one.signal.t[0]), float(one.signal.t[-1]))
     ignored = tuple(dict.fromkeys(name for one in fed for name in one.ignored))
-    fed_by = source(INPUTS, ports, signals, start)
-    return Beside((fed_by,), tuple(feeds), signals=(INPUTS,), about=about, ignored=ignored, spans=spans)
+    fed_by = source(INPUTS_TOPIC, ports, signals, start)
+    return SystemExtras((fed_by,), tuple(feeds), signals=(INPUTS_TOPIC,), about=about, ignored=ignored, spans=spans)
 
 
-def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
+def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
     name, equals, given = (part.strip() for part in text.partition("="))
     if not equals:
-        yield from _by_name(names, Path(text.strip()))
+        yield from _file_signals(names, Path(text.strip()))
         return
     if not name or not given:
         raise InputRefused(f"--input {text}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     place, where = _input(names, name), f"--input {name}"
     file, _, column = given.partition(":")
     # not Path.exists, which raises for a name that is too long, as of an expression
-    if Path(file).suffix.lower() in FILES or os.path.exists(file):
+    if Path(file).suffix.lower() in SIGNAL_SUFFIXES or os.path.exists(file):
         spelled = ""
-        if column and (measured := UNIT.fullmatch(column)) and not measured["unit"].isdigit():
+        if column and (measured := UNIT_PATTERN.fullmatch(column)) and not measured["unit"].isdigit():
             column, spelled = measured["value"], measured["unit"]
         held = _is_held(names, place)
         samples, own = _series(Path(file), column, name, where, held)
         _refuse_broken(names, place, samples, f"{where}: {file}")
-        yield _Fed(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
+        yield _InputSignal(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
     else:
-        signal = expression(given, where)
+        signal = parse_expression(given, where)
         for variable in (names.variable(end) for end in _ends(names, place)):
-            if variable.type not in REALS and np.any(np.abs(signal.numbers) >= EXACT):
+            if variable.type not in REAL_TYPES and np.any(np.abs(signal.numbers) >= MAX_EXACT):
                 raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
-        yield _Fed(name, place, signal, "", given)
+        yield _InputSignal(name, place, signal, "", given)
 
 
-def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
+def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
     """The columns of `file` that are called as inputs are."""
-    if file.suffix.lower() not in FILES and not os.path.exists(file):
+    if file.suffix.lower() not in SIGNAL_SUFFIXES and not os.path.exists(file):
         raise InputRefused(f"--input {file}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     known, table = dict(names.inputs()), read_table(file)
     time = _time(table)
     columns = [head for head in table.head if head != time[0]]
-    names_of = {head: (head, "") if head in known else _in_brackets(head) for head in columns}
+    names_of = {head: (head, "") if head in known else _split_brackets(head) for head in columns}
     others = tuple(head for head in columns if names_of[head][0] not in known)
     if len(others) == len(columns):
         raise InputRefused(
@@ -132,7 +134,7 @@ def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
         samples = SampledSignal(time[1], _column(table, head), "held" if _is_held(names, known[name]) else "lines")
         _refuse_broken(names, known[name], samples, f"{file}: column '{head}'")
         about = f"{file.name} sha256 {_sha256(file)[:12]}"
-        yield _Fed(name, known[name], samples, spelled, about, tuple(f"{file.name}: {one}" for one in others))
+        yield _InputSignal(name, known[name], samples, spelled, about, tuple(f"{file.name}: {one}" for one in others))
 
 
 def _input(names: SystemNames, name: str) -> Endpoint:
@@ -151,12 +153,12 @@ def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
 def _is_held(names: SystemNames, place: Endpoint) -> bool:
     """Whether a value holds until the next: what is not continuous does."""
     variables = [names.variable(end) for end in _ends(names, place)]
-    return any(v.variability != "continuous" or v.type not in REALS for v in variables)
+    return any(v.variability != "continuous" or v.type not in REAL_TYPES for v in variables)
 
 
 def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, where: str) -> None:
     for variable in (names.variable(end) for end in _ends(names, place)):
-        if variable.type not in REALS and not np.all(samples.values == np.rint(samples.values)):
+        if variable.type not in REAL_TYPES and not np.all(samples.values == np.rint(samples.values)):
             bad = samples.values[samples.values != np.rint(samples.values)][0]
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
@@ -172,7 +174,9 @@ def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
     """
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
         # a larger number may have been rounded to EXACT when it was read
-        if why := variable.unfit(value if abs(value) != EXACT or variable.type in REALS else 2.0 * value):
+        if why := variable.range_error(
+            value if abs(value) != MAX_EXACT or variable.type in REAL_TYPES else 2.0 * value
+        ):
             raise InputRefused(f"{where}: {why}")
 
 
@@ -191,18 +195,18 @@ def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple
     table = read_table(file)
     time, t = _time(table)
     heads = [head for head in table.head if head != time]
-    wanted = column or next((head for head in heads if name in (head, _in_brackets(head)[0])), "")
+    wanted = column or next((head for head in heads if name in (head, _split_brackets(head)[0])), "")
     if not wanted and len(heads) == 1:
         wanted = heads[0]
     if wanted not in heads:
-        wanted = next((head for head in heads if _in_brackets(head)[0] == (wanted or name)), wanted)
+        wanted = next((head for head in heads if _split_brackets(head)[0] == (wanted or name)), wanted)
     if wanted not in heads:
         hint = nearest(column or name, heads, "it has {}")
         raise InputRefused(f"{where}: {file} has no column '{column or name}'; {hint}")
-    return SampledSignal(t, _column(table, wanted), between), _in_brackets(wanted)[1]  # type: ignore[arg-type]
+    return SampledSignal(t, _column(table, wanted), between), _split_brackets(wanted)[1]  # type: ignore[arg-type]
 
 
-def _in_brackets(head: str) -> tuple[str, str]:
+def _split_brackets(head: str) -> tuple[str, str]:
     """Name and unit of a column `u [rpm]`; a unit without brackets may be part of a name."""
     return split_unit(head) if head.rstrip().endswith(("]", ")")) else (head, "")
 
@@ -212,22 +216,22 @@ def _time(table: CsvTable) -> tuple[str, np.ndarray]:
     named = {head: split_unit(head) for head in table.head}
     head = next((head for head, (name, _) in named.items() if name.lower() in TIME_NAMES), None)
     if head is None:
-        raise LogRefused(f"{table.path}: no column of time; it has {', '.join(table.head)}; call it time, in s")
+        raise LogError(f"{table.path}: no column of time; it has {', '.join(table.head)}; call it time, in s")
     t = _column(table, head)
     if named[head][1]:
-        t = unit(named[head][1], f"{table.path}: column '{head}'").in_si(t)
+        t = require_unit(named[head][1], f"{table.path}: column '{head}'").in_si(t)
     back = np.flatnonzero(np.diff(t) < 0.0) + 1
     if len(back):
         k = int(back[0])
-        raise LogRefused(f"{table.path} line {table.lines[k]}: time runs backwards from {t[k - 1]:g} s to {t[k]:g} s")
+        raise LogError(f"{table.path} line {table.lines[k]}: time runs backwards from {t[k - 1]:g} s to {t[k]:g} s")
     return head, t
 
 
 def _column(table: CsvTable, head: str) -> np.ndarray:
-    wrong = table.mistakes(head)
+    wrong = table.wrong_fields(head)
     if wrong:
         got = f"'{wrong.text}'" if wrong.text else "nothing"
-        raise LogRefused(f"{table.path} line {wrong.line}: column '{head}' holds {got}; expected a finite number")
+        raise LogError(f"{table.path} line {wrong.line}: column '{head}' holds {got}; expected a finite number")
     return table.column(head)
 
 
@@ -237,10 +241,10 @@ def _sha256(file: Path) -> str:
 
 def is_table(component: SspComponent) -> bool:
     """Whether a component of a system is a table of values over time, as OMSimulator has them."""
-    return component.type == TABLE or (component.type == "" and component.source.lower().endswith(".csv"))
+    return component.type == TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
 
 
-def tables_beside(package: Package, flat: FlatSystem) -> tuple[FlatSystem, Beside]:
+def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
     """`flat` without its tables, and these.
 
     Raises:
@@ -248,7 +252,7 @@ def tables_beside(package: Package, flat: FlatSystem) -> tuple[FlatSystem, Besid
     """
     tables = {path: one for path, one in flat.components.items() if is_table(one)}
     if not tables:
-        return flat, Beside()
+        return flat, SystemExtras()
     components, feeds, about = [], [], {}
     for path, component in tables.items():
         where = f"{package.file}: component '{path}'"
@@ -256,26 +260,26 @@ def tables_beside(package: Package, flat: FlatSystem) -> tuple[FlatSystem, Besid
         if not entry or not entry.lower().endswith(".csv"):
             raise InputRefused(f"{where}: its table '{component.source}' is no CSV file of this archive")
         content = package.content(entry)
-        table = table_of(Path(f"{package.file}: {entry}"), io.BytesIO(content))
+        table = parse_table(Path(f"{package.file}: {entry}"), io.BytesIO(content))
         time, t = _time(table)
         used = list(dict.fromkeys(lead.start.connector for lead in flat.leads if lead.start.element == path))
         ports, signals = [], []
-        for name, port in zip(used, distinct(word(name) for name in used), strict=True):
+        for name, port in zip(used, unique_names(identifier(name) for name in used), strict=True):
             if name not in table.head or name == time:
                 raise InputRefused(f"{where}: {entry} has no column '{name}'; {nearest(name, table.head, 'it has {}')}")
             stated = component.connector_of.get(name)
-            held = stated is not None and stated.type not in ("", *REALS)
+            held = stated is not None and stated.type not in ("", *REAL_TYPES)
             ports.append(Port(port, 1, (stated.unit if stated else "") or "1", f"column {name} of {entry}"))
             signals.append(SampledSignal(t, _column(table, name), "held" if held else "lines"))
             for lead in flat.leads:
                 if lead.start == Endpoint(path, name):
                     spelled = stated.unit if stated else ""
                     by = f"{package.file}: the connection from {'.'.join(lead.start)} to {'.'.join(lead.end)}"
-                    feeds.append(Feed(lead.end, f"{topic(path)}.{port}", by, spelled, lead.hops))
+                    feeds.append(Feed(lead.end, f"{topic_name(path)}.{port}", by, spelled, lead.hops))
         if used:
-            components.append(source(topic(path), ports, signals))
+            components.append(source(topic_name(path), ports, signals))
         about[path] = entry
     rest = {path: one for path, one in flat.components.items() if path not in tables}
     leads = tuple(lead for lead in flat.leads if lead.start.element not in tables)
-    found = Beside(tuple(components), tuple(feeds), signals=tuple(one.name for one in components), about=about)
+    found = SystemExtras(tuple(components), tuple(feeds), signals=tuple(one.name for one in components), about=about)
     return replace(flat, components=rest, leads=leads), found

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from twin.kernel.ssp.package import Package, loose_package
 from twin.kernel.ssp.structure import ParameterBinding, ParameterSet, ParameterValue, SspComponent, SspSystem, Structure
-from twin.kernel.systems.naming import distinct
+from twin.kernel.systems.naming import unique_names
 
 
 def foreign_package(
@@ -26,9 +26,9 @@ def foreign_package(
         values: of parameters, by component.
     """
     paths = [*dict.fromkeys(fmus.values())]
-    entries = dict(zip(paths, distinct(f"resources/{path.name}" for path in paths), strict=True))
+    entries = dict(zip(paths, unique_names(f"resources/{path.name}" for path in paths), strict=True))
     parts = [
-        replace(one, source=entries[fmus[one.name]], bindings=_bound(f"{one.name} values", values.get(one.name, ())))
+        replace(one, source=entries[fmus[one.name]], bindings=_bindings(f"{one.name} values", values.get(one.name, ())))
         for one in structure.system.elements
         if isinstance(one, SspComponent)
     ]
@@ -39,5 +39,5 @@ def foreign_package(
     return loose_package(file, replace(structure, system=system), loose, form, "jacobi", tuple(unsaid))
 
 
-def _bound(name: str, values: Sequence[ParameterValue]) -> tuple[ParameterBinding, ...]:
+def _bindings(name: str, values: Sequence[ParameterValue]) -> tuple[ParameterBinding, ...]:
     return (ParameterBinding(ParameterSet(name, tuple(values))),) if values else ()

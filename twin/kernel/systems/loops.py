@@ -24,7 +24,7 @@ class AlgebraicLoop:
     silent: tuple[str, ...]
 
 
-def loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
+def find_loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
     """The loops of a system; those that share a component are one."""
     graph: dict[str, list[str]] = {}
     shown: dict[str, str] = {}
@@ -43,18 +43,20 @@ def loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
     # an input and an output of one component may have one name
     for source, target in plan.wires:
         graph.setdefault(f"{source}<", []).append(f"{target}>")
-    found = [group for group in _circles(graph) if len(group) > 1]
+    found = [group for group in _cyclic_groups(graph) if len(group) > 1]
     return tuple(
         AlgebraicLoop(
-            " -> ".join(shown[node[:-1]] for node in _way_around(graph, groups[0])),
+            " -> ".join(shown[node[:-1]] for node in _shortest_cycle(graph, groups[0])),
             tuple(part.name for part in plan.parts if part.name in owners),
             tuple(dict.fromkeys(silent[n[:-1]] for group in groups for n in group if n[:-1] in silent)),
         )
-        for owners, groups in _joined(found, plan.parts)
+        for owners, groups in _join_groups(found, plan.parts)
     )
 
 
-def _joined(groups: Sequence[Sequence[str]], parts: Sequence[SystemPart]) -> list[tuple[set[str], list[Sequence[str]]]]:
+def _join_groups(
+    groups: Sequence[Sequence[str]], parts: Sequence[SystemPart]
+) -> list[tuple[set[str], list[Sequence[str]]]]:
     """(components, groups of nodes) of groups that share no component."""
     joined: list[tuple[set[str], list[Sequence[str]]]] = []
     for group in groups:
@@ -67,7 +69,7 @@ def _joined(groups: Sequence[Sequence[str]], parts: Sequence[SystemPart]) -> lis
     return sorted(joined, key=lambda one: min(order[name] for name in one[0]))
 
 
-def _circles(graph: Graph) -> list[list[str]]:
+def _cyclic_groups(graph: Graph) -> list[list[str]]:
     """Nodes that reach each other (Tarjan 1972), without recursion."""
     number: dict[str, int] = {}
     low: dict[str, int] = {}
@@ -103,7 +105,7 @@ def _circles(graph: Graph) -> list[list[str]]:
     return found
 
 
-def _way_around(graph: Graph, group: Sequence[str]) -> list[str]:
+def _shortest_cycle(graph: Graph, group: Sequence[str]) -> list[str]:
     """A shortest way from an output in `group` back to the input that feeds it."""
     inside = set(group)
     start = min(node for node in group if node.endswith("<"))

@@ -13,8 +13,8 @@ from typing import Any
 from urllib.parse import unquote, urlparse
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import json_of, read_bytes
-from twin.kernel.ssp.package import MOST_STRUCTURE, Package
+from twin.kernel.files import parse_json, read_bytes
+from twin.kernel.ssp.package import MAX_STRUCTURE_SIZE, Package
 from twin.kernel.ssp.structure import (
     Connection,
     DefaultExperiment,
@@ -27,9 +27,9 @@ from twin.kernel.ssp.structure import (
 from twin.kernel.systems.foreign import foreign_package
 from twin.kernel.systems.timing import step_notes
 
-FORM = "Maestro multi-model"
-READ = ("fmus", "connections", "parameters", "algorithm", "startTime", "endTime")
-_NAME = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<variable>.+)")
+FORM_NAME = "Maestro multi-model"
+SUPPORTED_KEYS = ("fmus", "connections", "parameters", "algorithm", "startTime", "endTime")
+_NAME_PATTERN = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<variable>.+)")
 
 
 def multi_model(file: Path) -> Package:
@@ -39,7 +39,7 @@ def multi_model(file: Path) -> Package:
         InputRefused: no such file, no multi-model, or an FMU that is not there.
     """
     where = f"{file}"
-    content = json_of(read_bytes(file, MOST_STRUCTURE), where)
+    content = parse_json(read_bytes(file, MAX_STRUCTURE_SIZE), where)
     if not isinstance(content, dict) or not isinstance(content.get("fmus"), dict) or not content["fmus"]:
         raise InputRefused(f'{where}: no "fmus"; expected a multi-model of Maestro')
     files = {key: _file(file, key, source) for key, source in content["fmus"].items()}
@@ -49,7 +49,7 @@ def multi_model(file: Path) -> Package:
         for end in (ends if isinstance(ends, list) else [ends])
     ]
     parameters = _table(content, "parameters", where)
-    reader = _Instances(files, where, [*(end for pair in led for end in pair), *parameters])
+    reader = _InstanceNames(files, where, [*(end for pair in led for end in pair), *parameters])
     wires = tuple(Connection(reader.end(start), reader.end(end)) for start, end in led)
     values: dict[str, list[ParameterValue]] = {}
     for name, value in parameters.items():
@@ -57,7 +57,7 @@ def multi_model(file: Path) -> Package:
         values.setdefault(end.element, []).append(_value(end.connector, value, f"{where}: {name}"))
     fmus = {name: files[key] for name, key in reader.parts()}
     step, unsaid = _algorithm(content, where)
-    others = [key for key in content if key not in READ]
+    others = [key for key in content if key not in SUPPORTED_KEYS]
     unsaid += [f"not read: {', '.join(others)}"] if others else []
     lonely = [key for key in files if key not in reader.used]
     unsaid += [f"FMUs without an instance: {', '.join(lonely)}"] if lonely else []
@@ -66,10 +66,10 @@ def multi_model(file: Path) -> Package:
     times = DefaultExperiment(start, stop, step_notes("org.into-cps", step))
     system = SspSystem(file.stem, tuple(SspComponent(name, "") for name in fmus), wires)
     structure = Structure(file.stem, system, "", experiment=times)
-    return foreign_package(file, FORM, structure, fmus, values, unsaid)
+    return foreign_package(file, FORM_NAME, structure, fmus, values, unsaid)
 
 
-class _Instances:
+class _InstanceNames:
     """What names in a multi-model mean, and which instances there are.
 
     Args:
@@ -83,13 +83,13 @@ class _Instances:
 
     def __init__(self, files: Mapping[str, Path], where: str, names: Sequence[Any]):
         self._files, self._where = files, where
-        self._found = dict.fromkeys(self._split(name)[:2] for name in names)
+        self._found = dict.fromkeys(self._split_name(name)[:2] for name in names)
         self.used = {fmu for fmu, _ in self._found}
         self._same = Counter(instance for _, instance in self._found)
 
     def end(self, text: Any) -> Endpoint:
         """The component and its variable."""
-        fmu, instance, variable = self._split(text)
+        fmu, instance, variable = self._split_name(text)
         return Endpoint(self._name(fmu, instance), variable)
 
     def parts(self) -> list[tuple[str, str]]:
@@ -97,8 +97,8 @@ class _Instances:
         order = {key: number for number, key in enumerate(self._files)}
         return [(self._name(*one), one[0]) for one in sorted(self._found, key=lambda one: order[one[0]])]
 
-    def _split(self, text: Any) -> tuple[str, str, str]:
-        match = _NAME.fullmatch(text) if isinstance(text, str) else None
+    def _split_name(self, text: Any) -> tuple[str, str, str]:
+        match = _NAME_PATTERN.fullmatch(text) if isinstance(text, str) else None
         if match is None:
             raise InputRefused(f"{self._where}: '{text}'; expected {{fmu}}.instance.variable")
         if match["fmu"] not in self._files:

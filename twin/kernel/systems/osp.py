@@ -9,9 +9,9 @@ from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import read_bytes, xml_of
+from twin.kernel.files import parse_xml, read_bytes
 from twin.kernel.fmi.description import described
-from twin.kernel.ssp.package import MOST_STRUCTURE, Package
+from twin.kernel.ssp.package import MAX_STRUCTURE_SIZE, Package
 from twin.kernel.ssp.ssd import values_of
 from twin.kernel.ssp.structure import (
     Connection,
@@ -22,21 +22,21 @@ from twin.kernel.ssp.structure import (
     SspSystem,
     Structure,
     Transformation,
-    finite,
-    inside,
-    listed,
-    local,
-    named,
-    number,
-    unique,
+    child_elements,
+    grouped_children,
+    local_name,
+    number_attribute,
+    parse_finite,
+    require_unique,
+    required_attribute,
 )
 from twin.kernel.systems.foreign import foreign_package
 from twin.kernel.systems.timing import step_notes
 
-FORM = "OSP system structure"
-NAME = "OspSystemStructure.xml"
-STEP = "com.opensimulationplatform"
-UNSUPPORTED = {
+FORM_NAME = "OSP system structure"
+OSP_FILE = "OspSystemStructure.xml"
+STEP_ANNOTATION = "com.opensimulationplatform"
+UNSUPPORTED_ELEMENTS = {
     "Sum": "a sum of signals",
     "VectorSum": "a sum of signals",
     "VariableGroupConnection": "a connection of groups, which other files define",
@@ -52,25 +52,27 @@ def osp_system(file: Path) -> Package:
         InputRefused: no such file, an FMU that is not there, or what is not supported.
     """
     where = f"{file}"
-    root = xml_of(read_bytes(file, MOST_STRUCTURE), where)
-    if local(root) != "OspSystemStructure":
-        raise InputRefused(f"{where}: <{local(root)}>; expected <OspSystemStructure>")
-    simulators = listed(root, "Simulators", "Simulator")
-    unique((named(one, "name", where) for one in simulators), "simulators", where)
-    files = {one.get("name", ""): _source(file, named(one, "source", where)) for one in simulators}
+    root = parse_xml(read_bytes(file, MAX_STRUCTURE_SIZE), where)
+    if local_name(root) != "OspSystemStructure":
+        raise InputRefused(f"{where}: <{local_name(root)}>; expected <OspSystemStructure>")
+    simulators = grouped_children(root, "Simulators", "Simulator")
+    require_unique((required_attribute(one, "name", where) for one in simulators), "simulators", where)
+    files = {one.get("name", ""): _source(file, required_attribute(one, "source", where)) for one in simulators}
     parts = tuple(
-        SspComponent(name, "", annotations=step_notes(STEP, number(one, "stepSize", where, 0.0)))
+        SspComponent(name, "", annotations=step_notes(STEP_ANNOTATION, number_attribute(one, "stepSize", where, 0.0)))
         for name, one in zip(files, simulators, strict=True)
     )
     system = SspSystem(file.parent.name or "system", parts, tuple(_Wiring(root, files, where).connections()))
     start, stop, step = (_number(root, name, where) for name in ("StartTime", "EndTime", "BaseStepSize"))
-    structure = Structure(system.name, system, "0.1", experiment=DefaultExperiment(start, stop, step_notes(STEP, step)))
-    algorithm = next((one.text or "" for one in inside(root, "Algorithm")), "fixedStep").strip()
+    structure = Structure(
+        system.name, system, "0.1", experiment=DefaultExperiment(start, stop, step_notes(STEP_ANNOTATION, step))
+    )
+    algorithm = next((one.text or "" for one in child_elements(root, "Algorithm")), "fixedStep").strip()
     unsaid = [f"algorithm {algorithm}; steps of one length instead"] if algorithm != "fixedStep" else []
-    bonds = [one for one in listed(root, "Connections", "VariableConnection") if one.get("powerBond")]
+    bonds = [one for one in grouped_children(root, "Connections", "VariableConnection") if one.get("powerBond")]
     unsaid += ["power bonds, whose connections are taken one by one"] if bonds else []
     values = {name: _values(name, one, where) for name, one in zip(files, simulators, strict=True)}
-    return foreign_package(file, FORM, structure, files, values, unsaid)
+    return foreign_package(file, FORM_NAME, structure, files, values, unsaid)
 
 
 def _source(file: Path, source: str) -> Path:
@@ -90,21 +92,21 @@ def _source(file: Path, source: str) -> Path:
 
 def _values(name: str, element: ET.Element, where: str) -> list[ParameterValue]:
     values = []
-    for one in listed(element, "InitialValues", "InitialValue"):
-        variable = named(one, "variable", f"{where}: {name}")
+    for one in grouped_children(element, "InitialValues", "InitialValue"):
+        variable = required_attribute(one, "variable", f"{where}: {name}")
         if len(one) != 1:
             raise InputRefused(f"{where}: {name}.{variable}: expected one value")
-        kind, place = local(one[0]), f"{where}: {name}.{variable}"
+        kind, place = local_name(one[0]), f"{where}: {name}.{variable}"
         if kind not in ("Real", "Integer", "Boolean", "String"):
             raise InputRefused(f"{place}: a value of type {kind}; expected Real, Integer, Boolean or String")
         values.append(ParameterValue(variable, kind, values_of(one[0], kind, place)))
-    unique((value.name for value in values), f"values of '{name}'", where)
+    require_unique((value.name for value in values), f"values of '{name}'", where)
     return values
 
 
 def _number(root: ET.Element, name: str, where: str) -> float | None:
-    found = inside(root, name)
-    return finite((found[0].text or "").strip(), f"{where}: <{name}>") if found else None
+    found = child_elements(root, name)
+    return parse_finite((found[0].text or "").strip(), f"{where}: <{name}>") if found else None
 
 
 class _Wiring:
@@ -112,17 +114,17 @@ class _Wiring:
 
     def __init__(self, root: ET.Element, files: dict[str, Path], where: str):
         self._files, self._where = files, where
-        self._elements = [one for group in inside(root, "Connections") for one in group]
-        functions = [one for group in inside(root, "Functions") for one in group]
+        self._elements = [one for group in child_elements(root, "Connections") for one in group]
+        functions = [one for group in child_elements(root, "Functions") for one in group]
         for one in (*functions, *self._elements):
-            if local(one) in UNSUPPORTED:
+            if local_name(one) in UNSUPPORTED_ELEMENTS:
                 raise InputRefused(
-                    f"{where}: <{local(one)}>{' ' + one.get('name', '') if one.get('name') else ''}: "
-                    f"{UNSUPPORTED[local(one)]}, which is not supported; connect variables one by one"
+                    f"{where}: <{local_name(one)}>{' ' + one.get('name', '') if one.get('name') else ''}: "
+                    f"{UNSUPPORTED_ELEMENTS[local_name(one)]}, which is not supported; connect variables one by one"
                 )
         self._lines = {
-            named(one, "name", where): Transformation(
-                number(one, "factor", where, 1.0), number(one, "offset", where, 0.0)
+            required_attribute(one, "name", where): Transformation(
+                number_attribute(one, "factor", where, 1.0), number_attribute(one, "offset", where, 0.0)
             )
             for one in functions
         }
@@ -130,11 +132,11 @@ class _Wiring:
     def connections(self) -> list[Connection]:
         found, into, out = [], dict[str, Endpoint](), list[tuple[str, Endpoint]]()
         for one in self._elements:
-            if local(one) == "SignalConnection":
-                signal, variable = inside(one, "Signal"), inside(one, "Variable")
+            if local_name(one) == "SignalConnection":
+                signal, variable = child_elements(one, "Signal"), child_elements(one, "Variable")
                 if len(signal) != 1 or len(variable) != 1:
                     raise InputRefused(f"{self._where}: a signal connection without one signal and one variable")
-                function, end = named(signal[0], "function", self._where), self._end(variable[0])
+                function, end = required_attribute(signal[0], "function", self._where), self._end(variable[0])
                 if function not in self._lines:
                     raise InputRefused(f"{self._where}: no function '{function}'")
                 if signal[0].get("name") == "in":
@@ -142,10 +144,10 @@ class _Wiring:
                 else:
                     out.append((function, end))
             else:
-                ends = [self._end(each) for each in inside(one, "Variable")]
+                ends = [self._end(each) for each in child_elements(one, "Variable")]
                 if len(ends) != 2:
                     raise InputRefused(f"{self._where}: a connection with {len(ends)} variables; expected 2")
-                found.append(self._directed(ends[0], ends[1]))
+                found.append(self._orient(ends[0], ends[1]))
         for function, end in out:
             if function not in into:
                 raise InputRefused(f"{self._where}: nothing gets into the function '{function}'")
@@ -153,9 +155,11 @@ class _Wiring:
         return found
 
     def _end(self, element: ET.Element) -> Endpoint:
-        return Endpoint(named(element, "simulator", self._where), named(element, "name", self._where))
+        return Endpoint(
+            required_attribute(element, "simulator", self._where), required_attribute(element, "name", self._where)
+        )
 
-    def _directed(self, first: Endpoint, second: Endpoint) -> Connection:
+    def _orient(self, first: Endpoint, second: Endpoint) -> Connection:
         """From the one that is no input to the other."""
         if self._is_input(first) and not self._is_input(second):
             first, second = second, first

@@ -16,29 +16,37 @@ from twin.kernel.fmi.variable import (
     Variable,
     conversion,
     given_values,
-    number,
-    set_to,
+    parse_number,
+    setting_value,
 )
-from twin.kernel.recording.writer import EVENTS
-from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
+from twin.kernel.recording.writer import EVENTS_TOPIC
+from twin.kernel.ssp.flat import AssignedValue, FlatSystem, Lead, UnitStep
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import FMU, REALS, Connector, Endpoint
-from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.ssp.structure import FMU_TYPE, REAL_TYPES, Connector, Endpoint
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.naming import SINGLE, distinct, distinct_ports, matching, port_of, rank, topic
-from twin.kernel.systems.timing import Timing, ordered, timing
-from twin.kernel.systems.ways import SpeltUnit, measure, spelt, way
+from twin.kernel.systems.extras import Feed, SystemExtras
+from twin.kernel.systems.naming import (
+    SINGLE_FORM,
+    distinct_ports,
+    match_names,
+    port_of,
+    topic_name,
+    type_rank,
+    unique_names,
+)
+from twin.kernel.systems.timing import Timing, step_order, timing
+from twin.kernel.systems.unit_conversion import ParsedUnit, connection_map, parse_unit, unit_of_variable
 
-MANY = 1000
+MAX_HINT_NAMES = 1000
 """So many names are not searched for one that is alike."""
-KINDS_OF: Mapping[str, Kind | None] = {
+IMPLEMENTATION_KINDS: Mapping[str, Kind | None] = {
     "any": None,
     "CoSimulation": "co_simulation",
     "ModelExchange": "model_exchange",
 }
 """What a structure calls the kinds of FMUs."""
-SETTABLE = ("parameter", "structuralParameter", "input")
-STARTED = ("exact", "approx")
+SETTABLE_CAUSALITIES = ("parameter", "structuralParameter", "input")
+STARTING_INITIALS = ("exact", "approx")
 """What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
 
 
@@ -91,7 +99,7 @@ class SystemPlan:
     choice: MasterChoice
     ignored: tuple[str, ...]
     forgiven: tuple[str, ...] = ()
-    beside: Beside = field(default_factory=Beside)
+    extras: SystemExtras = field(default_factory=SystemExtras)
     overruled: tuple[str, ...] = ()
     unreadable: tuple[str, ...] = ()
 
@@ -101,7 +109,7 @@ class SystemPlan:
         return self.choice.scheme or self.package.scheme
 
     @property
-    def late(self) -> list[tuple[str, str]]:
+    def delayed_connections(self) -> list[tuple[str, str]]:
         """(output, input) of what gets values from the start of the step: in Gauss-Seidel order what leads back. Both
         as the system calls them."""
         order = {part.name: number for number, part in enumerate(self.parts)}
@@ -133,9 +141,9 @@ def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
     found = {}
     for path, component in flat.components.items():
         where = f"{package.file}: component '{path}'"
-        if component.type not in (FMU, ""):
-            raise InputRefused(f"{where} is of type {component.type}, which is not supported; expected {FMU}")
-        if component.implementation not in KINDS_OF:
+        if component.type not in (FMU_TYPE, ""):
+            raise InputRefused(f"{where} is of type {component.type}, which is not supported; expected {FMU_TYPE}")
+        if component.implementation not in IMPLEMENTATION_KINDS:
             raise InputRefused(
                 f"{where} is to be used for {component.implementation}, which is not supported; expected an FMU for "
                 "co-simulation or model exchange"
@@ -146,12 +154,12 @@ def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
     return found
 
 
-def planned(
+def plan_system(
     package: Package,
     flat: FlatSystem,
     files: Mapping[str, Path],
     choice: MasterChoice,
-    beside: Beside = Beside(),  # noqa: B008, it is frozen
+    beside: SystemExtras = SystemExtras(),  # noqa: B008, it is frozen
     patterns: Sequence[str] = (),
     when: Timing | None = None,
 ) -> SystemPlan:
@@ -172,7 +180,7 @@ def planned(
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)
-    parts = tuple(reader.part(path) for path in ordered(package, flat, choice))
+    parts = tuple(reader.part(path) for path in step_order(package, flat, choice))
     used = {part.path: part.description for part in parts}
     choice.refuse_idle(used, choice.scheme or package.scheme, f"{package.file}")
     if not any(part.recorded for part in parts):
@@ -191,12 +199,12 @@ def planned(
     return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)
 
 
-def _of_kind(
+def _choose_kind(
     file: Path, stated: str, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
 ) -> FmuDescription:
     """The FMU of a component as what it is used: what is asked for it by name, else stated, else asked for all."""
     usual = read(file)
-    named, stated_kind = choice.kinds.get(path), KINDS_OF[stated]
+    named, stated_kind = choice.kinds.get(path), IMPLEMENTATION_KINDS[stated]
     kind = named or stated_kind
     if kind is None:
         # asked for all means those that can be
@@ -222,7 +230,7 @@ class _Planner:
         flat: FlatSystem,
         files: Mapping[str, Path],
         choice: MasterChoice,
-        beside: Beside,
+        beside: SystemExtras,
         patterns: Sequence[str],
     ):
         self._package, self._flat, self._units, self._beside = package, flat, package.structure.units, beside
@@ -232,37 +240,37 @@ class _Planner:
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
         # /events is in every recording
-        taken = [EVENTS, *(one.name for one in beside.components)]
-        names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
+        taken = [EVENTS_TOPIC, *(one.name for one in beside.components)]
+        names = unique_names([*taken, *(topic_name(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
         read = cache(partial(described, lenient=choice.lenient))
         for path, entry in fmu_sources(package, flat).items():
             stated = flat.components[path].implementation
-            plain = self._unbracketed(_of_kind(files[entry], stated, path, choice, read))
+            plain = self._without_brackets(_choose_kind(files[entry], stated, path, choice, read))
             if plain.needs_tool:
                 self.forgiven.append(f"{plain.path.name}: {plain.tool_note or NEEDS_TOOL}")
             self._given[path] = dict(self._values(path, plain))
-            self._descriptions[path] = plain.resized(
+            self._descriptions[path] = plain.with_sizes(
                 {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}
             )
-        self._refuse_second_instances()
+        self._refuse_repeated_single_instance()
         self._into: dict[str, list[tuple[Endpoint | str, FmuPort]]] = {path: [] for path in flat.components}
         sources: dict[str, dict[str, None]] = {path: {} for path in flat.components}
         for start in (*(lead.start for lead in flat.leads), *(start for start, _ in beside.drains)):
             sources[start.element][start.connector] = None
-        chosen = self._chosen(patterns)
+        chosen = self._match_patterns(patterns)
         self._recorded: dict[str, int] = {}
-        self._outputs = {path: self._offered(path, sources[path], chosen) for path in flat.components}
+        self._outputs = {path: self._output_ports(path, sources[path], chosen) for path in flat.components}
         for lead in flat.leads:
-            self._into[lead.end.element].append((lead.start, self._input(lead)))
+            self._into[lead.end.element].append((lead.start, self._lead_port(lead)))
         for feed in beside.feeds:
-            self._into[feed.end.element].append((feed.source, self._fed(feed)))
+            self._into[feed.end.element].append((feed.source, self._feed_port(feed)))
         self._ports = {path: distinct_ports([port for _, port in self._into[path]]) for path in self._into}
 
     def part(self, path: str) -> SystemPart:
         description = self._descriptions[path]
         fed = {port.variable.name for _, port in self._into[path]}
-        unfed = tuple(v for v in description.offered("input") if v.name not in fed)
+        unfed = tuple(v for v in description.variables_of("input") if v.name not in fed)
         started = {v.name for v in description.model.modelVariables if v.start is not None} | set(self._given[path])
         for variable in unfed:
             if variable.name not in started:
@@ -271,7 +279,7 @@ class _Planner:
                     "connect it, or give it one in a parameter set, by --set or --input"
                 )
         settings = [
-            (variable, set_to(description.path, variable, value))
+            (variable, setting_value(description.path, variable, value))
             for name, value in self._given[path].items()
             if (variable := description.variables[name])
         ]
@@ -290,24 +298,26 @@ class _Planner:
         port = next(port for port in self._outputs[start.element] if port.variable.name == start.connector)
         return f"{self._names[start.element]}.{port.port.name}"
 
-    def _refuse_second_instances(self) -> None:
+    def _refuse_repeated_single_instance(self) -> None:
         seen: dict[str, str] = {}
         for path, description in self._descriptions.items():
-            if description.lives_once and (other := seen.setdefault(description.sha256, path)) != path:
+            if description.single_instance and (other := seen.setdefault(description.sha256, path)) != path:
                 raise InputRefused(
                     f"{description.path}: can be instantiated only once in a process "
                     f"(canBeInstantiatedOnlyOncePerProcess); the system needs it for {other} and for {path}"
                 )
 
     def _values(self, path: str, description: FmuDescription) -> Iterator[tuple[str, Value]]:
-        started = {v.name for v in description.model.modelVariables if v.initial in STARTED}
+        started = {v.name for v in description.model.modelVariables if v.initial in STARTING_INITIALS}
         for name, assigned in self._flat.assigned.get(path, {}).items():
             variable = description.variables.get(name)
             if variable is None:
                 self.ignored.append(f"{path}.{name}")
                 continue
             where = f"{self._package.file}: {path}.{name}"
-            if variable.variability == "constant" or (variable.causality not in SETTABLE and name not in started):
+            if variable.variability == "constant" or (
+                variable.causality not in SETTABLE_CAUSALITIES and name not in started
+            ):
                 raise InputRefused(
                     f"{where}: cannot be set, being {variable.causality} without a start value; parameters, inputs and "
                     "start values can"
@@ -315,36 +325,36 @@ class _Planner:
             yield name, self._value(assigned, variable, description, path, where)
 
     def _value(
-        self, assigned: Assigned, variable: Variable, description: FmuDescription, path: str, where: str
+        self, assigned: AssignedValue, variable: Variable, description: FmuDescription, path: str, where: str
     ) -> Value:
         values = given_values(assigned.value, where)
         if self._lenient and not variable.is_text:
-            values = self._counted(values, where)
+            values = self._item_numbers(values, where)
         if isinstance(values[0], str):
             if any(hop.transformation.table for hop in assigned.hops):
                 raise InputRefused(f"{where}: a transformation of text, which is not supported")
             return values[0] if len(values) == 1 else [str(value) for value in values]
-        own = measure(variable.unit, self._connector(path, variable.name), self._units, description, where)
-        start = spelt(self._unit(assigned.value.unit, where), (*assigned.units, *self._units))
+        own = unit_of_variable(variable.unit, self._connector(path, variable.name), self._units, description, where)
+        start = parse_unit(self._unit(assigned.value.unit, where), (*assigned.units, *self._units))
         if start.text and start.conversion is None:
-            start = SpeltUnit(start.text, conversion(start.text, description.model.unitDefinitions))
-        led = way(start, self._hops(assigned.hops or (Hop(),), where), own, self._units, where)
+            start = ParsedUnit(start.text, conversion(start.text, description.model.unitDefinitions))
+        led = connection_map(start, self._hops(assigned.hops or (UnitStep(),), where), own, self._units, where)
         for value in values:
             # what a double would round
-            if isinstance(value, int) and variable.type not in REALS and (why := variable.unfit(value)):
+            if isinstance(value, int) and variable.type not in REAL_TYPES and (why := variable.range_error(value)):
                 raise InputRefused(f"{where} = {value}: {why}")
-        numbers = [led.end(float(value)) for value in values]
+        numbers = [led.apply(float(value)) for value in values]
         return numbers[0] if len(numbers) == 1 else numbers
 
-    def _counted(self, values: list[float] | list[str], where: str) -> list[float] | list[str]:
+    def _item_numbers(self, values: list[float] | list[str], where: str) -> list[float] | list[str]:
         """Items of an enumeration that are given by their numbers as text."""
-        numbers = [number(value) for value in values]
+        numbers = [parse_number(value) for value in values]
         if not isinstance(values[0], str) or not all(math.isfinite(one) for one in numbers):
             return values
         self.forgiven.append(f"{where}: an item of an enumeration by its number, {', '.join(map(str, values))}")
         return numbers
 
-    def _unbracketed(self, description: FmuDescription) -> FmuDescription:
+    def _without_brackets(self, description: FmuDescription) -> FmuDescription:
         """The same FMU with its variables in units without brackets."""
         changed = {}
         for name, variable in description.variables.items():
@@ -361,7 +371,7 @@ class _Planner:
         self.forgiven.append(f"{where}: the unit '{unit}' taken as '{unit[1:-1]}'")
         return unit[1:-1]
 
-    def _hops(self, hops: Iterable[Hop], where: str) -> list[Hop]:
+    def _hops(self, hops: Iterable[UnitStep], where: str) -> list[UnitStep]:
         return [hop._replace(unit=self._unit(hop.unit, where)) for hop in hops]
 
     def _connector(self, path: str, name: str) -> Connector | None:
@@ -383,11 +393,11 @@ class _Planner:
             raise InputRefused(f"{where}: of type {variable.type}; numbers and truth values can be connected here")
         return variable
 
-    def _chosen(self, patterns: Sequence[str]) -> dict[str, list[Variable]] | None:
+    def _match_patterns(self, patterns: Sequence[str]) -> dict[str, list[Variable]] | None:
         """What is to be recorded of each component; None: nothing is said."""
         if not patterns:
             return None
-        alone = self._package.form == SINGLE
+        alone = self._package.form == SINGLE_FORM
         variables = {
             v.name if alone else f"{path}.{v.name}": (path, v)
             for path, description in self._descriptions.items()
@@ -396,9 +406,13 @@ class _Planner:
         }
         found: dict[str, None] = {}
         for pattern in patterns:
-            names = matching(pattern, variables)
+            names = match_names(pattern, variables)
             if not names:
-                hint = nearest(pattern, variables) if len(variables) < MANY else "see twin drive info for their names"
+                hint = (
+                    nearest(pattern, variables)
+                    if len(variables) < MAX_HINT_NAMES
+                    else "see twin drive info for their names"
+                )
                 raise InputRefused(f"--record {pattern}: no variable of {self._package.file.name} is called so; {hint}")
             found |= dict.fromkeys(names)
         return {
@@ -406,12 +420,12 @@ class _Planner:
             for path in self._descriptions
         }
 
-    def _offered(
+    def _output_ports(
         self, path: str, sources: Mapping[str, None], chosen: Mapping[str, list[Variable]] | None
     ) -> tuple[FmuPort, ...]:
         """Outputs of the FMU or what is `chosen` of it, and what else connections begin at."""
         begun = [self._variable(path, name, ("output", "local"), "begins at an output") for name in sources]
-        offered = self._descriptions[path].offered("output") if chosen is None else list(chosen[path])
+        offered = self._descriptions[path].variables_of("output") if chosen is None else list(chosen[path])
         self._recorded[path] = len(offered)
         offered += [variable for variable in begun if variable not in offered]
         if chosen is None:
@@ -419,7 +433,7 @@ class _Planner:
         # what -0.0 is added to stays what it is
         return tuple(distinct_ports([FmuPort(port_of(v, path), v, 1.0, -0.0) for v in offered]))
 
-    def _fed(self, feed: Feed) -> FmuPort:
+    def _feed_port(self, feed: Feed) -> FmuPort:
         path, name = feed.end
         end = self._variable(path, name, ("input",), "ends at an input")
         if end.size != feed.size:
@@ -429,28 +443,28 @@ class _Planner:
                 others = (one.by for one in self._beside.feeds if one.source == source)
                 by = next(others, "") if isinstance(source, str) else f"the connection from {'.'.join(source)}"
                 raise InputRefused(f"{feed.by}: {path}.{name} is fed already, by {by}; remove one of both")
-        own = measure(end.unit, self._connector(path, name), self._units, self._descriptions[path], feed.by)
+        own = unit_of_variable(end.unit, self._connector(path, name), self._units, self._descriptions[path], feed.by)
         start = own
         if feed.unit and feed.unit != own.text:
-            start = spelt(feed.unit, self._units)
+            start = parse_unit(feed.unit, self._units)
             if start.conversion is None:
                 units = self._descriptions[path].model.unitDefinitions
-                start = SpeltUnit(feed.unit, conversion(feed.unit, units))
-        led = way(start, self._hops(feed.hops or (Hop(),), feed.by), own, self._units, feed.by)
+                start = ParsedUnit(feed.unit, conversion(feed.unit, units))
+        led = connection_map(start, self._hops(feed.hops or (UnitStep(),), feed.by), own, self._units, feed.by)
         return FmuPort(port_of(end, path), end, led.gain, led.shift)
 
-    def _input(self, lead: Lead) -> FmuPort:
+    def _lead_port(self, lead: Lead) -> FmuPort:
         end = self._variable(*lead.end, ("input",), "ends at an input")
         start = self._variable(*lead.start, ("output", "local"), "begins at an output")
         where = f"{self._package.file}: the connection from {'.'.join(lead.start)} to {'.'.join(lead.end)}"
         if start.size != end.size:
             raise InputRefused(f"{where}: {start.size} values into {end.size}")
         measures = [
-            measure(v.unit, self._connector(*at), self._units, self._descriptions[at.element], where)
+            unit_of_variable(v.unit, self._connector(*at), self._units, self._descriptions[at.element], where)
             for v, at in ((start, lead.start), (end, lead.end))
         ]
-        led = way(measures[0], self._hops(lead.hops, where), measures[1], self._units, where)
-        ranks = [rank(variable) for variable in (start, end)]
+        led = connection_map(measures[0], self._hops(lead.hops, where), measures[1], self._units, where)
+        ranks = [type_rank(variable) for variable in (start, end)]
         if ranks[0] > ranks[1] or (ranks[1] < 2 and led != (1.0, 0.0)):
             raise InputRefused(f"{where}: a {start.type} into a {end.type}; expected the same type, or a Real input")
         return FmuPort(port_of(end, lead.end.element), end, led.gain, led.shift)

@@ -8,10 +8,10 @@ from twin.kernel.fmi.description import described
 from twin.kernel.ssp.package import Package, loose_package, read_package
 from twin.kernel.ssp.structure import SspComponent, SspSystem, Structure
 from twin.kernel.systems.multi_model import multi_model
-from twin.kernel.systems.naming import SINGLE, word
-from twin.kernel.systems.osp import NAME, osp_system
+from twin.kernel.systems.naming import SINGLE_FORM, identifier
+from twin.kernel.systems.osp import OSP_FILE, osp_system
 
-EXPECTED = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model (JSON)"
+EXPECTED_FILES = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model (JSON)"
 
 
 def read_system(file: Path) -> Package:
@@ -21,29 +21,29 @@ def read_system(file: Path) -> Package:
     Raises:
         InputRefused: no such file, or not a whole one of its kind.
     """
-    if os.path.isdir(file) and os.path.isfile(file / NAME):
-        file = file / NAME
+    if os.path.isdir(file) and os.path.isfile(file / OSP_FILE):
+        file = file / OSP_FILE
     # not Path.is_file, which raises for a name that is too long
     if not os.path.isfile(file):
-        raise InputRefused(f"{file}: no such file; expected {EXPECTED}")
+        raise InputRefused(f"{file}: no such file; expected {EXPECTED_FILES}")
     kind = file.suffix.lower()
     if kind == ".fmu":
-        return single(file)
+        return single_fmu(file)
     if kind == ".xml":
         return osp_system(file)
     return multi_model(file) if kind == ".json" else read_package(file)
 
 
-def single(file: Path) -> Package:
+def single_fmu(file: Path) -> Package:
     """A system of one FMU, called as its file is.
 
     Raises:
         InputRefused: no FMU that can be used.
     """
-    name = word(file.stem)
+    name = identifier(file.stem)
     structure = Structure(
         name,
         SspSystem(name, (SspComponent(name, file.name),)),
         version=described(file, lenient=True).model.fmiVersion,
     )
-    return loose_package(file, structure, {file.name: file}, SINGLE)
+    return loose_package(file, structure, {file.name: file}, SINGLE_FORM)

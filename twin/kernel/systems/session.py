@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.interpolation import Scheme
-from twin.kernel.cosim.port import places
+from twin.kernel.cosim.port import port_slices
 from twin.kernel.cosim.python_class import PythonComponent, PythonModel
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState, SystemState
@@ -20,9 +20,9 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.variable import EXACT, Value, Variable, set_to
+from twin.kernel.fmi.variable import MAX_EXACT, Value, Variable, setting_value
 from twin.kernel.recording.messages import FIELD_NAME
-from twin.kernel.recording.writer import EVENTS
+from twin.kernel.recording.writer import EVENTS_TOPIC
 from twin.kernel.ssp.package import loose_package
 from twin.kernel.ssp.structure import (
     Connection,
@@ -33,18 +33,18 @@ from twin.kernel.ssp.structure import (
     Structure,
     Transformation,
 )
-from twin.kernel.systems.additions import Additions, given_text
-from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.additions import Additions, setting_text
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem
-from twin.kernel.systems.fed_inputs import INPUTS
-from twin.kernel.systems.naming import matching
-from twin.kernel.systems.opening import opened
+from twin.kernel.systems.extras import Feed, SystemExtras
+from twin.kernel.systems.fed_inputs import INPUTS_TOPIC
+from twin.kernel.systems.naming import match_names
+from twin.kernel.systems.opening import open_system
 from twin.kernel.systems.plan import SystemPlan
 from twin.kernel.systems.reading import read_system
 
-FORM = "Python"
-_PORT = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
+FORM_NAME = "Python"
+_PORT_PATTERN = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
 
 
 class ObservedSeries:
@@ -77,7 +77,7 @@ class ObservedSeries:
         values = np.concatenate([np.empty((0, place.stop - place.start)), *(rows[:, place] for rows in self._rows)])
         return values[:, 0] if place.stop - place.start == 1 else values
 
-    def _take(self, first: int, rows: np.ndarray) -> None:
+    def _append(self, first: int, rows: np.ndarray) -> None:
         if not self._rows or first < self._first:
             self._rows, self._first = [], first
         # what came after a state that was gone back to
@@ -139,11 +139,11 @@ class Cosimulation:
         Raises:
             InputRefused: no FMU that can be used, or a name that is taken. A wrong value is refused at the first step.
         """
-        self._named(name)
+        self._register_name(name)
         described(Path(fmu))
         self._files[name] = Path(fmu)
         for variable, value in {**(start or {}), **more}.items():
-            self._settings[f"{name}.{variable}"] = given_text(value)
+            self._settings[f"{name}.{variable}"] = setting_text(value)
 
     def add(
         self, name: str, model: PythonModel | Component, period: int = 1, initial: Sequence[float] | None = None
@@ -159,7 +159,7 @@ class Cosimulation:
         Raises:
             InputRefused: a name that is taken.
         """
-        self._named(name)
+        self._register_name(name)
         if isinstance(model, Component):
             model.name = name
             self._others[name] = model
@@ -196,7 +196,7 @@ class Cosimulation:
             InputRefused: the system cannot be made, or it would go beyond `stop`.
             ComponentFailed: a component failed; what was observed until then stays.
         """
-        _, _, simulation = self._run()
+        _, _, simulation = self._running_parts()
         if ticks < 1 or simulation.next_tick + ticks > simulation.last_tick + 1:
             left = simulation.last_tick + 1 - simulation.next_tick
             raise InputRefused(f"{ticks} steps at t = {self.t:g} s; expected 1 .. {left}, until stop")
@@ -204,13 +204,13 @@ class Cosimulation:
 
     def run(self) -> None:
         """Go on until `stop`; the last row is that of `stop`. Errors as of `step`."""
-        _, _, simulation = self._run()
+        _, _, simulation = self._running_parts()
         self._advance(simulation.last_tick + 1 - simulation.next_tick)
 
     @property
     def t(self) -> float:
         """Where the system stands (s)."""
-        plan, _, simulation = self._run()
+        plan, _, simulation = self._running_parts()
         return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
 
     def get(self, name: str) -> float | np.ndarray:
@@ -221,17 +221,17 @@ class Cosimulation:
             ComponentFailed: the FMU does not say it.
         """
         component, variable = self._place(name)
-        simulation = self._run()[2]
+        simulation = self._running_parts()[2]
         if isinstance(component, FmuComponent):
             found = self._variable(component, variable)
             if found.kind < 0:
                 raise InputRefused(f"{name} is {found.type}; expected a number")
             exact = component.instance.values(found)
             # this is no signal, so whole numbers of 64 bits stay exact
-            large = any(isinstance(value, int) and abs(value) > EXACT for value in exact)
+            large = any(isinstance(value, int) and abs(value) > MAX_EXACT for value in exact)
             values = np.array(exact, dtype=object if large else float)
         else:
-            ports = places(component.outputs)
+            ports = port_slices(component.outputs)
             if variable not in ports:
                 raise InputRefused(f"{component.name} has no output '{variable}'; {nearest(variable, ports)}")
             values = simulation.outputs(component)[ports[variable]].copy()
@@ -246,7 +246,7 @@ class Cosimulation:
             ComponentFailed: the FMU refuses.
         """
         if self._running is None:
-            self._settings[name] = given_text(value)
+            self._settings[name] = setting_text(value)
             return
         component, variable = self._place(name)
         if not isinstance(component, FmuComponent):
@@ -258,7 +258,7 @@ class Cosimulation:
         if found.causality != "input" and found.variability != "tunable":
             its = f"{found.variability} {found.causality}"
             raise InputRefused(f"{name} is a {its}; inputs and tunable parameters can be set now")
-        component.instance.write([(found, set_to(component.instance.description.path, found, value))])
+        component.instance.write([(found, setting_value(component.instance.description.path, found, value))])
 
     def observe(self, *patterns: str) -> ObservedSeries:
         """What outputs that match one of `patterns` are from now on, a row for each tick that is over; all if none is
@@ -267,12 +267,12 @@ class Cosimulation:
         Raises:
             InputRefused: a pattern means nothing.
         """
-        _, made, _ = self._run()
+        _, made, _ = self._running_parts()
         known = {name: place for component in made.system.components
                  for name, place in _columns(made.system, component)}  # fmt: skip
         names: dict[str, None] = {}
         for pattern in patterns or ("*",):
-            found = matching(pattern, known)
+            found = match_names(pattern, known)
             if not found:
                 raise InputRefused(f"no output is called {pattern}; {nearest(pattern, known)}")
             names |= dict.fromkeys(found)
@@ -292,7 +292,7 @@ class Cosimulation:
             InputRefused: a component has none.
             ComponentFailed: an FMU refuses.
         """
-        return self._run()[2].state()
+        return self._running_parts()[2].state()
 
     def restore(self, state: SystemState | SavedState) -> None:
         """Go back, or on, to where `state` was taken; rows of what was after it are replaced by those that come now.
@@ -301,7 +301,7 @@ class Cosimulation:
             InputRefused: it is of another system.
             ComponentFailed: an FMU refuses.
         """
-        self._run()[2].restore(state)
+        self._running_parts()[2].restore(state)
 
     def close(self) -> None:
         """Free the FMUs; safe to call twice."""
@@ -317,31 +317,31 @@ class Cosimulation:
         self.close()
 
     def _advance(self, ticks: int) -> None:
-        _, _, simulation = self._run()
+        _, _, simulation = self._running_parts()
         while ticks > 0:
             first = simulation.next_tick
             rows = simulation.advance(ticks)
             for series, chosen in self._watched:
-                series._take(first, rows[:, chosen])
+                series._append(first, rows[:, chosen])
             ticks -= len(rows)
             if simulation.failure:
                 raise simulation.failure
 
-    def _run(self) -> tuple[SystemPlan, PreparedSystem, Simulation]:
+    def _running_parts(self) -> tuple[SystemPlan, PreparedSystem, Simulation]:
         """The running system, made at the first time."""
         if self._running is None:
             additions = Additions([f"{name}={text}" for name, text in self._settings.items()], inputs=self._inputs)
             if self._system is not None:
-                package, beside = read_system(self._system), Beside()
+                package, beside = read_system(self._system), SystemExtras()
                 if self._order or self._wires:
                     raise InputRefused(f"{self._system}: a system of a file takes no more components or wires")
             else:
                 if self._stop is None:
                     raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
-                package = loose_package(Path(FORM), self._structure(), self._entries(), FORM)
-                beside = self._beside()
+                package = loose_package(Path(FORM_NAME), self._structure(), self._entries(), FORM_NAME)
+                beside = self._extras()
             plan, made = self._open.enter_context(
-                opened(package, MasterChoice(self._tick, None, self._stop, self._scheme), False, additions, beside)
+                open_system(package, MasterChoice(self._tick, None, self._stop, self._scheme), False, additions, beside)
             )
             self._running = plan, made, Simulation(made.system, plan.timing.ticks)
         return self._running
@@ -356,9 +356,11 @@ class Cosimulation:
             for start, end, line in ((self._end(a), self._end(b), line) for a, b, line in self._wires)
             if start.element in self._files and end.element in self._files
         )
-        return Structure(FORM, SspSystem(FORM, parts, connections), experiment=DefaultExperiment(stop=self._stop))
+        return Structure(
+            FORM_NAME, SspSystem(FORM_NAME, parts, connections), experiment=DefaultExperiment(stop=self._stop)
+        )
 
-    def _beside(self) -> Beside:
+    def _extras(self) -> SystemExtras:
         feeds, drains, wires = [], [], []
         for output, input, line in self._wires:
             start, end = self._end(output), self._end(input)
@@ -379,8 +381,8 @@ class Cosimulation:
                 drains.append((start, input))
             else:
                 wires.append((output, input))
-        order = [*([INPUTS] if self._inputs else []), *self._order]
-        return Beside(tuple(self._others.values()), tuple(feeds), tuple(drains), tuple(wires), tuple(order))
+        order = [*([INPUTS_TOPIC] if self._inputs else []), *self._order]
+        return SystemExtras(tuple(self._others.values()), tuple(feeds), tuple(drains), tuple(wires), tuple(order))
 
     def _refuse_units(self, start: Endpoint, unit: str, output: str, input: str) -> None:
         """What leaves an FMU is in its own unit."""
@@ -398,7 +400,7 @@ class Cosimulation:
         return Endpoint(component, variable)
 
     def _port(self, end: Endpoint, side: str) -> Any:
-        match = _PORT.fullmatch(end.connector)
+        match = _PORT_PATTERN.fullmatch(end.connector)
         ports = {port.name: port for port in getattr(self._others[end.element], side)}
         name = match["name"] if match else end.connector
         if name not in ports:
@@ -406,8 +408,8 @@ class Cosimulation:
         return ports[name]
 
     def _place(self, name: str) -> tuple[Component, str]:
-        plan, made, _ = self._run()
-        called = {part.path: part.name for part in plan.parts} | {one.name: one.name for one in plan.beside.components}
+        plan, made, _ = self._running_parts()
+        called = {part.path: part.name for part in plan.parts} | {one.name: one.name for one in plan.extras.components}
         path = max((path for path in called if name.startswith(f"{path}.")), key=len, default="")
         if not path:
             raise InputRefused(f"'{name}': no such component; {nearest(name.partition('.')[0], called)}")
@@ -420,10 +422,12 @@ class Cosimulation:
             raise InputRefused(f"{component.name} has no variable '{name}'; {nearest(name, variables)}")
         return variables[name]
 
-    def _named(self, name: str) -> None:
+    def _register_name(self, name: str) -> None:
         self._refuse_running("components")
-        if not FIELD_NAME.fullmatch(name) or name in (EVENTS, INPUTS):
-            raise InputRefused(f"'{name}': expected a name of letters, digits and _, and not {EVENTS} or {INPUTS}")
+        if not FIELD_NAME.fullmatch(name) or name in (EVENTS_TOPIC, INPUTS_TOPIC):
+            raise InputRefused(
+                f"'{name}': expected a name of letters, digits and _, and not {EVENTS_TOPIC} or {INPUTS_TOPIC}"
+            )
         if name in self._order:
             raise InputRefused(f"two components are called '{name}'; give each a name of its own")
         self._order.append(name)
@@ -437,5 +441,5 @@ def _columns(system: System, component: Component) -> list[tuple[str, slice]]:
     begin = int(system.y_start[system.components.index(component)])
     return [
         (f"{component.name}.{name}", slice(begin + place.start, begin + place.stop))
-        for name, place in places(component.outputs).items()
+        for name, place in port_slices(component.outputs).items()
     ]

@@ -5,21 +5,21 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import xml_of
-from twin.kernel.fmi.description import CLOSE, FmuDescription, stated_step
-from twin.kernel.fmi.variable import number
+from twin.kernel.files import parse_xml
+from twin.kernel.fmi.description import STEP_TOLERANCE, FmuDescription, stated_step
+from twin.kernel.fmi.variable import parse_number
 from twin.kernel.ssp.flat import FlatSystem
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import Annotation, local
+from twin.kernel.ssp.structure import Annotation, local_name
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.naming import SINGLE
+from twin.kernel.systems.naming import SINGLE_FORM
 
-MOST_TICKS = 1e12
-SAMPLES = 500
+MAX_TICKS = 1e12
+DEFAULT_STEPS = 500
 """Steps, or some more, of an FMU that states neither how long they are: as many as FMPy takes."""
-STEPS = ("stepSize", "baseStepSize")
+STEP_ATTRIBUTES = ("stepSize", "baseStepSize")
 """What OMSimulator and libcosim call the length of a step in annotations."""
-ORDER = "twin.order"
+ORDER_ANNOTATION = "twin.order"
 """Type of the annotation of a system that says in which order its components step."""
 
 
@@ -69,13 +69,15 @@ def timing(
             of each component.
     """
     steps = _steps(package, flat, choice)
-    length, source = (choice.tick, "--tick-ms") if choice.tick is not None else _stated(package, descriptions, steps)
+    length, source = (
+        (choice.tick, "--tick-ms") if choice.tick is not None else _structure_step(package, descriptions, steps)
+    )
     experiment, stop_source = package.structure.experiment, ""
     end = experiment.stop if choice.stop is None else choice.stop
     if end is None:
         end, stop_source = _latest_end(descriptions)
-    if length is None and package.form == SINGLE and end is not None and end > 0.0:
-        length, source = _rounded(end / SAMPLES), f"a {SAMPLES}th of the run, as the FMU states none"
+    if length is None and package.form == SINGLE_FORM and end is not None and end > 0.0:
+        length, source = _round_step(end / DEFAULT_STEPS), f"a {DEFAULT_STEPS}th of the run, as the FMU states none"
     missing = [
         *(["step size (give --tick-ms)"] if length is None else []),
         *(["stop time (give --stop-s)"] if end is None else []),
@@ -86,24 +88,24 @@ def timing(
     begin = _common_start(descriptions) if begin is None else begin
     if begin < 0.0:
         raise InputRefused(f"{package.file}: starts at {begin:g} s; expected 0 or later: give --start-s")
-    if not 0.0 < (end - begin) / length < MOST_TICKS or end / length >= MOST_TICKS:
+    if not 0.0 < (end - begin) / length < MAX_TICKS or end / length >= MAX_TICKS:
         raise InputRefused(
             f"{package.file}: from {begin:g} to {end:g} s in steps of {length:g} s; expected at least one step, and "
-            f"fewer than {MOST_TICKS:g}"
+            f"fewer than {MAX_TICKS:g}"
         )
     rounded = ""
     count = max(1, round((end - begin) / length))
-    if choice.lenient and abs(count * length - (end - begin)) > CLOSE * length:
+    if choice.lenient and abs(count * length - (end - begin)) > STEP_TOLERANCE * length:
         stated, length = length, (end - begin) / count
         rounded = f"the step of {1e3 * stated:g} ms rounded to {1e3 * length:g} ms, so that the run is {count} steps"
-    first = _whole(begin, length, f"{package.file}: the start at {begin:g} s", "set --start-s or --tick-ms")
-    last = _whole(end, length, f"{package.file}: {end:g} s", "set --stop-s or --tick-ms, or add --lenient")
+    first = _whole_steps(begin, length, f"{package.file}: the start at {begin:g} s", "set --start-s or --tick-ms")
+    last = _whole_steps(end, length, f"{package.file}: {end:g} s", "set --stop-s or --tick-ms, or add --lenient")
     if last <= first:
         raise InputRefused(f"{package.file}: from {begin:g} to {end:g} s, less than a step of {1e3 * length:g} ms")
     periods = dict.fromkeys(descriptions, 1)
     for path, step in steps.items():
         where = f"{package.file}: the step of {path}, {1e3 * step:g} ms,"
-        periods[path] = max(1, _whole(step, length, where, "set --step or --tick-ms"))
+        periods[path] = max(1, _whole_steps(step, length, where, "set --step or --tick-ms"))
         if first % periods[path] or last % periods[path]:
             raise InputRefused(
                 f"{where} does not fit a run from {begin:g} to {end:g} s; expected both to be whole multiples of it"
@@ -128,23 +130,23 @@ def timing_inside(
         InputRefused: a component's step is no whole number of ticks.
     """
     own = _steps(package, flat, MasterChoice())
-    length, source = _annotated(package)
+    length, source = _annotation_step(package)
     periods = {}
     for path in descriptions:
         step = own.get(path, length)
         where = f"{package.file}: the step of {path}, {1e3 * step:g} ms," if step else ""
         cure = "the annotation has to fit [cosim] tick_ms, or the drive's substeps"
-        periods[path] = max(1, _whole(step, tick, where, cure)) if step else every
+        periods[path] = max(1, _whole_steps(step, tick, where, cure)) if step else every
     return Timing(tick, source or "the experiment", 0, ticks, "", periods)
 
 
-def _rounded(step: float) -> float:
+def _round_step(step: float) -> float:
     """The next shorter of 1, 2 and 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(step))
     return next(times * power for times in (5.0, 2.0, 1.0) if times * power <= step * (1.0 + 1e-9))
 
 
-def ordered(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
+def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
     """The components in the order in which they step: asked for, else annotated, else that of the file.
 
     Raises:
@@ -156,19 +158,19 @@ def ordered(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[st
 
 def _annotated_order(package: Package, flat: FlatSystem) -> Iterator[str]:
     for note in package.structure.system.annotations:
-        if note.type == ORDER and note.content:
-            where = f"{package.file}: annotation {ORDER}"
-            for element in xml_of(note.content.encode(), where).iter():
-                if local(element) == "component":
+        if note.type == ORDER_ANNOTATION and note.content:
+            where = f"{package.file}: annotation {ORDER_ANNOTATION}"
+            for element in parse_xml(note.content.encode(), where).iter():
+                if local_name(element) == "component":
                     name = element.get("name", "")
                     if name not in flat.components:
                         raise InputRefused(f"{where}: '{name}' is not a component of the system")
                     yield name
 
 
-def _whole(time: float, step: float, what: str, cure: str) -> int:
+def _whole_steps(time: float, step: float, what: str, cure: str) -> int:
     count = round(time / step)
-    if abs(count * step - time) > CLOSE * step:
+    if abs(count * step - time) > STEP_TOLERANCE * step:
         raise InputRefused(f"{what} is not a whole number of steps of {1e3 * step:g} ms; {cure}")
     return count
 
@@ -177,27 +179,29 @@ def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str
     """By component the step that is asked for, or annotated at it (s)."""
     found = {}
     for path, component in flat.components.items():
-        noted = next(_noted(component.annotations, f"{package.file}: {path}"), None)
+        noted = next(_annotation_steps(component.annotations, f"{package.file}: {path}"), None)
         step = choice.steps.get(path) or (noted[0] if noted else None)
         if step is not None:
             found[path] = step
     return found
 
 
-def _noted(annotations: tuple[Annotation, ...], where: str) -> Iterator[tuple[float, str]]:
+def _annotation_steps(annotations: tuple[Annotation, ...], where: str) -> Iterator[tuple[float, str]]:
     """(step (s), type of the annotation) of those that state one."""
     for note in annotations:
-        for element in xml_of(note.content.encode(), f"{where}: annotation {note.type}").iter() if note.content else ():
-            for name in STEPS:
-                if 0.0 < (step := number(element.get(name))) < math.inf:
+        for element in (
+            parse_xml(note.content.encode(), f"{where}: annotation {note.type}").iter() if note.content else ()
+        ):
+            for name in STEP_ATTRIBUTES:
+                if 0.0 < (step := parse_number(element.get(name))) < math.inf:
                     yield step, note.type
 
 
-def _stated(
+def _structure_step(
     package: Package, descriptions: Mapping[str, FmuDescription], own: Mapping[str, float]
 ) -> tuple[float | None, str]:
     """The length of a step (s), and who says so: a tool in the structure, else who wants the shortest."""
-    if (annotated := _annotated(package))[0] is not None:
+    if (annotated := _annotation_step(package))[0] is not None:
         return annotated
     wanted = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
     wanted |= own
@@ -207,11 +211,11 @@ def _stated(
     return wanted[shortest], f"what the FMU of {shortest} wants{'' if len(wanted) == 1 else ', the shortest'}"
 
 
-def _annotated(package: Package) -> tuple[float | None, str]:
+def _annotation_step(package: Package) -> tuple[float | None, str]:
     """The length of a step (s) by a tool in the structure, and by which; (None, ""): none says it."""
     structure = package.structure
     notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
-    found = next(_noted(notes, f"{package.file}"), None)
+    found = next(_annotation_steps(notes, f"{package.file}"), None)
     return (found[0], f"an annotation of the structure ({found[1]})") if found else (None, "")
 
 
@@ -233,4 +237,4 @@ def _common_start(descriptions: Mapping[str, FmuDescription]) -> float:
 
 def _experiment(description: FmuDescription, name: str) -> float:
     """A number of an FMU's DefaultExperiment; NaN: not stated."""
-    return number(getattr(description.model.defaultExperiment, name, None))
+    return parse_number(getattr(description.model.defaultExperiment, name, None))

@@ -4,16 +4,16 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from twin.kernel.archive import content_of, zipped
+from twin.kernel.archive import read_entry, zip_bytes
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import Variable
-from twin.kernel.ssp.package import MOST_FMU, SCHEME
+from twin.kernel.ssp.package import MAX_FMU_SIZE, SCHEME_ANNOTATION
 from twin.kernel.ssp.ssd import structure_xml
 from twin.kernel.ssp.structure import (
-    REALS,
-    STRUCTURE,
-    WHOLES,
+    INTEGER_TYPES,
+    REAL_TYPES,
+    STRUCTURE_FILE,
     Annotation,
     Connector,
     ConnectorKind,
@@ -27,13 +27,16 @@ from twin.kernel.ssp.structure import (
     Structure,
 )
 from twin.kernel.systems.plan import SystemPlan
-from twin.kernel.systems.timing import ORDER, step_notes
+from twin.kernel.systems.timing import ORDER_ANNOTATION, step_notes
 
-STEP = "twin.step"
-KINDS: Mapping[str, Implementation] = {"co_simulation": "CoSimulation", "model_exchange": "ModelExchange"}
+STEP_ANNOTATION = "twin.step"
+IMPLEMENTATION_NAMES: Mapping[str, Implementation] = {
+    "co_simulation": "CoSimulation",
+    "model_exchange": "ModelExchange",
+}
 
 
-def ssp_of(plan: SystemPlan) -> bytes:
+def ssp_archive(plan: SystemPlan) -> bytes:
     """The archive of a system: its structure as it was planned, its FMUs, tables and parameter sets.
 
     Values, steps, times, kinds and order that were asked for stand in it. The standard has no word for the length of a
@@ -43,7 +46,7 @@ def ssp_of(plan: SystemPlan) -> bytes:
         InputRefused: signals were fed in, which the standard cannot say.
     """
     package = plan.package
-    fed = [feed for feed in plan.beside.feeds if feed.by.startswith("--input")]
+    fed = [feed for feed in plan.extras.feeds if feed.by.startswith("--input")]
     if fed:
         raise InputRefused(f"{fed[0].by}: an SSP archive has no word for it; put a table (CSV) into the archive")
     parts = {part.path: part for part in plan.parts}
@@ -54,13 +57,13 @@ def ssp_of(plan: SystemPlan) -> bytes:
         if part.settings
     ]
     connectors = _connectors(plan)
-    kinds = {path: KINDS[part.description.kind] for path, part in parts.items()}
+    kinds = {path: IMPLEMENTATION_NAMES[part.description.kind] for path, part in parts.items()}
     timing = plan.timing
     steps = {path: count * timing.tick for path, count in timing.periods.items() if count > 1}
     system = replace(
-        _filled(root, "", connectors, kinds, steps),
+        _complete_components(root, "", connectors, kinds, steps),
         bindings=(*root.bindings, *values),
-        annotations=(*_others(root.annotations), *_annotations(plan, plan.scheme, timing.tick)),
+        annotations=(*_foreign_annotations(root.annotations), *_annotations(plan, plan.scheme, timing.tick)),
     )
     experiment = DefaultExperiment(timing.first * timing.tick, timing.ticks * timing.tick)
     whole = Structure(
@@ -71,16 +74,20 @@ def ssp_of(plan: SystemPlan) -> bytes:
         experiment=experiment,
         metadata=package.structure.metadata,
     )
-    entries = {STRUCTURE: structure_xml(whole)}
+    entries = {STRUCTURE_FILE: structure_xml(whole)}
     for entry in package.entries:
-        if entry != STRUCTURE and not entry.endswith("/"):
-            entries[entry] = package.content(entry) if package.loose else content_of(package.file, entry, MOST_FMU)
-    return zipped(entries)
+        if entry != STRUCTURE_FILE and not entry.endswith("/"):
+            entries[entry] = package.content(entry) if package.loose else read_entry(package.file, entry, MAX_FMU_SIZE)
+    return zip_bytes(entries)
 
 
-def _others(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
+def _foreign_annotations(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
     """Without those that are written anew, and steps of other tools."""
-    return tuple(one for one in annotations if one.type not in (STEP, ORDER, SCHEME) and "tepSize" not in one.content)
+    return tuple(
+        one
+        for one in annotations
+        if one.type not in (STEP_ANNOTATION, ORDER_ANNOTATION, SCHEME_ANNOTATION) and "tepSize" not in one.content
+    )
 
 
 def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotation]:
@@ -88,9 +95,9 @@ def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotati
     for part in plan.parts:
         ET.SubElement(order, "component", name=part.path)
     return [
-        *step_notes(STEP, tick),
-        Annotation(SCHEME, f'<scheme name="{scheme}" />'),
-        Annotation(ORDER, ET.tostring(order, encoding="unicode")),
+        *step_notes(STEP_ANNOTATION, tick),
+        Annotation(SCHEME_ANNOTATION, f'<scheme name="{scheme}" />'),
+        Annotation(ORDER_ANNOTATION, ET.tostring(order, encoding="unicode")),
     ]
 
 
@@ -106,9 +113,9 @@ def _value(name: str, variable: Variable, value: object) -> ParameterValue:
 
 
 def _type(variable: Variable) -> str:
-    if variable.type in REALS:
+    if variable.type in REAL_TYPES:
         return "Real"
-    return "Integer" if variable.type in (*WHOLES, "Enumeration") else variable.type
+    return "Integer" if variable.type in (*INTEGER_TYPES, "Enumeration") else variable.type
 
 
 def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
@@ -125,7 +132,7 @@ def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
     return found
 
 
-def _filled(
+def _complete_components(
     system: SspSystem,
     path: str,
     connectors: Mapping[str, list[Connector]],
@@ -137,13 +144,13 @@ def _filled(
     for one in system.elements:
         below = f"{path}.{one.name}" if path else one.name
         if isinstance(one, SspSystem):
-            elements.append(_filled(one, below, connectors, kinds, steps))
+            elements.append(_complete_components(one, below, connectors, kinds, steps))
             continue
         more = [new for new in connectors.get(below, ()) if new.name not in one.connector_of]
-        old = tuple(replace(c, type=_plain(c.type)) for c in one.connectors)
-        notes = _others(one.annotations)
+        old = tuple(replace(c, type=_ssp_1_type(c.type)) for c in one.connectors)
+        notes = _foreign_annotations(one.annotations)
         if below in steps:
-            notes = (*notes, *step_notes(STEP, steps[below]))
+            notes = (*notes, *step_notes(STEP_ANNOTATION, steps[below]))
         elements.append(
             replace(
                 one, connectors=(*old, *more), implementation=kinds.get(below, one.implementation), annotations=notes
@@ -152,6 +159,6 @@ def _filled(
     return replace(system, elements=tuple(elements))
 
 
-def _plain(type_: str) -> str:
+def _ssp_1_type(type_: str) -> str:
     """A type of SSP 2.0 as 1.0 calls it."""
-    return "Real" if type_ in REALS else "Integer" if type_ in WHOLES else type_
+    return "Real" if type_ in REAL_TYPES else "Integer" if type_ in INTEGER_TYPES else type_

@@ -5,7 +5,7 @@ from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.recording.messages import Field, Topic, message_names
 from twin.kernel.recording.recorder import RowStream, port_fields
 from twin.kernel.systems.coupling import PreparedSystem
-from twin.kernel.systems.naming import distinct, element, field
+from twin.kernel.systems.naming import field_name, split_element, unique_names
 from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 
@@ -25,7 +25,7 @@ def topics(plan: SystemPlan) -> list[Topic]:
     Raises:
         InputRefused: two components have names that a recording cannot tell apart.
     """
-    found = [Topic(one.name, port_fields(one.outputs), 1) for one in plan.beside.components if one.outputs]
+    found = [Topic(one.name, port_fields(one.outputs), 1) for one in plan.extras.components if one.outputs]
     found += [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.recorded]
     try:
         message_names(found)
@@ -36,7 +36,7 @@ def topics(plan: SystemPlan) -> list[Topic]:
 
 def _fields(part: SystemPart) -> list[Field]:
     groups = _arrays(part.outputs[: part.recorded])
-    names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
+    names = unique_names(field_name(split_element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
                      for group in groups)  # fmt: skip
     return [
         Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
@@ -48,10 +48,15 @@ def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
     """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
     groups: list[list[FmuPort]] = []
     for port in ports:
-        array, number = element(port.variable.name)
+        array, number = split_element(port.variable.name)
         last = groups[-1] if groups else []
         like = last and (last[0].port.kind, last[0].port.unit) == (port.port.kind, port.port.unit)
-        if like and element(last[0].variable.name) == (array, 1) and number == len(last) + 1 and port.port.size == 1:
+        if (
+            like
+            and split_element(last[0].variable.name) == (array, 1)
+            and number == len(last) + 1
+            and port.port.size == 1
+        ):
             last.append(port)
         else:
             groups.append([port])

@@ -12,12 +12,12 @@ from typing import Any, Literal, get_args, get_origin
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.settings import Setting, Settings
-from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.schema import nested
-from twin.robot.experiment.source import at
+from twin.robot.experiment.schema import nested_tables
+from twin.robot.experiment.source import value_at
 
-FIRST = (
+FIRST_KEYS = (
     "robot.k_s_Nm_per_rad", "controller.force.reference_N", "controller.force.kp_mm_per_N",
     "controller.force.ki_mm_per_N_s", "controller.position.kp_per_s", "controller.damping.gain_rad_per_s_per_Nm",
     "reference.t_s", "approach.speed_mm_per_s", "contact.stiffness_N_per_m", "controller.delay_ticks",
@@ -25,20 +25,20 @@ FIRST = (
     "drive.parameters.droop",
 )  # fmt: skip
 """Keys that are shown before anybody searches."""
-PACE = "reference.t_s"
+PACE_KEY = "reference.t_s"
 """Times of way points. They are changed together: the slider is a factor on the speed."""
-UNSHOWN = ("recording",)
+HIDDEN_TABLES = ("recording",)
 """Tables that change no curve."""
-FAR = 100.0
+LOG_SCALE_RATIO = 100.0
 """A declared range whose ends are farther apart than this factor is one to be looked at on a logarithmic scale."""
-AROUND = 4.0
-"""An end that is not declared, as a multiple of the file's value; on a logarithmic scale `DECADE` of it."""
-DECADE = 10.0
-WITHOUT_BOUNDS = 0.5
+LINEAR_REACH = 4.0
+"""An end that is not declared, as a multiple of the file's value; on a logarithmic scale `LOG_REACH` of it."""
+LOG_REACH = 10.0
+UNBOUNDED_REACH = 0.5
 """How far the slider of what has no bound at all reaches to both sides, as a share of the file's value."""
-USUAL = {"deg": 1.0, "ms": 20.0, "N m": 0.1, "mm": 10.0, "s": 5.0, "Hz": 20.0, "rad/s": 1.0, "N": 5.0}
+DEFAULT_HIGHS = {"deg": 1.0, "ms": 20.0, "N m": 0.1, "mm": 10.0, "s": 5.0, "Hz": 20.0, "rad/s": 1.0, "N": 5.0}
 """Largest value on the slider of what is 0 and has no upper bound, by its unit; 1 of all others."""
-MOST_WHOLE = 20
+DEFAULT_WHOLE_HIGH = 20
 """The same of a whole number, such as ticks of delay."""
 
 Kind = Literal["number", "whole", "choice", "switch", "pace"]
@@ -75,32 +75,32 @@ class Slider:
     first: int | None
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For the page."""
         return asdict(self)
 
 
 def sliders(experiment: Experiment) -> dict[str, Slider]:
     """What can be changed in `experiment`, by key, in the order of documents."""
-    found = {slider.key: slider for slider in _all(experiment)}
+    found = {slider.key: slider for slider in _all_sliders(experiment)}
     # what neither the file nor a default says has no place on a slider
-    shown = [key for key in FIRST if key in found and (found[key].value, found[key].default) != (None, None)]
+    shown = [key for key in FIRST_KEYS if key in found and (found[key].value, found[key].default) != (None, None)]
     # the order stays
     return found | {key: replace(found[key], first=place) for place, key in enumerate(shown)}
 
 
-def _all(experiment: Experiment) -> Iterator[Slider]:
+def _all_sliders(experiment: Experiment) -> Iterator[Slider]:
     values = experiment.values
-    for name, model in DECLARED.tables.items():
-        if name in UNSHOWN or (name == "contact" and "contact" not in values):
+    for name, model in DECLARED_TABLES.tables.items():
+        if name in HIDDEN_TABLES or (name == "contact" and "contact" not in values):
             continue
-        for path, table in nested(model, name).items():
-            if _takes_single_keys(table, at(values, path)):
-                yield from _of_table(path, table, values)
+        for path, table in nested_tables(model, name).items():
+            if _takes_single_keys(table, value_at(values, path)):
+                yield from _table_sliders(path, table, values)
     for number, task in enumerate(values.get("task", ()), start=1):
-        yield from _of_table(f"task.{number}", DECLARED.tasks[task["kind"]], {"task": {str(number): task}})
+        yield from _table_sliders(f"task.{number}", DECLARED_TABLES.tasks[task["kind"]], {"task": {str(number): task}})
     drive = experiment.drives[0]
-    own = at(values, "drive.parameters") or {}
+    own = value_at(values, "drive.parameters") or {}
     for name, value in drive.parameters.items():
         # names of FMUs with dots are tables of TOML
         if isinstance(value, float | int) and not isinstance(value, bool) and name.replace("_", "a").isalnum():
@@ -115,11 +115,11 @@ def _takes_single_keys(table: type[Settings], head: Any) -> bool:
     return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
 
 
-def _of_table(path: str, table: type[Settings], values: Mapping[str, Any]) -> Iterator[Slider]:
+def _table_sliders(path: str, table: type[Settings], values: Mapping[str, Any]) -> Iterator[Slider]:
     for name, declared in table.settings.items():
         key = f"{path}.{declared.key(name)}"
-        value = at(values, key)
-        if key == PACE and value is not None:
+        value = value_at(values, key)
+        if key == PACE_KEY and value is not None:
             help_ = "times of the way points: a factor on the speed between them"
             yield Slider(key, "x", help_, "pace", 1.0, 1.0, 0.25, 4.0, True, (), None)
         elif found := _slider(key, declared, table.model_fields[name].annotation, value):
@@ -142,28 +142,28 @@ def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider 
         low, high, log = _ends(now, declared.more, declared.unit)
         return Slider(*head, "number", value, default, low, high, log, (), None)
     low, high, _ = _ends(now, declared.more, declared.unit)
-    high = min(high, declared.more.get("le", math.inf), max(MOST_WHOLE, math.ceil(AROUND * now)))
+    high = min(high, declared.more.get("le", math.inf), max(DEFAULT_WHOLE_HIGH, math.ceil(LINEAR_REACH * now)))
     return Slider(*head, "whole", value, default, math.floor(low), high, False, (), None)
 
 
 def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, float, bool]:
     """(least, largest, whether logarithmic) of a slider about `value`, within the declared bounds in `more`."""
     least, most = more.get("gt", more.get("ge", -math.inf)), more.get("lt", more.get("le", math.inf))
-    usual = USUAL.get(unit, 1.0)
+    usual = DEFAULT_HIGHS.get(unit, 1.0)
     if least == 0.0 and "gt" in more and value > 0.0:
         # 0 is no value: as far down as up, by factors
-        return value / DECADE, min(value * DECADE, most), True
-    if least > 0.0 and most / least >= FAR:
-        return least, min(most, max(value, least) * DECADE), True
+        return value / LOG_REACH, min(value * LOG_REACH, most), True
+    if least > 0.0 and most / least >= LOG_SCALE_RATIO:
+        return least, min(most, max(value, least) * LOG_REACH), True
     if least >= 0.0:
-        return least, min(most, AROUND * value if value else usual), False
+        return least, min(most, LINEAR_REACH * value if value else usual), False
     if least > -math.inf and most < math.inf:
         return least, most, False
-    reach = WITHOUT_BOUNDS * abs(value) if value else usual
+    reach = UNBOUNDED_REACH * abs(value) if value else usual
     return max(least, value - reach), min(most, value + reach), False
 
 
-def checked(known: Mapping[str, Slider], key: str, value: Any) -> Any:
+def check_value(known: Mapping[str, Slider], key: str, value: Any) -> Any:
     """`value` for `key`, as a file would have it."""
     if key not in known:
         raise InputRefused(f"{key}: no key that can be changed here; {nearest(key, known, 'see twin schema')}")

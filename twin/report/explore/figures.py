@@ -9,23 +9,23 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from twin.report.explore.asked import PageState
+from twin.report.explore.page_state import PageState
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.source import toml_value
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.metrics.required_series import FIG4, FIG5
-from twin.studies.paper.claim import ClaimFinding, judged, tally
+from twin.studies.metrics.required_series import FIG4_SERIES, FIG5_SERIES
+from twin.studies.paper.claim import ClaimFinding, judge_claim, tally
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
-from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
-from twin.studies.paper.fig5 import CLAIMS
+from twin.studies.paper.fig4_measures import MIN_DURATION, Fig4Run, Fig4Runs
+from twin.studies.paper.fig5 import TASK_CLAIMS
 from twin.studies.paper.task_run import TaskRun
-from twin.studies.sweep.claims import COMPANION, refuse_unfit
+from twin.studies.sweep.claims import COMPANION_SETTING, require_fig4_claims
 
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'
-FIG5_SIGNALS = (*FIG5, "monitor.tripped")
+FIG5_SIGNALS = (*FIG5_SERIES, "monitor.tripped")
 """Signals that the claims of Fig. 5 are judged on."""
 
 
@@ -33,12 +33,12 @@ def figure_of(experiment: Experiment) -> Figure | None:
     """The figure that an experiment is one of; None: of none."""
     if experiment.tasks:
         return "fig5"
-    whole = experiment.duration_ticks * experiment.cosim.tick >= WHOLE
+    whole = experiment.duration_ticks * experiment.cosim.tick >= MIN_DURATION
     return "fig4" if whole and "mode" in experiment.values["controller"] else None
 
 
 @lru_cache(1)
-def _askew() -> tuple[str, ...]:
+def _imperfection_settings() -> tuple[str, ...]:
     """As --set takes it, what sets robot and scale of fig4_imperfect.toml apart from those that stand straight."""
     straight, askew = (load_experiment(FIG4_EXPERIMENTS[number]).values for number in (0, 2))
     return tuple(
@@ -59,10 +59,10 @@ def fig4_experiments(state: PageState) -> list[Experiment]:
     base = FIG4_EXPERIMENTS[0] if own in map(Path.resolve, map(experiment_file, FIG4_EXPERIMENTS)) else own
     found = [
         load_experiment(base, [*askew, *state.settings, mode], state.drive, state.body)
-        for askew in ((), _askew())
-        for mode in (FORCE_CONTROL, COMPANION)
+        for askew in ((), _imperfection_settings())
+        for mode in (FORCE_CONTROL, COMPANION_SETTING)
     ]
-    refuse_unfit(found[0])
+    require_fig4_claims(found[0])
     return found
 
 
@@ -75,7 +75,7 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
     own = known[0].values if known else None
     titled = {"title": own["title"]} if own else {}
     first, second, *others = [
-        Fig4Run(known[1] if known and one.values | titled == own else run_in_memory(one, only=FIG4))
+        Fig4Run(known[1] if known and one.values | titled == own else run_in_memory(one, only=FIG4_SERIES))
         for one in fig4_experiments(state)
     ]
     return Fig4Runs(first, second, (others[0], others[1]))
@@ -83,12 +83,14 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
 
 def claims(state: PageState) -> dict[str, Any]:
     """What the runs of a state say to the paper, for JSON."""
-    experiment = state.loaded()
+    experiment = state.load()
     if figure_of(experiment) == "fig5":
         trace = run_in_memory(experiment, only=FIG5_SIGNALS)
         tasks = [TaskRun(trace, number, task) for number, task in enumerate(experiment.tasks, start=1)]
         rows = [
-            (f"{run.number} {run.task.kind}: ", judged(claim, run)) for run in tasks for claim in CLAIMS[run.task.kind]
+            (f"{run.number} {run.task.kind}: ", judge_claim(claim, run))
+            for run in tasks
+            for claim in TASK_CLAIMS[run.task.kind]
         ]
         scores = [_score("of the paper's Fig. 5", [finding for _, finding in rows])]
         return {"figure": "fig5", "claims": [_claim(*row) for row in rows], "scores": scores}
@@ -109,7 +111,7 @@ def _claim(of: str, finding: ClaimFinding) -> dict[str, Any]:
         "text": f"{of}{finding.claim.text}",
         "quote": finding.claim.quote,
         "verdict": finding.verdict,
-        "measured": finding.measured,
-        "expected": f"{finding.expected} {finding.claim.unit}".rstrip(),
+        "measured": finding.measured_text,
+        "expected": f"{finding.bounds_text} {finding.claim.unit}".rstrip(),
         "reason": finding.reason,
     }

@@ -9,42 +9,46 @@ from typing import Any
 
 import numpy as np
 
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.recording.folder import RECORDING
+from twin.kernel.recording.folder import RECORDING_FILE
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import read_log
 from twin.report.page.panels import PanelRun
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.view import LogView
 from twin.studies.metrics.response import Curve
 from twin.studies.replay.model import model_of
-from twin.studies.replay.replay import estimates, pressing, robot_log
+from twin.studies.replay.parts import pressing
+from twin.studies.replay.replay import estimates
+from twin.studies.replay.samples import robot_samples
 
-ENDINGS = (".csv", ".mcap", ".db3", ".db3.zstd", ".mcap.zstd")
-DEEPEST = 4
+LOG_SUFFIXES = (".csv", ".mcap", ".db3", ".db3.zstd", ".mcap.zstd")
+MAX_DEPTH = 4
 """Folders below each other in which logs are looked for."""
-MOST_LOGS = 100
-MOST_ENTRIES = 20_000
+MAX_LOGS = 100
+MAX_ENTRIES = 20_000
 """Files and folders that are looked at."""
-COUNTED = {"encoder": ("count_m", "count_l"), "estimator": ("theta_m", "theta_l")}
+ENCODER_SERIES = {"encoder": ("count_m", "count_l"), "estimator": ("theta_m", "theta_l")}
 """Series of encoders, of which position and force follow."""
-MOST_SHIFT = 1e6
+MAX_SHIFT = 1e6
 """s"""
-MISSING = 0.75
+MISSING_PERIODS = 0.75
 """Sample periods after a sample in which the next one should have come."""
-MOST_SAMPLES = 4_000_000
+MAX_SAMPLES = 4_000_000
 """Of one series, gaps included."""
 
 
 def known_logs() -> list[str]:
     """Logs below the current folder, by their paths: tables, bags of ROS 2, MCAP files but those of runs."""
     found: list[str] = []
-    for number, entry in enumerate(_entries(Path(), DEEPEST)):
-        if number >= MOST_ENTRIES or len(found) >= MOST_LOGS:
+    for number, entry in enumerate(_entries(Path(), MAX_DEPTH)):
+        if number >= MAX_ENTRIES or len(found) >= MAX_LOGS:
             break
-        if is_bag(entry) if entry.is_dir() else entry.name.endswith(ENDINGS) and entry.name != RECORDING:
+        if is_bag(entry) if entry.is_dir() else entry.name.endswith(LOG_SUFFIXES) and entry.name != RECORDING_FILE:
             found.append(str(entry))
     return sorted(found)
 
@@ -63,7 +67,7 @@ def _entries(folder: Path, depth: int) -> Iterator[Path]:
             yield from _entries(entry, depth - 1)
 
 
-def _chosen(name: Any) -> Path:
+def _log_path(name: Any) -> Path:
     if not isinstance(name, str) or name not in known_logs():
         raise InputRefused(
             f"log {str(name)[:80]!r}: no such log below the current folder; {nearest(str(name)[:80], known_logs())}"
@@ -81,7 +85,7 @@ def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
     vectors = {name.partition("[")[0] for name in log.series if name.endswith("[0]")}
     series = {name: log[name] for name in log.series if not name.endswith("]")}
     series |= {name: log.vector(name) for name in vectors}
-    if any(f"{topic}.{name}[0]" in log.series for topic, names in COUNTED.items() for name in names):
+    if any(f"{topic}.{name}[0]" in log.series for topic, names in ENCODER_SERIES.items() for name in names):
         series |= {key: one for key, one in _estimates(log, experiment).items() if key not in series}
     times: dict[str, Curve] = {}
     columns: dict[str, Curve] = {}
@@ -89,22 +93,22 @@ def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
         topic, period = key.rpartition(".")[0], one.sampling.period
         if topic not in times:
             count = int((one.t[-1] - one.t[0]) / period + 1e-6) + 1
-            if count > MOST_SAMPLES:
-                raise InputRefused(f"{key}: {count:.3g} samples with its gaps; expected at most {MOST_SAMPLES:,}")
+            if count > MAX_SAMPLES:
+                raise InputRefused(f"{key}: {count:.3g} samples with its gaps; expected at most {MAX_SAMPLES:,}")
             times[topic] = shift + one.t[0] + period * np.arange(count)
         grid = times[topic] - shift
         place = np.maximum(np.searchsorted(one.t, grid + 0.5 * period, side="right") - 1, 0)
         columns[key] = one.values[place].astype(float)
         if one.sampling.regular:
-            columns[key][grid - one.t[place] > MISSING * period] = np.nan
+            columns[key][grid - one.t[place] > MISSING_PERIODS * period] = np.nan
     return LogView(columns, times)
 
 
 def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
     """Return the outputs of the estimator, and the pressing force as the controller computes it."""
     model = model_of(experiment)
-    robot = robot_log(log, model.belief)
-    found = estimates(robot, model.belief, model.gravity_compensation)
+    robot = robot_samples(log, model.belief)
+    found = values_by_port(ESTIMATOR_OUTPUTS, estimates(robot, model)["estimator"])
     series = {f"estimator.{name}": values for name, values in found.items() if name != "valid"}
     series["controller.F_z"] = pressing(found)
     return {key: LogSeries(robot.t, values, "") for key, values in series.items()}
@@ -117,8 +121,8 @@ def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, s
         ask: "log" one of `known_logs`, "shift_s"; values may be anything.
         experiment: describes the robot.
     """
-    path, shift = _chosen(ask.get("log")), ask.get("shift_s") or 0.0
-    if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MOST_SHIFT:
+    path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
+    if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:
         raise InputRefused("shift_s: expected a time in s")
     beside = path.with_suffix(".map.toml")
     mapped = beside.is_file()

@@ -7,17 +7,17 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.report.page.markup import DataBlock
-from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import spectral_radius
 from twin.studies.analyse.linear.margins import frequencies, loop_response, margins
-from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.text import decibels, loop_name, point_name
 
-DRAWN = 400
+CURVE_FREQUENCIES = 400
 """Frequencies of a curve."""
-HERTZ = 1.0 / (2.0 * np.pi)
+HZ_PER_RAD_S = 1.0 / (2.0 * np.pi)
 
 
 def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
@@ -28,18 +28,18 @@ def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
         experiment: its faults are left out.
         chosen: number of the operating point; None: the last one at which it presses, or else the last.
     """
-    refuse_other_parts(experiment, "the loops", ("controller", "estimator"))
+    refuse_third_party_parts(experiment, "the loops", ("controller", "estimator"))
     if experiment.controller.force.schedule:
         raise InputRefused("its gains come from [controller.force] schedule; the loops are analysed for one set")
     points, _ = operating_points(experiment)
     pressing = [number for number, point in enumerate(points) if point.in_contact]
     number = (pressing or [len(points) - 1])[-1] if chosen is None else min(chosen, len(points) - 1)
-    linear = Linearised(experiment, points).at(points[number])
+    linear = Linearisation(experiment, points).linear_point(points[number])
     stable = spectral_radius(linear.loops, linear.gains) < 1.0
     whole = frequencies(linear.loops.dt)
-    omega = np.geomspace(whole[0], whole[-1], DRAWN)
+    omega = np.geomspace(whole[0], whole[-1], CURVE_FREQUENCIES)
     block, rows = DataBlock(), []
-    block.add(HERTZ * omega)
+    block.add(HZ_PER_RAD_S * omega)
     for name in linear.gains:
         L = loop_response(linear.loops, linear.gains, name, omega)
         block.add(decibels(np.abs(L)))
@@ -49,13 +49,13 @@ def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
             "name": loop_name(name),
             "gain_dB": None if found is None or found.gain is None else float(decibels(found.gain)),
             "phase_deg": None if found is None or found.phase is None else float(np.degrees(found.phase)),
-            "crossover_Hz": None if found is None or found.crossover is None else HERTZ * found.crossover,
+            "crossover_Hz": None if found is None or found.crossover is None else HZ_PER_RAD_S * found.crossover,
         })  # fmt: skip
     return {
         "points": [point_name(point) for point in points],
         "point": number,
         "stable": bool(stable),
         "loops": rows,
-        "count": DRAWN,
+        "count": CURVE_FREQUENCIES,
         "block": base64.b64encode(block.content()).decode("ascii"),
     }

@@ -11,32 +11,32 @@ from twin.kernel.compiled.native import entry
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import (
     MM,
-    PANELS,
+    RUN_PANELS,
     PanelRun,
     panel_facts,
     row_facts,
     scene,
     series,
 )
-from twin.robot.run.measures import MEASURES, RunOutcome
+from twin.robot.run.measures import ROWS_BY_KEY, RunOutcome
 from twin.robot.run.outcome import HeldForces
 from twin.studies.metrics.response import Curve
 from twin.studies.panel import Panel, PanelCurve, Reader, Samples
 
-CORRECTION = Panel(
+CORRECTION_PANEL = Panel(
     "Correction of the force loop", "mm",
     (PanelCurve("dp_z, below 0 presses harder", "shifted", series("controller.dp_z", None, MM)),),
 )  # fmt: skip
-EXPLORED = (*PANELS[:2], CORRECTION, *PANELS[2:])
+EXPLORED_PANELS = (*RUN_PANELS[:2], CORRECTION_PANEL, *RUN_PANELS[2:])
 """Every panel that can be looked at, in this order."""
-AT_FIRST = (
+INITIAL_PANELS = (
     "Pressing force F_z", "Height z", "Correction of the force loop", "Force along x, y on the surface",
     "Joint torque tau_l", "Motor speed",
 )  # fmt: skip
 """Titles of those that are shown until others are chosen."""
-MOST_POSES = 600
+MAX_POSES = 600
 """Of the robot; the player goes straight between them."""
-TILES = (
+TILE_MEASURES = (
     "hold_error", "hold_overshoot", "hold_settling_time", "chatter", "held_lateral_error", "peak", "held_z_error",
     "torque", "force_error", "end", "lateral_error", "z_error",
 )  # fmt: skip
@@ -45,10 +45,10 @@ TILES = (
 
 def shown_panels(run: PanelRun) -> list[str]:
     """Titles of the panels that have something to show."""
-    return [panel.title for panel in EXPLORED if any(quantity.read(run) for quantity in panel.quantities)]
+    return [panel.title for panel in EXPLORED_PANELS if any(quantity.read(run) for quantity in panel.quantities)]
 
 
-def drawn(
+def panels_to_json(
     panels: Iterable[Panel], run: Any, block: DataBlock, span: tuple[float, float], width: int
 ) -> list[dict[str, Any]]:
     """`panels` for JSON; their samples go into `block`.
@@ -77,12 +77,12 @@ def _curve(read: Reader, run: Any, block: DataBlock, span: tuple[float, float], 
     samples = read(run)
     if samples is None or not len(samples[0]):
         return None
-    t, values, step = _within(samples, span)
+    t, values, step = _clip_samples(samples, span)
     factor = max(1, math.ceil(len(values) / (2 * width)))
     return [*block.add(extremes(values, 2 * factor)), float(t[0]), step * factor]
 
 
-def _within(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, float]:
+def _clip_samples(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, float]:
     """(times, values, time between two (s)) of a little more than `span`."""
     t, values = samples
     step = float(t[-1] - t[0]) / max(1, len(t) - 1)
@@ -122,7 +122,7 @@ def extremes(values: Curve, width: int) -> Curve:
 
 def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
     """The robot for the player, see `twin.report.page.panels.scene`."""
-    return scene(run, block, MOST_POSES)
+    return scene(run, block, MAX_POSES)
 
 
 class Tile(NamedTuple):
@@ -147,7 +147,7 @@ class Tile(NamedTuple):
 def tiles(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Tile]:
     """Return the numbers that stand above the plots."""
     found = []
-    for measure in (MEASURES[key] for key in TILES):
+    for measure in (ROWS_BY_KEY[key] for key in TILE_MEASURES):
         value, reason = (one := outcome.measures[measure.key]).value, one.reason
         shown = None if value is None else value * measure.unit.per_SI
         meaning = f"{measure.meaning}: {measure.interval}"

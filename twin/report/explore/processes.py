@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.process.guard import JobEnded, JobEndedLoading
+from twin.kernel.process.guard import JobFailure, JobLoadFailure
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.warm import WarmProcess
-from twin.report.explore import ANSWERED
+from twin.report.explore import ANSWER_JOB
 
 OUTDATED_TIMEOUT = 3.0
 """Maximum time (s) that an outdated answer keeps a process."""
 
 
-class Outdated(TwinError):
+class OutdatedAnswer(TwinError):
     """A newer state was requested, and this answer took too long to be waited for."""
 
 
@@ -28,11 +28,11 @@ class AnsweringProcess:
     """
 
     def __init__(self, limits: JobLimits):
-        self._process = WarmProcess(ANSWERED, limits, self._raise_if_outdated)
+        self._process = WarmProcess(ANSWER_JOB, limits, self._raise_if_stale)
         self.close = self._process.close
 
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """Return the answer of `twin.report.explore.worker.answered`.
+        """Return the answer of `twin.report.explore.worker.answer_request`.
 
         Args:
             base: fields of `Base`.
@@ -49,10 +49,10 @@ class AnsweringProcess:
             found: dict[str, Any] = self._process.answer(
                 {"here": str(Path.cwd()), "base": dict(base), "ask": dict(ask)}
             )
-        except (JobEnded, JobEndedLoading) as ended:
+        except (JobFailure, JobLoadFailure) as ended:
             raise ComponentFailed(str(ended)) from None
         return found
 
-    def _raise_if_outdated(self) -> None:
+    def _raise_if_stale(self) -> None:
         if self._outdated.is_set() and time.monotonic() - self._began > OUTDATED_TIMEOUT:
-            raise Outdated("given up for a newer state")
+            raise OutdatedAnswer("given up for a newer state")

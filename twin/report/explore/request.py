@@ -11,12 +11,12 @@ from twin.kernel.errors import InputRefused
 
 Check = Callable[[Any], bool]
 """Whether a JSON value can be that of a field."""
-LONGEST_TEXT, MOST_ITEMS = 2**17, 1000
-LARGEST_INTEGER = 2**53
+MAX_TEXT_LENGTH, MAX_ITEMS = 2**17, 1000
+MAX_INTEGER = 2**53
 """Integers beyond it are not exact as numbers of a page."""
-NEEDED = ("state", "run", "log", "settings", "name", "accepted")
+REQUIRED_FIELDS = ("state", "run", "log", "settings", "name", "accepted")
 """Fields without which an operation that has them is refused; others may be missing or null."""
-EXPECTED = {
+FIELD_TEXTS = {
     "state": "set, drive, body and faults",
     "panels": "a list of titles",
     "span": "two times in s",
@@ -30,7 +30,7 @@ EXPECTED = {
 
 
 def _is_text(value: Any) -> bool:
-    return isinstance(value, str) and len(value) <= LONGEST_TEXT
+    return isinstance(value, str) and len(value) <= MAX_TEXT_LENGTH
 
 
 def _is_flag(value: Any) -> bool:
@@ -39,7 +39,7 @@ def _is_flag(value: Any) -> bool:
 
 def _is_number(value: Any) -> bool:
     if isinstance(value, int) and not isinstance(value, bool):
-        return abs(value) <= LARGEST_INTEGER
+        return abs(value) <= MAX_INTEGER
     return isinstance(value, float) and math.isfinite(value)
 
 
@@ -52,11 +52,11 @@ def _is_scalar(value: Any) -> bool:
 
 
 def _list_of(check: Check) -> Check:
-    return lambda value: isinstance(value, list) and len(value) <= MOST_ITEMS and all(map(check, value))
+    return lambda value: isinstance(value, list) and len(value) <= MAX_ITEMS and all(map(check, value))
 
 
 def _table_of(check: Check) -> Check:
-    return lambda value: isinstance(value, dict) and len(value) <= MOST_ITEMS and all(map(check, value.values()))
+    return lambda value: isinstance(value, dict) and len(value) <= MAX_ITEMS and all(map(check, value.values()))
 
 
 def _record_of(fields: Mapping[str, Check]) -> Check:
@@ -67,11 +67,11 @@ def _record_of(fields: Mapping[str, Check]) -> Check:
     )
 
 
-STATE = _record_of(
+STATE_CHECK = _record_of(
     {"set": _table_of(_is_scalar), "drive": _is_text, "body": _is_text, "faults": _list_of(_table_of(_is_scalar))}
 )
-ACCEPTED = _list_of(_table_of(_is_scalar))
-LOOK: Mapping[str, Check] = {
+ACCEPTED_CHECK = _list_of(_table_of(_is_scalar))
+VIEW_FIELDS: Mapping[str, Check] = {
     "panels": _list_of(_is_text),
     "span": _list_of(_is_number),
     "width": _is_index,
@@ -79,35 +79,35 @@ LOOK: Mapping[str, Check] = {
     "list": _is_flag,
     "layout": _is_text,
 }
-OF_STATE: Mapping[str, Check] = {"state": STATE}
-FIELDS: Mapping[str, Mapping[str, Check]] = {
+STATE_FIELDS: Mapping[str, Check] = {"state": STATE_CHECK}
+OPERATION_FIELDS: Mapping[str, Mapping[str, Check]] = {
     "begin": {"settings": _list_of(_is_text)},
-    "describe": OF_STATE,
-    "show": {**OF_STATE, **LOOK},
-    "recorded": {"run": _is_text, **LOOK},
+    "describe": STATE_FIELDS,
+    "show": {**STATE_FIELDS, **VIEW_FIELDS},
+    "recorded": {"run": _is_text, **VIEW_FIELDS},
     "runs": {},
-    "save": {**OF_STATE, "name": _is_text},
-    "command": OF_STATE,
-    "onset": OF_STATE,
-    "adopt": {**OF_STATE, "accepted": ACCEPTED},
-    "log": {"log": _is_text, "shift_s": _is_number, **LOOK},
-    "loops": {**OF_STATE, "point": _is_index},
-    "score": OF_STATE,
+    "save": {**STATE_FIELDS, "name": _is_text},
+    "command": STATE_FIELDS,
+    "onset": STATE_FIELDS,
+    "adopt": {**STATE_FIELDS, "accepted": ACCEPTED_CHECK},
+    "log": {"log": _is_text, "shift_s": _is_number, **VIEW_FIELDS},
+    "loops": {**STATE_FIELDS, "point": _is_index},
+    "score": STATE_FIELDS,
 }
 """Operation -> its fields."""
 
 
-def checked_request(ask: Mapping[str, Any]) -> dict[str, Any]:
+def check_request(ask: Mapping[str, Any]) -> dict[str, Any]:
     """Return the operation and the fields of a request; other fields are dropped."""
     op = ask.get("op")
-    if not isinstance(op, str) or op not in FIELDS:
+    if not isinstance(op, str) or op not in OPERATION_FIELDS:
         raise InputRefused(f"op {str(op)[:80]!r}: no such operation")
     found = {"op": op}
-    for name, check in FIELDS[op].items():
+    for name, check in OPERATION_FIELDS[op].items():
         value = ask.get(name)
-        if value is None and name not in NEEDED:
+        if value is None and name not in REQUIRED_FIELDS:
             continue
         if value is None or not check(value):
-            raise InputRefused(f"{name}: expected {EXPECTED.get(name, 'another value')}, got {repr(value)[:80]}")
+            raise InputRefused(f"{name}: expected {FIELD_TEXTS.get(name, 'another value')}, got {repr(value)[:80]}")
         found[name] = value
     return found

@@ -29,60 +29,62 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
-from twin.kernel.gate import HOST, Gate, own_page_policy
-from twin.kernel.process.guard import guarded
+from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, terminal_text
+from twin.kernel.gate import LOOPBACK_HOST, Gate, own_page_policy
+from twin.kernel.process.guard import run_guarded
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import EXPLORED_FOLDER
-from twin.report.explore.processes import AnsweringProcess, Outdated
+from twin.report.explore.processes import AnsweringProcess, OutdatedAnswer
 
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
 
-LARGEST = 2**16
+MAX_MESSAGE_BYTES = 2**16
 """Bytes of the largest message of a page."""
-PAGES = 16
+MAX_PAGES = 16
 """Pages that may be open at the same time."""
-MOST_WAITING = 64
+MAX_WAITING = 64
 """Requests of one page that may wait; there is one of each kind at most."""
-ROBOT_PACE = 0.2
+ROBOT_INTERVAL = 0.2
 """s between two looks of a page at the robot."""
-PROCESSES = 2
+PROCESS_COUNT = 2
 """That run experiments."""
-LINK = "/link"
+LINK_PATH = "/link"
 """Path of the WebSocket of a page."""
-GOODBYE = 1.0
+CLOSE_TIMEOUT = 1.0
 """How long (s) connections may take to end."""
 
 # a page learns itself what it does wrong; in the terminal it would only disturb
-_SILENT = logging.getLogger("twin.report.explore")
-_SILENT.setLevel(logging.CRITICAL + 1)
+_SILENT_LOGGER = logging.getLogger("twin.report.explore")
+_SILENT_LOGGER.setLevel(logging.CRITICAL + 1)
 
-ASSETS = files("twin.report.explore") / "assets"
-SHARED = files("twin.report.page") / "assets"
-OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
+EXPLORER_ASSETS = files("twin.report.explore") / "assets"
+REPORT_ASSETS = files("twin.report.page") / "assets"
+REPORT_SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-KINDS = {kind: f"text/{name}; charset=utf-8" for kind, name in (("css", "css"), ("js", "javascript"), ("html", "html"))}
-POLICY = (
+MEDIA_TYPES = {
+    kind: f"text/{name}; charset=utf-8" for kind, name in (("css", "css"), ("js", "javascript"), ("html", "html"))
+}
+CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-HEADERS = {
+SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-FROM_PAGES = (
+PAGE_OPERATIONS = (
     "describe", "show", "recorded", "runs", "log", "save", "command", "onset", "loops", "score",
 )  # fmt: skip
 """What a page may ask a process for."""
-STUDY_JOB = "twin.studies.command:answered"
+STUDY_JOB = "twin.studies.command:answer_study"
 """A study in a process of its own."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
 """What `twin run` does."""
-STRANGER = (
+FORBIDDEN_TEXT = (
     "This page is shown only to the browser that twin explore has opened. Open the address that it has printed in the "
     "terminal; what stands behind # in yours may be put behind that one.\n"
 )
@@ -90,12 +92,15 @@ STRANGER = (
 
 def read_assets() -> dict[str, tuple[bytes, str]]:
     """What a page loads: (content, media type) by its path."""
-    own = {asset.name: (asset.read_bytes(), KINDS[asset.name.rpartition(".")[2]]) for asset in ASSETS.iterdir()}
+    own = {
+        asset.name: (asset.read_bytes(), MEDIA_TYPES[asset.name.rpartition(".")[2]])
+        for asset in EXPLORER_ASSETS.iterdir()
+    }
     found = {f"/{name}": content for name, content in own.items()}
     found["/"] = found.pop("/explore.html")
-    shared = "\n".join((SHARED / f"{name}.js").read_text("utf-8") for name in OF_REPORT)
-    found["/report.css"] = (SHARED / "page.css").read_bytes(), KINDS["css"]
-    found["/report.js"] = f'"use strict";\n{shared}'.encode(), KINDS["js"]
+    shared = "\n".join((REPORT_ASSETS / f"{name}.js").read_text("utf-8") for name in REPORT_SCRIPTS)
+    found["/report.css"] = (REPORT_ASSETS / "page.css").read_bytes(), MEDIA_TYPES["css"]
+    found["/report.js"] = f'"use strict";\n{shared}'.encode(), MEDIA_TYPES["js"]
     return found
 
 
@@ -117,9 +122,9 @@ def lasting_token(port: int) -> str:
     return token
 
 
-def sentence(problem: TwinError) -> str:
+def error_message(problem: TwinError) -> str:
     """What a page shows of it; the whole of a mistake of ours goes to the terminal."""
-    lines = plain(str(problem)).splitlines()
+    lines = terminal_text(str(problem)).splitlines()
     if type(problem) is not TwinError:
         return lines[0]
     print("\n".join(lines), file=sys.stderr)
@@ -130,7 +135,7 @@ class ExplorerServer:
     """Answers pages until the last one has been closed for a while.
 
     Args:
-        base: fields of `twin.report.explore.asked.Base`.
+        base: fields of `twin.report.explore.page_state.PageBase`.
         limits: of each process that runs experiments.
         linger: how long (s) it goes on after the last page was closed.
         session: with a robot, that pages show; None: there is none.
@@ -139,7 +144,7 @@ class ExplorerServer:
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
         self.base, self.limits, self.session = {"settings": (), **base}, limits, session
         self._linger = linger
-        self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
+        self._processes = [AnsweringProcess(limits) for _ in range(PROCESS_COUNT)]
         self._reports: list[Path] = []
         self._answering: set[asyncio.Task[dict[str, Any]]] = set()
         self._pages = 0
@@ -173,7 +178,7 @@ class ExplorerServer:
     async def _serve(self, listening: socket.socket, token: str) -> None:
         port = listening.getsockname()[1]
         self._gate = Gate(own_page_policy(port), token)
-        self._policy = POLICY.format(link=f"ws://{HOST}:{port}")
+        self._policy = CONTENT_POLICY.format(link=f"ws://{LOOPBACK_HOST}:{port}")
         self._assets = read_assets()
         self._loop, self._over = asyncio.get_running_loop(), asyncio.Event()
         self._idle: asyncio.LifoQueue[AnsweringProcess] = asyncio.LifoQueue()
@@ -185,10 +190,10 @@ class ExplorerServer:
             sock=listening,
             process_request=self._admit,
             compression=None,
-            max_size=LARGEST,
-            close_timeout=GOODBYE,
+            max_size=MAX_MESSAGE_BYTES,
+            close_timeout=CLOSE_TIMEOUT,
             server_header=None,
-            logger=_SILENT,
+            logger=_SILENT_LOGGER,
         ):
             await self._over.wait()
         if following:
@@ -204,18 +209,18 @@ class ExplorerServer:
         path = request.path.partition("?")[0]
         # before websockets 17 a connection with another method ends unanswered
         reads = getattr(request, "method", "GET") == "GET"
-        if refusal := self._gate.refusal(request.headers, changes=path == LINK or not reads):
-            return self._response(HTTPStatus.FORBIDDEN, f"{plain(refusal)}\n")
+        if refusal := self._gate.refusal(request.headers, changes=path == LINK_PATH or not reads):
+            return self._response(HTTPStatus.FORBIDDEN, f"{terminal_text(refusal)}\n")
         if not self._gate.knows_cookie(request.headers):
             if path != "/" or not reads or not self._gate.knows(request.path):
-                return self._response(HTTPStatus.FORBIDDEN, STRANGER)
+                return self._response(HTTPStatus.FORBIDDEN, FORBIDDEN_TEXT)
             cookie = f"{self._gate.policy.cookie}={self._gate.token}; HttpOnly; SameSite=Strict; Path=/"
             return self._response(HTTPStatus.SEE_OTHER, "", {"Location": "/", "Set-Cookie": cookie})
         if not reads:
             return self._response(HTTPStatus.METHOD_NOT_ALLOWED, "expected GET\n")
-        if path == LINK:
-            full = self._pages >= PAGES
-            return self._response(HTTPStatus.SERVICE_UNAVAILABLE, f"{PAGES} pages are open\n") if full else None
+        if path == LINK_PATH:
+            full = self._pages >= MAX_PAGES
+            return self._response(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_PAGES} pages are open\n") if full else None
         if path in self._assets:
             content, kind = self._assets[path]
             return self._response(HTTPStatus.OK, content, {"Content-Type": kind})
@@ -227,13 +232,13 @@ class ExplorerServer:
             return self._response(HTTPStatus.NOT_FOUND, "no such page\n")
         content = await asyncio.to_thread(self._reports[int(found[1])].read_bytes)
         # a page of its own, from which nothing reaches this server
-        alone = {"Content-Type": KINDS["html"], "Content-Security-Policy": "sandbox allow-scripts"}
+        alone = {"Content-Type": MEDIA_TYPES["html"], "Content-Security-Policy": "sandbox allow-scripts"}
         return self._response(HTTPStatus.OK, content, alone)
 
     def _response(self, status: HTTPStatus, body: str | bytes, more: Mapping[str, str] | None = None) -> Response:
         content = body.encode() if isinstance(body, str) else body
         headers = {
-            **HEADERS,
+            **SECURITY_HEADERS,
             "Content-Security-Policy": self._policy,
             "Content-Type": "text/plain; charset=utf-8",
             "Content-Length": str(len(content)),
@@ -253,10 +258,10 @@ class ExplorerServer:
         process = await self._idle.get()
         try:
             return await asyncio.to_thread(process.answer, self.base, ask, outdated)
-        except Outdated:
+        except OutdatedAnswer:
             return {"outdated": True}
         except TwinError as problem:
-            return {"failed": sentence(problem)}
+            return {"failed": error_message(problem)}
         finally:
             self._idle.put_nowait(process)
 
@@ -280,9 +285,9 @@ class ExplorerServer:
         if "refused" in found or "failed" in found:
             return found
         try:
-            folder = await asyncio.to_thread(recorded, self.base["experiment"], found, self.limits)
+            folder = await asyncio.to_thread(record_run, self.base["experiment"], found, self.limits)
         except TwinError as problem:
-            return {"failed": sentence(problem)}
+            return {"failed": error_message(problem)}
         self._reports.append(folder / "report.html")
         return {"recorded": str(folder), "report": f"/recorded/{len(self._reports) - 1}"}
 
@@ -298,7 +303,7 @@ class ExplorerServer:
                 self._ending = self._loop.call_later(self._linger, self._over.set)
 
 
-class Lane:
+class RequestQueue:
     """Requests of one page that are answered one after the other; of each kind the newest counts.
 
     Attributes:
@@ -311,11 +316,11 @@ class Lane:
         self._some = asyncio.Event()
         self._kind = ""
 
-    def put(self, kind: str, ask: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
+    def add(self, kind: str, ask: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
         """Add a request. Return the request that will not be served, if any, and its answer."""
         before = self._waiting.get(kind)
-        if before is None and len(self._waiting) >= MOST_WAITING:
-            return ask, {"refused": f"{MOST_WAITING} requests of this page are waiting; try again"}
+        if before is None and len(self._waiting) >= MAX_WAITING:
+            return ask, {"refused": f"{MAX_WAITING} requests of this page are waiting; try again"}
         self._waiting[kind] = ask
         if kind == self._kind:
             self.outdated.set()
@@ -339,7 +344,7 @@ class PageLink:
     def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
         # what takes longer holds up no picture
-        self._lanes = {name: Lane() for name in ("", "loops", "score", "accept")}
+        self._lanes = {name: RequestQueue() for name in ("", "loops", "score", "accept")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
@@ -350,7 +355,7 @@ class PageLink:
             answering.append(asyncio.create_task(self._show(self._server.session)))
         try:
             async for frame in self._link:
-                await self._take(frame)
+                await self._receive(frame)
         except ConnectionClosed:
             pass
         finally:
@@ -359,7 +364,7 @@ class PageLink:
             for lane in self._lanes.values():
                 lane.outdated.set()
 
-    async def _take(self, frame: str | bytes) -> None:
+    async def _receive(self, frame: str | bytes) -> None:
         try:
             ask = json.loads(frame)
         except (ValueError, RecursionError):
@@ -368,18 +373,18 @@ class PageLink:
             return
         kind = f"{ask['op']} {str(ask.get('slot', ''))[:40]}"
         if ask["op"] != "record":
-            unserved, answer = self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
+            unserved, answer = self._lanes.get(ask["op"], self._lanes[""]).add(kind, ask)
         elif self._tasks:
             unserved, answer = ask, {"refused": "a run of this page is being recorded; record again when it is done"}
         else:
             unserved, answer = None, {}
-            task = asyncio.create_task(self._aside(ask))
+            task = asyncio.create_task(self._record(ask))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         if unserved is not None:
             await self._reply(unserved, answer)
 
-    async def _aside(self, ask: Mapping[str, Any]) -> None:
+    async def _record(self, ask: Mapping[str, Any]) -> None:
         """Record a run, which takes long and delays no other answer."""
         found = await self._server.record(ask)
         await self._reply(ask, found)
@@ -387,10 +392,10 @@ class PageLink:
     async def _reply(self, ask: Mapping[str, Any], found: Mapping[str, Any]) -> None:
         await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
 
-    async def _answer(self, lane: "Lane") -> None:
+    async def _answer(self, lane: "RequestQueue") -> None:
         while True:
             ask = await lane.next()
-            if ask["op"] in FROM_PAGES:
+            if ask["op"] in PAGE_OPERATIONS:
                 found = await self._server.answer(ask, lane.outdated)
             elif ask["op"] == "accept":
                 found = await self._server.accept(ask)
@@ -406,8 +411,8 @@ class PageLink:
         while True:
             if shown != session.version:
                 shown = session.version
-                await self._send({"op": "robot", **session.facts()})
-            await asyncio.sleep(ROBOT_PACE)
+                await self._send({"op": "robot", **session.to_dict()})
+            await asyncio.sleep(ROBOT_INTERVAL)
 
     async def _send(self, answer: dict[str, Any]) -> None:
         # the page may be gone
@@ -421,14 +426,14 @@ class PageLink:
             await self._link.send(struct.pack("<I", len(head)) + head + block)
 
 
-def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:
+def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:
     """The folder of a run that was made in a process of its own, with its report.
 
     Args:
         how: "drive", "body" and "settings" as `twin run` takes them.
 
     Raises:
-        TwinError: see `guarded`.
+        TwinError: see `run_guarded`.
     """
     folders: list[str] = []
 
@@ -440,7 +445,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
     arguments |= {key: how[key] for key in ("drive", "body", "settings")}
     # such a run is recorded all the same, and its report says so
     with contextlib.suppress(SafetyTrip):
-        guarded(RECORD_JOB, arguments, limits, hear)
+        run_guarded(RECORD_JOB, arguments, limits, hear)
     report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
-    guarded(STUDY_JOB, report)
+    run_guarded(STUDY_JOB, report)
     return Path(folders[0])

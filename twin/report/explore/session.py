@@ -24,33 +24,33 @@ from google.protobuf.message_factory import GetMessageClass
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
-from twin.kernel.errors import InputRefused, plain
-from twin.kernel.gate import HOST
-from twin.kernel.live import SUBPROTOCOLS, unpacked_data
-from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
+from twin.kernel.errors import InputRefused, terminal_text
+from twin.kernel.gate import LOOPBACK_HOST
+from twin.kernel.live import SUBPROTOCOLS, parse_message_data
+from twin.studies.shadow import ACCEPT_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAMETER, PROPOSAL_PARAMETER
 
-ADDRESS = re.compile(r"ws://(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})/?(\?token=[\w-]+)?")
-AGAIN = 2.0
+ADDRESS_PATTERN = re.compile(r"ws://(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})/?(\?token=[\w-]+)?")
+RETRY_INTERVAL = 2.0
 """s between two attempts to connect."""
-PATIENCE = 5.0
+ANSWER_TIMEOUT = 5.0
 """s that an answer may take."""
-GOODBYE = 1.0
+CLOSE_TIMEOUT = 1.0
 """s that the end of a connection may take."""
-LARGEST = 2**22
+MAX_MESSAGE_BYTES = 2**22
 """Bytes of a message; the list of topics with their types is the longest."""
-SPAN, STEP = 20.0, 0.05
+STRIP_SPAN, STRIP_STEP = 20.0, 0.05
 """s that the strip of forces shows, and from one of its samples to the next."""
-SAMPLES = round(SPAN / STEP) + 1
-HELD = 1.0
+STRIP_SAMPLES = round(STRIP_SPAN / STRIP_STEP) + 1
+MAX_HOLD_TIME = 1.0
 """s from a sample to the next one, at most; else there is a gap."""
-CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale": "measured"}
+FORCE_CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale": "measured"}
 """Pressing forces of the strip, by topic."""
-EVENTS, ALARM = "/events", "/alarm"
-MOST_EVENTS = 3
+EVENTS_TOPIC, ALARM_TOPIC = "/events", "/alarm"
+MAX_EVENTS = 3
 """That are shown."""
-REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
+TOKEN_REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
-STRANGE = (
+PROTOCOL_ERRORS = (
     ValueError,
     KeyError,
     TypeError,
@@ -69,35 +69,35 @@ class NoSession(Exception):
 
 
 class ForceStrip:
-    """Pressing forces of the last `SPAN`, on a grid of `STEP`."""
+    """Pressing forces of the last `STRIP_SPAN`, on a grid of `STRIP_STEP`."""
 
     def __init__(self) -> None:
-        self._columns: dict[str, dict[int, float]] = {topic: {} for topic in CURVES}
+        self._columns: dict[str, dict[int, float]] = {topic: {} for topic in FORCE_CURVES}
         self._newest = 0
 
-    def put(self, topic: str, t: float, force: float) -> None:
+    def add(self, topic: str, t: float, force: float) -> None:
         """A force (N) at `t` (s), mostly later than those before."""
-        at, column = round(t / STEP), self._columns[topic]
+        at, column = round(t / STRIP_STEP), self._columns[topic]
         self._newest = max(self._newest, at)
         column[at] = force
-        while (first := next(iter(column))) <= self._newest - SAMPLES:
+        while (first := next(iter(column))) <= self._newest - STRIP_SAMPLES:
             del column[first]
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For the page: names of the curves that there are, and their samples one after the other, NaN in gaps."""
         block, names = array("f"), []
         for topic, column in self._columns.items():
             if any(map(math.isfinite, column.values())):
-                names.append(CURVES[topic])
-                block.extend(self._held(column))
+                names.append(FORCE_CURVES[topic])
+                block.extend(self._hold_samples(column))
         samples = base64.b64encode(block.tobytes()).decode()
-        return {"curves": names, "count": SAMPLES, "span": SPAN, "block": samples}
+        return {"curves": names, "count": STRIP_SAMPLES, "span": STRIP_SPAN, "block": samples}
 
-    def _held(self, column: dict[int, float]) -> list[float]:
-        found, first = [math.nan] * SAMPLES, self._newest - SAMPLES + 1
+    def _hold_samples(self, column: dict[int, float]) -> list[float]:
+        found, first = [math.nan] * STRIP_SAMPLES, self._newest - STRIP_SAMPLES + 1
         there = sorted((at, force) for at, force in column.items() if at >= first)
         for (at, force), (end, _) in pairwise([*there, (self._newest + 1, math.nan)]):
-            holds = end - at if (end - at) * STEP <= HELD else 1
+            holds = end - at if (end - at) * STRIP_STEP <= MAX_HOLD_TIME else 1
             found[at - first : at - first + holds] = [force] * holds
         return found
 
@@ -110,22 +110,22 @@ class LiveSession:
 
     Attributes:
         version: grows with all that is heard.
-        accepted: parameters of the robot with their values, see `twin.studies.shadow.seen.accepted_values`.
+        accepted: parameters of the robot with their values, see `twin.studies.shadow.live_view.accepted_values`.
 
     Raises:
         InputRefused: the address is none.
     """
 
     def __init__(self, address: str):
-        found = ADDRESS.fullmatch(address.strip())
+        found = ADDRESS_PATTERN.fullmatch(address.strip())
         if not found or int(found[1]) > 65535:
             # what stands behind the question mark may be a token
             got = address.strip().partition("?")[0]
             raise InputRefused(
-                f"--follow {got!r}: expected the address that twin shadow --live has printed, ws://{HOST}:8765/?token=..."
+                f"--follow {got!r}: expected the address that twin shadow --live has printed, ws://{LOOPBACK_HOST}:8765/?token=..."
             )
         self._port, self._token = int(found[1]), found[2] or ""
-        self.name, self.version = f"ws://{HOST}:{self._port}", 0
+        self.name, self.version = f"ws://{LOOPBACK_HOST}:{self._port}", 0
         self._connection: ClientConnection | None = None
         self._problem = f"Connecting to {self.name}."
         self._lock, self._ids = asyncio.Lock(), itertools.count()
@@ -136,126 +136,126 @@ class LiveSession:
         self._values: dict[str, Any] = {}
         self._types: dict[str, tuple[int, type[Message]]] = {}
         self._topics: dict[int, str] = {}
-        self._strip, self._events = ForceStrip(), deque[str](maxlen=MOST_EVENTS)
+        self._strip, self._events = ForceStrip(), deque[str](maxlen=MAX_EVENTS)
         self._refusal, self.accepted = "", list[dict[str, Any]]()
-        self._watches = "" if self._token else f"Watching only: --follow has no token. {REMEDY}"
+        self._watches = "" if self._token else f"Watching only: --follow has no token. {TOKEN_REMEDY}"
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """What is known now, for the page."""
-        silent = "" if EVENTS not in self._types or ALARM in self._types else (
+        silent = "" if EVENTS_TOPIC not in self._types or ALARM_TOPIC in self._types else (
             "No alarms, and so no proposals: twin shadow runs without an alarm; its text says why."
         )  # fmt: skip
         return {
             "problem": self._problem,
             "watches": self._watches,
-            "line": str(self._values.get(LINE, "")),
+            "line": str(self._values.get(LINE_PARAMETER, "")),
             "none": silent or "No proposal.",
-            "proposal": str(self._values.get(PROPOSAL, "")),
-            "asked": self._values.get(ACCEPT) is True,
+            "proposal": str(self._values.get(PROPOSAL_PARAMETER, "")),
+            "asked": self._values.get(ACCEPT_PARAMETER) is True,
             "accepted": [one["text"] for one in self.accepted],
             "events": list(self._events),
-            **self._strip.facts(),
+            **self._strip.to_dict(),
         }
 
     async def attend(self) -> None:
         """Listen, and try again whenever that has ended; for ever."""
         while True:
-            self._problem = plain(await self._listened())
+            self._problem = terminal_text(await self._listen())
             self._connection = None
             self._resolve(self._problem)
             self.version += 1
-            await asyncio.sleep(AGAIN)
+            await asyncio.sleep(RETRY_INTERVAL)
 
-    async def _listened(self) -> str:
+    async def _listen(self) -> str:
         """Until there is nothing to listen to any more; why, a sentence."""
         found = False
         try:
             with socket.socket() as there:
                 there.setblocking(False)
                 # whatever name the address has, the session is here
-                await asyncio.get_running_loop().sock_connect(there, (HOST, self._port))
+                await asyncio.get_running_loop().sock_connect(there, (LOOPBACK_HOST, self._port))
                 async with connect(
                     f"{self.name}/{self._token}", sock=there, subprotocols=SUBPROTOCOLS, compression=None,
-                    max_size=LARGEST, open_timeout=PATIENCE, ping_interval=PATIENCE, ping_timeout=PATIENCE,
-                    close_timeout=GOODBYE,
+                    max_size=MAX_MESSAGE_BYTES, open_timeout=ANSWER_TIMEOUT, ping_interval=ANSWER_TIMEOUT, ping_timeout=ANSWER_TIMEOUT,
+                    close_timeout=CLOSE_TIMEOUT,
                 ) as connection:  # fmt: skip
                     await self._greet(connection)
                     found = True
                     async for frame in connection:
-                        self._take(frame)
+                        self._receive_frame(frame)
                         self.version += 1
         except NoSession as other:
             return str(other)
         except InvalidStatus as refusal:
             return f"{self.name} refuses: {(refusal.response.body or b'').decode(errors='replace').strip()[:200]}"
-        except STRANGE:
-            return self._strange()
+        except PROTOCOL_ERRORS:
+            return self._protocol_error_text()
         except TimeoutError:
             return f"{self.name} does not answer: twin shadow hangs, or another program is there. Trying again."
         except WebSocketException:
             if not found:
-                return self._strange()
+                return self._protocol_error_text()
         except OSError:
             if not found:
                 return f"Nothing answers at {self.name}: start twin shadow with --live. Trying again."
         return f"The connection to {self.name} is lost: twin shadow has ended, or hangs. Trying again."
 
-    def _strange(self) -> str:
+    def _protocol_error_text(self) -> str:
         return f"What answers at {self.name} is no live server of twin; expected twin shadow --live. Trying again."
 
     async def _greet(self, connection: ClientConnection) -> None:
         """Learn who is there; of a run nothing is subscribed to, for that would begin it."""
         self._begin_anew()
-        async with asyncio.timeout(PATIENCE):
-            first = await _text(connection)
+        async with asyncio.timeout(ANSWER_TIMEOUT):
+            first = await _next_text(connection)
             if (first["op"], first["name"]) != ("serverInfo", "twin"):
-                raise NoSession(self._strange())
+                raise NoSession(self._protocol_error_text())
             # first, so that no change is missed
             await connection.send(json.dumps({"op": "subscribeParameterUpdates", "parameterNames": []}))
             await connection.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
             answer: dict[str, Any] = {}
             while answer.get("id") != "all":
-                answer = await _text(connection)
-                self._hear(answer)
-        if PROPOSAL not in self._values:
+                answer = await _next_text(connection)
+                self._on_message(answer)
+        if PROPOSAL_PARAMETER not in self._values:
             raise NoSession(
                 f"{self.name} serves a run (twin run --live), which follows no robot and proposes nothing; expected "
                 "twin shadow --live. Trying again."
             )
         if self._refusal:
-            self._watches = f"Watching only: the token of --follow is not that of this session. {REMEDY}"
-        wanted = [topic for topic in (*CURVES, EVENTS) if topic in self._types]
+            self._watches = f"Watching only: the token of --follow is not that of this session. {TOKEN_REMEDY}"
+        wanted = [topic for topic in (*FORCE_CURVES, EVENTS_TOPIC) if topic in self._types]
         self._topics = {self._types[topic][0]: topic for topic in wanted}
         subscriptions = [{"id": number, "channelId": number} for number in self._topics]
         await connection.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
         self._connection, self._problem = connection, ""
         self.version += 1
 
-    def _take(self, frame: str | bytes) -> None:
+    def _receive_frame(self, frame: str | bytes) -> None:
         if isinstance(frame, str):
-            self._hear(json.loads(frame))
+            self._on_message(json.loads(frame))
             return
-        if (data := unpacked_data(frame)) is None:
+        if (data := parse_message_data(frame)) is None:
             return
         number, time, content = data
         topic, t = self._topics[number], 1e-9 * time
         message: Any = self._types[topic][1].FromString(content)
-        if topic == EVENTS:
-            self._events.append(f"{t:.1f} s  {plain(message.message)}")
+        if topic == EVENTS_TOPIC:
+            self._events.append(f"{t:.1f} s  {terminal_text(message.message)}")
         else:
-            self._strip.put(topic, t, message.F_z if topic == "/scale" else -message.F_ee_B[2])
+            self._strip.add(topic, t, message.F_z if topic == "/scale" else -message.F_ee_B[2])
 
-    def _hear(self, news: dict[str, Any]) -> None:
+    def _on_message(self, news: dict[str, Any]) -> None:
         if news["op"] == "advertise":
             self._types |= {one["topic"]: (one["id"], _message_type(one)) for one in news["channels"]
-                            if one["topic"] in (*CURVES, EVENTS, ALARM)}  # fmt: skip
+                            if one["topic"] in (*FORCE_CURVES, EVENTS_TOPIC, ALARM_TOPIC)}  # fmt: skip
         elif news["op"] == "status":
             self._refusal = str(news["message"])
         elif news["op"] == "parameterValues":
             self._values |= {one["name"]: one["value"] for one in news["parameters"]}
             self.accepted = [{"text": str(one["text"]), "field": str(one["field"]), "leg": int(one["leg"]),
                               "value": float(one["value"])}
-                             for one in json.loads(self._values.get(ACCEPTED, "[]"))]  # fmt: skip
+                             for one in json.loads(self._values.get(ACCEPTED_PARAMETER, "[]"))]  # fmt: skip
             if self._answer and news.get("id") == self._answer[0]:
                 self._resolve(self._refusal)
 
@@ -268,20 +268,20 @@ class LiveSession:
         async with self._lock:
             if self._connection is None or self._watches:
                 return self._problem or self._watches
-            if not proposal or proposal != self._values[PROPOSAL]:
+            if not proposal or proposal != self._values[PROPOSAL_PARAMETER]:
                 return "Not accepted: twin does not propose that any more."
             self._refusal, number = "", f"accept {next(self._ids)}"
             self._answer = number, asyncio.get_running_loop().create_future()
-            wish = {"name": ACCEPT, "value": True}
+            wish = {"name": ACCEPT_PARAMETER, "value": True}
             try:
-                async with asyncio.timeout(PATIENCE):
+                async with asyncio.timeout(ANSWER_TIMEOUT):
                     await self._connection.send(json.dumps({"op": "setParameters", "parameters": [wish], "id": number}))
-                    return plain(await self._answer[1])
+                    return terminal_text(await self._answer[1])
             except (TimeoutError, ConnectionClosed):
                 return f"{self.name} does not answer."
 
 
-async def _text(connection: ClientConnection) -> dict[str, Any]:
+async def _next_text(connection: ClientConnection) -> dict[str, Any]:
     """The next message that is text: between those the time comes."""
     while isinstance(frame := await connection.recv(), bytes):
         pass

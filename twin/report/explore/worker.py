@@ -18,42 +18,57 @@ from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.recorder import EventLog
 from twin.report.explore import EXPLORED_FOLDER
-from twin.report.explore.asked import Base, PageState, adopted, asked, first_state, known, saved
 from twin.report.explore.figures import claims, fig4_runs, figure_of
 from twin.report.explore.logs import known_logs, log_run
-from twin.report.explore.picture import AT_FIRST, EXPLORED, Tile, drawn, poses, shown_panels, tiles
-from twin.report.explore.request import checked_request
+from twin.report.explore.page_state import (
+    PageBase,
+    PageState,
+    adopt_state,
+    first_state,
+    known_sliders,
+    parse_state,
+    save_experiment,
+)
+from twin.report.explore.picture import (
+    EXPLORED_PANELS,
+    INITIAL_PANELS,
+    Tile,
+    panels_to_json,
+    poses,
+    shown_panels,
+    tiles,
+)
+from twin.report.explore.request import check_request
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.source import at
+from twin.robot.experiment.fault import FAULT_KINDS
+from twin.robot.experiment.source import value_at
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.trace import Trace, fields_of
 from twin.robot.run.watch import run_observers
-from twin.studies.faults.matrix import default_onsets
-from twin.studies.faults.trials import healthy_run
-from twin.studies.metrics.required_series import FIG4
+from twin.studies.faults.onsets import default_onsets, healthy_run
+from twin.studies.metrics.required_series import FIG4_SERIES
 from twin.studies.paper.fig4_figure import FIG4_PANELS
 from twin.studies.paper.fig4_measures import Fig4Runs
 from twin.studies.results.stored import stored_runs
 
-WIDEST = 4000
+MAX_WIDTH = 4000
 """Pixels of a plot."""
-MOST_TICKS = 400_000
+MAX_TICKS = 400_000
 """Of an experiment that is run while a slider moves: about half a second, and half a gigabyte of rows."""
 
 Layout = Literal["", "fig4"]
 """What takes the place of the panels: Fig. 4 as the paper has it; "": nothing."""
-MOST_RUNS = 100
+MAX_RUNS = 100
 """Of results/ that are offered."""
 NO_MONITOR = "no monitor here"
 """Reason where a number of the safety monitor would stand."""
 
 
-def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
+def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
     """What a page asks; a job of the guard.
 
     Args:
@@ -63,77 +78,77 @@ def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str,
     reporter.loading()
     os.chdir(here)
     try:
-        request = checked_request(ask)
-        return ANSWERS[request["op"]](Base(**base | {"settings": tuple(base["settings"])}), request)
+        request = check_request(ask)
+        return REQUEST_HANDLERS[request["op"]](PageBase(**base | {"settings": tuple(base["settings"])}), request)
     except InputRefused as refusal:
         return {"refused": str(refusal)}
     except ComponentFailed as failure:
         return {"refused": str(failure).splitlines()[0]}
 
 
-def _begun(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _begin(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """What the command line says, taken apart: the base of all pages, and the state that a page begins with."""
     held, state = first_state(base, ask["settings"])
-    return {"base": asdict(held), "state": state, **_described(held, {"state": state})}
+    return {"base": asdict(held), "state": state, **_describe(held, {"state": state})}
 
 
-def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """What can be changed, and what is there to choose from."""
-    state = asked(base, ask["state"])
-    experiment = state.unchanged
+    state = parse_state(base, ask["state"])
+    experiment = state.base_experiment
     return {
         "title": experiment.title,
         "name": base.experiment,
         "duration": experiment.duration_ticks * experiment.cosim.tick,
-        "sliders": [slider.facts for slider in known(base, state.drive, state.body).values()],
+        "sliders": [slider.to_dict for slider in known_sliders(base, state.drive, state.body).values()],
         "drives": list(base.drives),
         "bodies": list(base.bodies),
-        "panels_at_first": AT_FIRST,
+        "panels_at_first": INITIAL_PANELS,
         "figure": figure_of(experiment),
         "kinds": [
             {"kind": name} | {key: getattr(kind, key) for key in ("meaning", "targets", "unit", "magnitudes")}
-            for name, kind in CATALOGUE.items()
+            for name, kind in FAULT_KINDS.items()
         ],
     }
 
 
-_looked_at: dict[tuple[object, ...], frozenset[str]] = {}
+_viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
 """What was read of a run for what a page wants to see: of the next one no more is kept."""
 
 
-def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _show(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """A state that was run: its numbers, and the panels that the page shows."""
-    state, look = asked(base, ask["state"]), Look.of(ask)
-    experiment = _bounded(state.loaded())
-    facts = {"title": experiment.title, "values": _moved(state, experiment), "command": state.command}
+    state, look = parse_state(base, ask["state"]), ViewRequest.from_request(ask)
+    experiment = _check_duration(state.load())
+    facts = {"title": experiment.title, "values": _derived_values(state, experiment), "command": state.command}
     try:
-        return facts | _run(state, experiment, look, _looked_at.get(look.form, frozenset()))
+        return facts | _run_state(state, experiment, look, _viewed_signals.get(look.form, frozenset()))
     except UnknownSeries:
         # another drive or controller has other signals
-        return facts | _run(state, experiment, look, frozenset())
+        return facts | _run_state(state, experiment, look, frozenset())
 
 
-def _bounded(experiment: Experiment) -> Experiment:
+def _check_duration(experiment: Experiment) -> Experiment:
     """Return an experiment that is not too long to be run while a slider moves."""
-    if experiment.duration_ticks > MOST_TICKS:
+    if experiment.duration_ticks > MAX_TICKS:
         raise InputRefused(
             f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
-            f"most {MOST_TICKS:,}"
+            f"most {MAX_TICKS:,}"
         )
     return experiment
 
 
-def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
+def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", only: frozenset[str]) -> dict[str, Any]:
     """What a run of `experiment`, which is `state`, comes to; only those signals of it are kept; none: all of them."""
     trace, events = Trace(only=only), EventLog()
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
         own = run_observers(experiment, assembly)
         observers = [own.tally, own.watch, events, trace]
-        done = simulate(assembly, experiment.duration_ticks, observers).completed()
+        done = simulate(assembly, experiment.duration_ticks, observers).require_success()
         tick, monitor = assembly.system.tick, own_monitor(assembly.system)
-        watched = assembly.system.has("monitor.tripped")
-    numbers = tiles(own.tally.outcome, own.tally.held)
+        watched = assembly.system.has_output("monitor.tripped")
+    numbers = tiles(own.tally.outcome, own.tally.held_forces)
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
         delay, none = (trip.tick - onset) * tick if trip else None, "it does not trip" if monitor else NO_MONITOR
@@ -144,7 +159,7 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
     if look.layout and figure_of(experiment) != look.layout:
         raise InputRefused("layout: this experiment is none of the paper's Fig. 4")
     found = look.picture(run, float(trace.t[-1]), fig4_runs(state, (experiment, trace)) if look.layout else None)
-    _looked_at[look.form] = frozenset(run.used).union(FIG4 if look.layout else ())
+    _viewed_signals[look.form] = frozenset(run.used).union(FIG4_SERIES if look.layout else ())
     return found | {
         "trip": trip_reason(done.simulation),
         "numbers": numbers,
@@ -156,15 +171,15 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
     }
 
 
-def _moved(state: PageState, experiment: Experiment) -> dict[str, Any]:
+def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
     """Values of keys that follow from others that were changed, such as those of [plant] from [robot]."""
-    before = state.unchanged.values
-    there = known(state.base, state.drive, state.body)
-    found = {key: at(experiment.values, key) for key in there if key not in state.values}
-    return {key: value for key, value in found.items() if value != at(before, key)}
+    before = state.base_experiment.values
+    there = known_sliders(state.base, state.drive, state.body)
+    found = {key: value_at(experiment.values, key) for key in there if key not in state.values}
+    return {key: value for key, value in found.items() if value != value_at(before, key)}
 
 
-class Look(NamedTuple):
+class ViewRequest(NamedTuple):
     """View of a run that a page asks for.
 
     Attributes:
@@ -189,13 +204,13 @@ class Look(NamedTuple):
         return (tuple(self.titles), self.robot, self.listed, self.layout)
 
     @classmethod
-    def of(cls, ask: Mapping[str, Any]) -> "Look":
+    def from_request(cls, ask: Mapping[str, Any]) -> "ViewRequest":
         """Return the view that a checked request asks for."""
         titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
         if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):
             raise InputRefused("span: expected two times in s, the earlier one first")
-        if not 10 <= width <= WIDEST:
-            raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
+        if not 10 <= width <= MAX_WIDTH:
+            raise InputRefused(f"width: expected pixels from 10 to {MAX_WIDTH}")
         layout: Layout = ask.get("layout") or ""
         if layout not in ("", "fig4"):
             raise InputRefused("layout: expected fig4")
@@ -217,26 +232,26 @@ class Look(NamedTuple):
             "all_panels": shown_panels(run) if self.listed else None,
             "scene": poses(run, block) if self.robot else None,
         }
-        chosen = [] if self.layout else [panel for panel in EXPLORED if panel.title in self.titles]
+        chosen = [] if self.layout else [panel for panel in EXPLORED_PANELS if panel.title in self.titles]
         shown, of = (FIG4_PANELS, fig4) if fig4 else (chosen, run)
-        found["panels"] = drawn(shown, of, block, span, self.width)
+        found["panels"] = panels_to_json(shown, of, block, span, self.width)
         return found | {"block": base64.b64encode(block.content()).decode("ascii")}
 
 
-def _recorded(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """A run of results/, to be laid beside others."""
     name = ask.get("run")
     if name not in [str(folder) for folder in _folders()]:
         raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
     (run,) = report_runs([recording_in(Path(str(name)))])
     return {"title": run.title, "trip": "", "numbers": [], "events": [], "values": {}, "command": "",
-            **Look.of(ask).picture(run, run.end)}  # fmt: skip
+            **ViewRequest.from_request(ask).picture(run, run.end)}  # fmt: skip
 
 
-def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """A log of a robot, to be laid beside others."""
-    run, note = log_run(ask, asked(base, {}).unchanged)
-    found = Look.of(ask).picture(run, run.end)
+    run, note = log_run(ask, parse_state(base, {}).base_experiment)
+    found = ViewRequest.from_request(ask).picture(run, run.end)
     if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
         raise InputRefused(
             "the log has no signal of the plots that are shown; map its columns to encoder.count_m[0..2] and "
@@ -248,58 +263,58 @@ def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 def _folders() -> list[Path]:
     """Of finished runs, the newest first."""
-    runs = [run for home in (Path("results"), EXPLORED_FOLDER) for run in stored_runs(home) if run.finished]
+    runs = [run for home in (Path("results"), EXPLORED_FOLDER) for run in stored_runs(home) if run.is_finished]
     return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
 
 
-def _runs(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _runs(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """What can be laid beside others: runs of results/, the newest first, and logs of robots."""
-    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]], "logs": known_logs()}
+    return {"runs": [str(folder) for folder in _folders()[:MAX_RUNS]], "logs": known_logs()}
 
 
-def _saved(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    return {"saved": str(saved(asked(base, ask["state"]), str(ask.get("name"))))}
+def _save(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
+    return {"saved": str(save_experiment(parse_state(base, ask["state"]), str(ask.get("name"))))}
 
 
-def _command(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _command(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """How the state is run by `twin run`: checked, so that only a run that can be made is begun."""
-    state = asked(base, ask["state"])
-    state.loaded()
+    state = parse_state(base, ask["state"])
+    state.load()
     return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
 
 
-def _onset(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _onset(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """Return where `twin faults` lets a fault begin in contact (s), in the state without faults."""
-    experiment = _bounded(asked(base, ask["state"]).loaded())
+    experiment = _check_duration(parse_state(base, ask["state"]).load())
     _, contact = default_onsets(healthy_run(replace(experiment, faults=())))
     return {"onset": contact * experiment.cosim.tick}
 
 
-def _loops(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """The loops at one operating point."""
     # python-control takes a second to load
     from twin.report.explore.loops import loops
 
     point = ask.get("point")
     chosen = point if isinstance(point, int) and 0 <= point < 1000 else None
-    return loops(asked(base, ask["state"]).loaded(), chosen)
+    return loops(parse_state(base, ask["state"]).load(), chosen)
 
 
-def _score(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+def _score(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     """What the runs of the paper's figure, with this state, say to its claims."""
-    return claims(asked(base, ask["state"]))
+    return claims(parse_state(base, ask["state"]))
 
 
-ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
-    "begin": _begun,
-    "describe": _described,
-    "show": _shown,
-    "recorded": _recorded,
+REQUEST_HANDLERS: Mapping[str, Callable[[PageBase, Mapping[str, Any]], dict[str, Any]]] = {
+    "begin": _begin,
+    "describe": _describe,
+    "show": _show,
+    "recorded": _show_recording,
     "runs": _runs,
-    "save": _saved,
+    "save": _save,
     "command": _command,
     "onset": _onset,
-    "adopt": lambda base, ask: {"state": adopted(base, ask["state"], ask["accepted"])},
+    "adopt": lambda base, ask: {"state": adopt_state(base, ask["state"], ask["accepted"])},
     "log": _log,
     "loops": _loops,
     "score": _score,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of
 
-TO_DARK = (
+DARK_MATRIX = (
     (0.60, -1.15, -0.36, 1.01),
     (-0.57, 0.15, -0.49, 1.03),
     (-0.52, -0.84, 0.46, 1.03),
@@ -34,10 +34,10 @@ class Markup(str):
 def element(tag: str, *children: str, **attributes: str) -> Markup:
     """`<tag attribute="...">children</tag>`; of an attribute's name `class_` gives class and `data_t` data-t."""
     named = "".join(f' {key.strip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
-    return Markup(f"<{tag}{named}>{joined(children)}</{tag}>")
+    return Markup(f"<{tag}{named}>{join_markup(children)}</{tag}>")
 
 
-def joined(children: Iterable[str]) -> Markup:
+def join_markup(children: Iterable[str]) -> Markup:
     """Children one after the other, those that are no markup escaped."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children))
 
@@ -88,7 +88,7 @@ class DataBlock:
         return text_of(np.concatenate([np.empty(0, "<f4"), *self._parts]))
 
 
-def thinned(values: Curve, factor: int) -> Curve:
+def thin_samples(values: Curve, factor: int) -> Curve:
     """Every `factor`-th part as many samples (n,) in which every peak remains: the extremes of every 2 `factor`.
 
     Of each pair the one that comes first stands first. Sample j lies within 2 `factor` samples of j times `factor`.
@@ -101,14 +101,14 @@ def thinned(values: Curve, factor: int) -> Curve:
     return np.take_along_axis(padded, pair, axis=1).ravel()
 
 
-def thinning(samples: int, most: int) -> int:
+def thinning_factor(samples: int, most: int) -> int:
     """The factor by which `samples` have to be thinned so that about `most` are left."""
     return max(1, math.ceil(samples / most))
 
 
 def dark_filter() -> Markup:
     """The SVG filter `#dark` that the style sheet applies to pictures."""
-    rows = (f"{r:g} {g:g} {b:g} 0 {constant:g}" for r, g, b, constant in TO_DARK)
+    rows = (f"{r:g} {g:g} {b:g} 0 {constant:g}" for r, g, b, constant in DARK_MATRIX)
     matrix = f'<feColorMatrix values="{" ".join(rows)} 0 0 0 1 0"/>'
     kind = 'id="dark" color-interpolation-filters="sRGB"'
     return Markup(f'<svg width="0" height="0" aria-hidden="true"><filter {kind}>{matrix}</filter></svg>')

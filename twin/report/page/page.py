@@ -11,37 +11,37 @@ from pathlib import Path
 from string import Template
 from typing import Any, NamedTuple
 
+from twin.kernel.atomic_write import make_folder, write_text
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.job import seen_from_here
+from twin.kernel.process.job import relative_path
 from twin.kernel.serialise import to_dict
-from twin.kernel.writing import made_folder, write_text
-from twin.report.page.followed import PANELS as SESSION_PANELS
-from twin.report.page.followed import (
-    alarms,
-    boxes,
-    followed_verdict,
-    gaps,
-    how_well,
-    is_followed,
-    origin,
-    punctuality,
-    refuse_others,
-)
-from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
+from twin.report.page.markup import DataBlock, Markup, dark_filter, element, join_markup, section, table
 from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
-from twin.report.page.run import ReportRun, RunMeasure, key_measures, number, report_runs
+from twin.report.page.run import ReportRun, RunMeasure, key_measures, number_text, report_runs
+from twin.report.page.session_sections import SESSION_PANELS as SESSION_PANELS
+from twin.report.page.session_sections import (
+    alarms,
+    boxes,
+    gaps,
+    is_session,
+    origin,
+    punctuality,
+    require_sessions,
+    residuals,
+    session_verdict,
+)
 from twin.report.page.system import is_system, system_sections
 from twin.report.page.verdict import PageVerdict, RunGroup, verdict
-from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.command_words import options, repeating_words, run_command
 from twin.robot.experiment.differences import (
     FROM_ROBOT,
-    differing,
-    flat,
+    differing_values,
+    flatten,
     name_and_unit,
-    recorded_facts,
+    recorded_comparable_values,
     robot_values,
     robot_values_text,
     toml_text,
@@ -49,15 +49,15 @@ from twin.robot.experiment.differences import (
 from twin.robot.experiment.source import COMMAND_LINE
 from twin.studies.accuracy import budget as budgeting
 from twin.studies.accuracy.budget import headline
-from twin.studies.command import Answer, Say, silent
+from twin.studies.command import Answer, Say, ignore_progress
 from twin.studies.panel import Panel
-from twin.studies.paper.claim import ClaimFinding, standing, tally
-from twin.studies.result import Cell, Column, Table, wrapped
+from twin.studies.paper.claim import ClaimFinding, standing_text, tally
+from twin.studies.result import Cell, Column, Table, wrap_text
 
-HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
-MEANING = "what it means"
-WHY = "why so much, assumed"
-MARKS = {
+BUDGET_HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBER_COLUMNS)
+MEANING_HEAD = "what it means"
+REASON_HEAD = "why so much, assumed"
+VERDICT_MARKS = {
     "holds": ("✓ holds", "good"),
     "fails": ("✗ fails", "bad"),
     "trivial": ("- trivial", ""),
@@ -65,17 +65,17 @@ MARKS = {
     "reproduced after all": ("✓ reproduced after all", "good"),
     "not scored": ("? not scored", ""),
 }
-MOST_BOXED = 4
+MAX_BOXED_RUNS = 4
 """Runs whose key numbers stand beside the verdict."""
-FEW = 5
+MAX_OPEN_CLAIMS = 5
 """Claims that are shown at once even if all of them hold."""
-LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
-ASSETS = files("twin.report.page") / "assets"
-SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
+VERDICT_LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
+PAGE_ASSETS = files("twin.report.page") / "assets"
+PAGE_SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
 """In an order in which each finds what it needs."""
-REPORT = "report.html"
-SEVERAL = Path("results/report")
-FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
+REPORT_FILE = "report.html"
+COMPARISON_FOLDER = Path("results/report")
+FORCE_KEY = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
 SESSION_KEY = Markup(
     '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
 )
@@ -87,17 +87,21 @@ def accuracy(budget: budgeting.Budget, label: str) -> Markup:
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
     added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
-    causes = [*map(_row, budget.of("imperfection")), together, _row(budget.as_is)]
-    beliefs = [*map(_row, budget.of("parameter")), added]
-    others = f"None of this is in the run: each line is another, whose controller believes otherwise. {_begun(why[1])}."
-    return joined(
+    causes = [*map(_row, budget.contributions_of("imperfection")), together, _row(budget.as_is)]
+    beliefs = [*map(_row, budget.contributions_of("parameter")), added]
+    others = (
+        f"None of this is in the run: each line is another, whose controller believes otherwise. {_capitalise(why[1])}."
+    )
+    return join_markup(
         [
-            element("p", f"{_begun(found)}. {_begun(why[0])}."),
-            _table("cause", MEANING, causes, f"causes of the force error of {label}"),
+            element("p", f"{_capitalise(found)}. {_capitalise(why[0])}."),
+            _table("cause", MEANING_HEAD, causes, f"causes of the force error of {label}"),
             element("h3", "The twin itself"),
-            _table("cause", MEANING, map(_row, budget.of("twin")), f"error of the simulation of {label}"),
+            _table(
+                "cause", MEANING_HEAD, map(_row, budget.contributions_of("twin")), f"error of the simulation of {label}"
+            ),
             element("h3", "Left out; if the robot had"),
-            _table("effect", WHY, map(_row, budget.of("effect")), f"effects not in {label}"),
+            _table("effect", REASON_HEAD, map(_row, budget.contributions_of("effect")), f"effects not in {label}"),
             table(
                 ("not modelled", "at most, N", "why"),
                 [(what, f"{most:.3f}", why) for what, most, why in budgeting.NOT_MODELLED],
@@ -105,17 +109,17 @@ def accuracy(budget: budgeting.Budget, label: str) -> Markup:
             ),
             element("h3", "If the controller believed"),
             element("p", others),
-            _table("belief", WHY, beliefs, f"what beliefs would add in {label}"),
+            _table("belief", REASON_HEAD, beliefs, f"what beliefs would add in {label}"),
         ]
     )
 
 
 def _table(cause: str, meaning: str, rows: Iterable[Sequence[Cell]], label: str) -> Markup:
-    cells = Table((Column(), *budgeting.NUMBERS, Column()), [*rows]).cells
-    return table((cause, *HEAD, meaning), cells, label)
+    cells = Table((Column(), *budgeting.NUMBER_COLUMNS, Column()), [*rows]).cells
+    return table((cause, *BUDGET_HEAD, meaning), cells, label)
 
 
-def _begun(text: str) -> str:
+def _capitalise(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
@@ -136,8 +140,8 @@ def source(key: str, origins: Mapping[str, str]) -> str:
 def parameters(run: ReportRun) -> Markup:
     """Every value of the experiment, table by table; those that were set on the command line are marked."""
     rows = []
-    for key, value in flat(run.values):
-        name, unit = name_and_unit(DECLARED, key)
+    for key, value in flatten(run.values):
+        name, unit = name_and_unit(DECLARED_TABLES, key)
         origin = source(key, run.origins)
         words = element("mark", origin) if origin == COMMAND_LINE else origin
         rows.append((name, toml_text(value), unit, words))
@@ -147,13 +151,14 @@ def parameters(run: ReportRun) -> Markup:
 def differences(runs: Sequence[ReportRun]) -> list[tuple[str, ...]]:
     """(what, unit, its value in each run ...) of every parameter, FMU and version that is not the same in all."""
     return [
-        (*name_and_unit(DECLARED, key), *values) for key, values in differing([_facts(run) for run in runs]).items()
+        (*name_and_unit(DECLARED_TABLES, key), *values)
+        for key, values in differing_values([_recorded_values(run) for run in runs]).items()
     ]
 
 
-def _facts(run: ReportRun) -> dict[str, str]:
+def _recorded_values(run: ReportRun) -> dict[str, str]:
     versions = {f"version of {name}": text for name, text in run.recording.metadata.get("versions", {}).items()}
-    return recorded_facts(DECLARED, run.recording.metadata, run.recording.path) | versions
+    return recorded_comparable_values(DECLARED_TABLES, run.recording.metadata, run.recording.path) | versions
 
 
 def command(run: ReportRun) -> str:
@@ -177,7 +182,7 @@ def provenance(run: ReportRun) -> Markup:
     save = element("a", "Save it as JSON", href=link, download=f"{run.name}.json")
     same = ["The same versions on the same kind of machine give the same recording, byte for byte."]
     words = [element("p", f"{text[0].upper()}{text[1:]}.") for text in run.recording.deviations or same]
-    return joined([table(("", "is"), rows, f"provenance of {run.label}"), *words, element("p", save), whole])
+    return join_markup([table(("", "is"), rows, f"provenance of {run.label}"), *words, element("p", save), whole])
 
 
 def drives(run: ReportRun) -> Markup:
@@ -201,7 +206,7 @@ def drives(run: ReportRun) -> Markup:
                 fmu["generation_tool"] or "not said",
                 element("code", fmu["sha256"]),
                 settings or "nothing",
-                joined([element("div", text) for text in fmu["mapped"]]),
+                join_markup([element("div", text) for text in fmu["mapped"]]),
             )
         )
     head = ("joint", "file", "model", "FMI", "made by", "sha256", "set", "signals")
@@ -224,11 +229,11 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
         rows.append((f"{name}, per tick", *(_format_value(share.get(name), "us") for share in shares)))
     text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
     head = ("", *(run.label if len(runs) > 1 else "time" for run in runs))
-    return joined([table(head, rows, "time that the runs took"), element("p", text)])
+    return join_markup([table(head, rows, "time that the runs took"), element("p", text)])
 
 
 def _format_value(value: object, unit: str) -> str:
-    return number(value, unit) if isinstance(value, float) else "not recorded"
+    return number_text(value, unit) if isinstance(value, float) else "not recorded"
 
 
 class Section(NamedTuple):
@@ -265,10 +270,10 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
     """The first section: the sentence, four numbers of each run or `key_numbers`, and the remarks. All other numbers
     come after the player, which stands beside it."""
-    mark, look = LOOKS[verdict.good]
+    mark, look = VERDICT_LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
     # of more runs the table of measures is the place
-    parts += [key_numbers or _boxes(runs)] if len(runs) <= MOST_BOXED else []
+    parts += [key_numbers or _boxes(runs)] if len(runs) <= MAX_BOXED_RUNS else []
     if verdict.remarks:
         parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
     return section("verdict", "Verdict", *parts)
@@ -281,7 +286,7 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
         boxes = [
             element(
                 "div",
-                element("strong", m.shown),
+                element("strong", m.true_text),
                 element("span", m.name),
                 class_="box",
             )
@@ -302,7 +307,7 @@ def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
         parts.append(element("h3", "Differences"))
         same = element("p", "Nothing in experiments, FMUs and versions.")
         parts.append(table(head, rows, "what differs between the runs") if rows else same)
-    return joined(parts)
+    return join_markup(parts)
 
 
 def events(run: ReportRun) -> Markup:
@@ -320,29 +325,29 @@ def events(run: ReportRun) -> Markup:
     if rows[True]:
         inside = table(head, rows[True], f"phases of {run.label}")
         parts.append(element("details", element("summary", f"{len(rows[True])} phases"), inside))
-    return joined(parts)
+    return join_markup(parts)
 
 
 def _claims(group: RunGroup) -> Markup:
     held, judged = tally(group.findings)
-    words = standing(group.findings, group.name)
+    words = standing_text(group.findings, group.name)
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
     summary = element("summary", f"{group.title}: {words}")
-    unfolded = {"open": ""} if held < judged or len(rows) <= FEW else {}
+    unfolded = {"open": ""} if held < judged or len(rows) <= MAX_OPEN_CLAIMS else {}
     return element("details", summary, table(head, rows, group.title), **unfolded)
 
 
 def _claim(finding: ClaimFinding) -> tuple[str, ...]:
     claim = finding.claim
-    text, look = MARKS[finding.verdict]
+    text, look = VERDICT_MARKS[finding.verdict]
     place = f"Fig. {claim.figure}: " if claim.figure[0].isdigit() else ""
     quoted = element("small", f"{place}{claim.quote}")
-    expected = f"{finding.expected} {claim.unit}".rstrip() if finding.expected else ""
+    expected = f"{finding.bounds_text} {claim.unit}".rstrip() if finding.bounds_text else ""
     return (
-        joined([claim.text, quoted]),
+        join_markup([claim.text, quoted]),
         element("span", text, class_=look),
-        finding.measured,
+        finding.measured_text,
         expected,
         finding.reason or claim.source,
     )
@@ -353,7 +358,7 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
-        only = [(text, _number(m), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        only = [(text, _number(m), number_text(m.believed), unit) for (text, unit), m in found[0].items()]
         return table(("measure", "true", "believed", "unit"), only, "measures")
     rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
     return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
@@ -362,19 +367,19 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
 def _measure(measure: RunMeasure | None) -> Markup:
     if measure is None:
         return Markup("-")
-    believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number(measure.believed)}")]
-    return joined([_number(measure), *believed])
+    believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number_text(measure.believed)}")]
+    return join_markup([_number(measure), *believed])
 
 
 def _number(measure: RunMeasure) -> str:
     """The true value, or why there is none."""
-    return f"none ({measure.reason})" if math.isnan(measure.true) and measure.reason else number(measure.true)
+    return f"none ({measure.reason})" if math.isnan(measure.true) and measure.reason else number_text(measure.true)
 
 
 def _folded_parameters(run: ReportRun) -> Markup:
-    count = sum(1 for _ in flat(run.values))
+    count = sum(1 for _ in flatten(run.values))
     robot = element("p", f"The robot has {robot_values_text(robot_values(run.values, run.origins))}.")
-    return joined(
+    return join_markup(
         [robot, element("details", element("summary", f"{count} values with unit and source"), parameters(run))]
     )
 
@@ -383,14 +388,14 @@ def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) ->
     """One run plainly, several under their names."""
     if len(runs) == 1:
         return write(runs[0])
-    return joined([part for run in runs for part in (element("h3", run.label), write(run))])
+    return join_markup([part for run in runs for part in (element("h3", run.label), write(run))])
 
 
 def write_report(
     runs: Sequence[Path],
     out: Path | None = None,
     budget: bool = False,
-    say: Say = silent,
+    say: Say = ignore_progress,
 ) -> Answer:
     """Write the report on the runs meant by `runs`.
 
@@ -407,7 +412,7 @@ def write_report(
         ComponentFailed: a component failed while a budget was made.
     """
     shown = report_runs(runs)
-    path = out or (shown[0].recording.path.parent if len(shown) == 1 else SEVERAL) / REPORT
+    path = out or (shown[0].recording.path.parent if len(shown) == 1 else COMPARISON_FOLDER) / REPORT_FILE
     if any(is_system(run.recording) for run in shown):
         if budget:
             raise InputRefused(f"{runs[0]}: records a system of FMUs, which has no force error; leave --budget out")
@@ -415,17 +420,17 @@ def write_report(
         title = shown[0].label if len(shown) == 1 else f"{len(shown)} runs of systems"
         links = [(key, name) for key, name, _ in found]
         html = plain_page(title, " | ".join(run.label for run in shown), found, links)
-    elif any(is_followed(run.recording) for run in shown):
-        refuse_others(shown)
+    elif any(is_session(run.recording) for run in shown):
+        require_sessions(shown)
         if budget:
             raise InputRefused(f"{runs[0]}: records a session, whose true force is not known; leave --budget out")
         html, headline = session_page(shown)
     else:
         html, headline = report_page(shown, [_budget(run, say) for run in shown] if budget else ())
-    made_folder(path.parent)
+    make_folder(path.parent)
     write_text(path, html)
-    page = seen_from_here(path)
-    lines = [*wrapped(headline, later=2, whole=True), f"  page  {page}"]
+    page = relative_path(path)
+    lines = [*wrap_text(headline, later=2, whole=True), f"  page  {page}"]
     return Answer("\n".join(lines), {"headline": headline, "page": str(page)})
 
 
@@ -436,15 +441,15 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] =
         data, factor = _data(runs)
         parts = sections(runs, judged, drawn(), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
-    return _filled(runs, title, verdict_section(runs, judged), parts, data, factor), judged.headline
+    return _fill_template(runs, title, verdict_section(runs, judged), parts, data, factor), judged.headline
 
 
 def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
     """(HTML, first sentence) of sessions beside a robot."""
-    judged = followed_verdict(runs)
+    judged = session_verdict(runs)
     data, factor = _data(runs, SESSION_PANELS, "estimator", "plant")
     found = [
-        ("followed", "How well it followed", how_well),
+        ("followed", "How well it followed", residuals),
         ("alarms", "Alarms", alarms),
         ("gaps", "Gaps", gaps),
         ("punctuality", "Punctuality", punctuality),
@@ -455,34 +460,34 @@ def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
     parts = [Section(key, title, section(key, title, _of_each(runs, write))) for key, title, write in found]
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} sessions"
     first = verdict_section(runs, judged, _of_each(runs, boxes))
-    return _filled(runs, title, first, parts, data, factor, SESSION_KEY), judged.headline
+    return _fill_template(runs, title, first, parts, data, factor, SESSION_KEY), judged.headline
 
 
-def _filled(
+def _fill_template(
     runs: Sequence[ReportRun],
     title: str,
     first: Markup,
     parts: Sequence[Section],
     data: dict[str, Any],
     factor: int,
-    key: Markup = FORCES,
+    key: Markup = FORCE_KEY,
 ) -> str:
     """The HTML of a page with plots and player; `first` is its first section, `parts` are those behind these."""
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
-    return Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
-        title=joined([title]),
+    return Template((PAGE_ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
+        title=join_markup([title]),
         subtitle=element("p", " | ".join(run.label for run in runs)),
-        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        style=(PAGE_ASSETS / "page.css").read_text(encoding="utf-8"),
         dark=dark_filter(),
-        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
+        contents=join_markup([element("a", text, href=f"#{key}") for key, text in links]),
         verdict=first,
         remark=_remark(data["scenes"], factor),
         chooser=_chooser(runs, data["scenes"]),
         key=key,
-        sections=joined([part.html for part in parts]),
-        version=joined([version("twin")]),
+        sections=join_markup([part.html for part in parts]),
+        version=join_markup([version("twin")]),
         data=_json(data),
-        script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
+        script="\n".join((PAGE_ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in PAGE_SCRIPTS),
     )
 
 
@@ -522,7 +527,7 @@ def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:
         notes.append("The recording has no joint angles, so there is no player.")
     if factor > 1:
         notes.append(f"The recording is long: the curves show the extremes of every {2 * factor} samples only.")
-    return joined([element("p", text) for text in notes])
+    return join_markup([element("p", text) for text in notes])
 
 
 def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None]) -> Markup:
@@ -556,13 +561,13 @@ def plain_page(
         links: key of a section and text, for the head.
         made_of: what follows "Made by twin VERSION" at its foot.
     """
-    return Template((ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
-        title=joined([title]),
+    return Template((PAGE_ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
+        title=join_markup([title]),
         subtitle=element("p", subtitle),
-        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        style=(PAGE_ASSETS / "page.css").read_text(encoding="utf-8"),
         dark=dark_filter(),
-        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
-        sections=joined([section(*one) for one in sections]),
-        version=joined([version("twin")]),
+        contents=join_markup([element("a", text, href=f"#{key}") for key, text in links]),
+        sections=join_markup([section(*one) for one in sections]),
+        version=join_markup([version("twin")]),
         made_of=made_of,
     )

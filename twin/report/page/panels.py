@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.recording.messages import Field
-from twin.report.page.markup import DataBlock, thinned, thinning
+from twin.report.page.markup import DataBlock, thin_samples, thinning_factor
 from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, skeleton
 from twin.robot.plant.contact import apex_frame
 from twin.robot.run.view import RunView, held_samples
 from twin.studies.metrics.response import Curve
 from twin.studies.panel import Panel, PanelCurve, Reader, Role, Samples
 
-RATE = 50.0
+POSE_RATE = 50.0
 """Poses a second; between them the player goes straight."""
-MOST_FRAMES = 20_000
+MAX_FRAMES = 20_000
 """Of a long run fewer a second are kept."""
 MM, DEG = 1e3, math.degrees(1.0)
 JOINTS = (0, 1, 2)
-MOST_SAMPLES = 4_000_000
+MAX_SAMPLES = 4_000_000
 """In a page: about 4 MB, and a dozen milliseconds of decoding."""
-KNOWN = ("theta_m", "omega_m", "tau_motor")
+CONTRACT_SIGNALS = ("theta_m", "omega_m", "tau_motor")
 """What every drive has to say."""
-PATCH, LINES = 45.0, 10
+PATCH_HALF_WIDTH, PATCH_FIELDS = 45.0, 10
 """Half the width of the surface that is drawn (mm), and into how many fields."""
 
 
@@ -71,7 +71,7 @@ class PanelRun:
         values = self.view[key]
         return values if column is None else values[:, column]
 
-    def held(self, key: str, t: Curve) -> Curve:
+    def values_at(self, key: str, t: Curve) -> Curve:
         """Return the samples of a signal that hold at times `t` (s), (n,); raise as `column`."""
         return self.column(key, None)[held_samples(self.time(_topic(key)), t)]
 
@@ -81,7 +81,7 @@ def _topic(key: str) -> str:
 
 
 def scene(
-    run: PanelRun, block: DataBlock, most: int = MOST_FRAMES, robot: str = "plant", model: str = ""
+    run: PanelRun, block: DataBlock, most: int = MAX_FRAMES, robot: str = "plant", model: str = ""
 ) -> dict[str, Any] | None:
     """A run for the player, mm and N; None if it does not say where the robot is. Poses, at most so many, go into
     `block`.
@@ -99,14 +99,14 @@ def scene(
         return None
     geometry = Geometry(*(length / MM for length in lengths))
     times = run.time(robot)
-    step = max(1.0 / RATE, float(times[-1] - times[0]) / most)
+    step = max(1.0 / POSE_RATE, float(times[-1] - times[0]) / most)
     t = times[0] + step * np.arange(int((times[-1] - times[0]) / step + 1e-6) + 1)
-    theta_l, p_B, *second = (run.held(key, t) for key in poses)
+    theta_l, p_B, *second = (run.values_at(key, t) for key in poses)
     joints = skeleton(geometry, theta_l, p_B)
     columns = [MM * joints.A.reshape(len(t), 9), MM * p_B, MM * _or_still(run, "body.s_B", t)]
     columns += [_or_still(run, "plant.F_ee_B", t)]
     estimated = run.has("estimator.F_ee_B")
-    columns += [run.held("estimator.F_ee_B", t)] if estimated else []
+    columns += [run.values_at("estimator.F_ee_B", t)] if estimated else []
     frames: dict[str, Any] = {"count": len(t), "start": float(t[0]), "step": step, "estimated": estimated}
     if second:
         frames["second"] = sum(column.shape[1] for column in columns)
@@ -131,7 +131,7 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))
     shape, radius = contact.get("shape", "plane"), contact.get("radius_mm", math.inf)
     # round bodies are drawn to where they fall away by 45 degrees at most
-    reach = np.linspace(-1.0, 1.0, LINES + 1) * min(PATCH, 0.5 * radius)
+    reach = np.linspace(-1.0, 1.0, PATCH_FIELDS + 1) * min(PATCH_HALF_WIDTH, 0.5 * radius)
     w_1, w_2 = np.meshgrid(reach, reach, indexing="ij")
     across = {"sphere": w_1**2 + w_2**2, "cylinder_x": w_2**2, "cylinder_y": w_1**2}.get(shape)
     # R - sqrt(R^2 - w^2) without the cancellation that a large R would bring
@@ -142,7 +142,7 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
 
 
 def _or_still(run: PanelRun, key: str, t: Curve) -> Curve:
-    return run.held(key, t) if run.has(key) else np.zeros((len(t), 3))
+    return run.values_at(key, t) if run.has(key) else np.zeros((len(t), 3))
 
 
 def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
@@ -163,7 +163,7 @@ def deviation(axis: int) -> Reader:
         if not run.has("plant.p_B", "controller.p_ref_B"):
             return None
         t = run.time("plant")
-        return t, MM * (run.column("plant.p_B", axis) - run.held("controller.p_ref_B", t)[:, axis])
+        return t, MM * (run.column("plant.p_B", axis) - run.values_at("controller.p_ref_B", t)[:, axis])
 
     return samples
 
@@ -182,7 +182,7 @@ def spring_deflection(joint: int, motor: str, load: str) -> Reader:
         if not run.has(motor, load) or "N" not in run.values.get("plant", {}):
             return None
         t = run.time(load.rpartition(".")[0])
-        theta_m = run.held(motor, t)
+        theta_m = run.values_at(motor, t)
         theta_m = theta_m if theta_m.ndim == 1 else theta_m[:, joint]
         return t, DEG * (theta_m - run.values["plant"]["N"] * run.column(load, joint))
 
@@ -211,7 +211,7 @@ def _x_and_y(role: Role, word: str, key: str, scale: float, shown: bool = True) 
     )
 
 
-PANELS = (
+RUN_PANELS = (
     Panel(
         "Pressing force F_z", "N",
         (
@@ -277,14 +277,16 @@ PANELS = (
 def panels(runs: Iterable[PanelRun], shown: Sequence[Panel] | None = None) -> list[Panel]:
     """The panels, of those of runs or `shown`, of which any of `runs` has something to show."""
     runs = list(runs)
-    asked = (*PANELS, *_own_panels(runs)) if shown is None else shown
+    asked = (*RUN_PANELS, *_own_panels(runs)) if shown is None else shown
     return [panel for panel in asked if _shows_something(panel, runs)]
 
 
 def _own_panels(runs: Sequence[PanelRun]) -> list[Panel]:
     """What drives say beyond the contract: a panel per name, a curve per joint."""
     fields = {key: field for run in runs for key, field in run.fields.items() if key.startswith("drive/")}
-    names = {field.name: field.unit for field in fields.values() if field.name not in KNOWN and field.size == 1}
+    names = {
+        field.name: field.unit for field in fields.values() if field.name not in CONTRACT_SIGNALS and field.size == 1
+    }
 
     def read(name: str) -> Callable[[int], Reader]:
         return lambda joint: series(f"drive/{joint + 1}.{name}")
@@ -313,7 +315,7 @@ def curves(
         for panel in panels(runs, shown)
     ]
     total = sum(len(one[0]) for _, rows in found for _, samples in rows for one in samples if one)
-    factor = thinning(total, MOST_SAMPLES)
+    factor = thinning_factor(total, MAX_SAMPLES)
     facts = [
         panel_facts(
             panel,
@@ -347,4 +349,4 @@ def _curve(samples: Samples | None, block: DataBlock, factor: int) -> list[float
         return None
     t, values = samples
     step = float(t[-1] - t[0]) / max(1, len(t) - 1)
-    return [*block.add(thinned(values, factor)), float(t[0]), step * factor]
+    return [*block.add(thin_samples(values, factor)), float(t[0]), step * factor]

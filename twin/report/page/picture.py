@@ -9,36 +9,36 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from twin.kernel.process.job import function_called
-from twin.kernel.process.process import GuardedProcess, taken
-from twin.report.page import DRAWN
+from twin.kernel.process.job import load_function
+from twin.kernel.process.process import GuardedProcess, claim_process
+from twin.report.page import DRAW_JOB
 from twin.report.page.markup import Markup, element
-from twin.report.page.panels import PANELS, PanelRun, series
+from twin.report.page.panels import RUN_PANELS, PanelRun, series
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict
 from twin.studies import figure as style
 from twin.studies.panel import Panel, PanelCurve, draw_panel
-from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, PRE_DEFINE, THIN, TRUE, WIDE
+from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, PRE_DEFINE, THIN_LINE, TRUE_STYLE, WIDE_LINE
 from twin.studies.paper.fig4_measures import Fig4Run
 from twin.studies.paper.fig5 import Fig5Score, shown_tasks
 
-POLL, PATIENCE = 0.05, 60.0
+POLL_INTERVAL, DRAW_TIMEOUT = 0.05, 60.0
 """How often (s) it is looked whether that process still lives, and for how long it is waited for."""
 
-LARGEST = 200_000_000
+MAX_PICKLE_BYTES = 200_000_000
 """Bytes that are handed over; to write and read more would take time and room, and a minute of drawing is ahead."""
-CURVES = (
+FIG4_SERIES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
     "estimator.F_ee_B", "plant.p_B", "plant.F_ee_B",
 )  # fmt: skip
 """Series of a run that is laid out like Fig. 4."""
-MAGNIFIED = 2.0
+MAX_MAGNIFICATION = 2.0
 """Most pixels of the page for a pixel of a picture."""
-ROLES = {
-    "shifted": {"color": FP_REFERENCE, "lw": 1.2}, "reference": {"color": PRE_DEFINE, "lw": WIDE},
-    "belief": {"color": FP_BASED, "lw": WIDE}, "truth": TRUE,
+ROLE_STYLES = {
+    "shifted": {"color": FP_REFERENCE, "lw": 1.2}, "reference": {"color": PRE_DEFINE, "lw": WIDE_LINE},
+    "belief": {"color": FP_BASED, "lw": WIDE_LINE}, "truth": TRUE_STYLE,
 }  # fmt: skip
-FRICTION_ROLES = {"belief": {"color": FP_BASED, "lw": THIN}, "truth": TRUE}
+FRICTION_STYLES = {"belief": {"color": FP_BASED, "lw": THIN_LINE}, "truth": TRUE_STYLE}
 
 
 @contextmanager
@@ -50,7 +50,7 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
         shown: what can be pickled.
         size: of that (bytes), about.
     """
-    waiting = taken(DRAWN) if size <= LARGEST else None
+    waiting = claim_process(DRAW_JOB) if size <= MAX_PICKLE_BYTES else None
     with tempfile.TemporaryDirectory() as folder, waiting or nullcontext() as process:
         path, handed_over = Path(folder) / "picture.png", Path(folder) / "shown"
         if process:
@@ -63,17 +63,17 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
                 process = None
 
         def content() -> bytes:
-            if process is None or not _is_finished(process):
-                function_called(draw)(shown, path)
+            if process is None or not _wait_until_done(process):
+                load_function(draw)(shown, path)
             return path.read_bytes()
 
         yield content
 
 
-def _is_finished(process: GuardedProcess) -> bool:
+def _wait_until_done(process: GuardedProcess) -> bool:
     """Whether it has done what it was asked for, which is waited for; whatever is in its way, there is another."""
-    while not process.gone and process.age < PATIENCE:
-        for report in process.reports(POLL):
+    while not process.gone and process.age < DRAW_TIMEOUT:
+        for report in process.reports(POLL_INTERVAL):
             return "finished" in report
     return False
 
@@ -90,7 +90,7 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
         # what was judged by cannot be pickled, and is not drawn
         score = Fig5Score(tuple(replace(task, findings=()) for task in tasks), ())
         return _figure(runs, "twin.studies.paper.fig5_figure:draw_fig5", score, text)
-    if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*CURVES) and Fig4Run(runs[0].recording).is_in_step:
+    if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*FIG4_SERIES) and Fig4Run(runs[0].recording).is_in_step:
         text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
         return _figure(runs, "twin.report.page.picture:draw_one_run", PanelRun(runs[0].recording, {}), text)
     return nullcontext(lambda: None)
@@ -108,7 +108,7 @@ def figure(content: bytes, text: str) -> Markup:
     width, height = struct.unpack_from(">II", content, 16)
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
     # a narrow one is no poster
-    style = f"max-width: {MAGNIFIED * width:.0f}px"
+    style = f"max-width: {MAX_MAGNIFICATION * width:.0f}px"
     image = element(
         "img", src=source, alt=text, width=str(width), height=str(height), style=style, class_="picture"
     ).removesuffix("</img>")
@@ -123,14 +123,14 @@ def draw_one_run(run: PanelRun, path: Path) -> None:
             PanelCurve("true", "truth", series("plant.F_ee_B", axis)),
         )) for axis, letter in enumerate("xy")
     ]  # fmt: skip
-    force, height = PANELS[:2]
+    force, height = RUN_PANELS[:2]
     labels = ("z position (mm)", "F_z, pressing (N)", "F_x (N)", "F_y (N)")
     with style.picture(path, 12, 7.5, by_hand=True) as figure:
         grid = figure.subplots(2, 2, sharex=True)
         # a layout that is worked out draws everything twice
         figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)
         for axes, panel, letter, label in zip(grid.flat, (height, force, *friction), "ABCD", labels, strict=True):
-            draw_panel(axes, panel, run, FRICTION_ROLES if panel in friction else ROLES)
+            draw_panel(axes, panel, run, FRICTION_STYLES if panel in friction else ROLE_STYLES)
             axes.set_ylabel(label)
             axes.set_title(letter, loc="left", fontweight="bold")
             axes.legend()

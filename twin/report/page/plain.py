@@ -4,60 +4,60 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.writing import write_text
-from twin.report.page.markup import Markup, element, joined, table
+from twin.kernel.atomic_write import write_text
+from twin.report.page.markup import Markup, element, join_markup, table
 from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
-from twin.robot.run.measures import MEASURES, measured_values, shown
-from twin.studies.metrics.standing import JUDGED
-from twin.studies.qualify.comparison import OF_ANY_RUN
+from twin.robot.run.measures import ROWS_BY_KEY, measured_values, value_text
+from twin.studies.metrics.standing import COMPARED_MEASURES
+from twin.studies.qualify.comparison import FREE_RUN_MEASURES
 from twin.studies.qualify.text import shown_value
-from twin.studies.sweep.show.parts import Asked, ReportPart, headline, parts
+from twin.studies.sweep.show.parts import ReportPart, SweepQuery, headline, parts
 from twin.studies.sweep.stored import SweepRows
 
-PAGE = "sweep.html"
-CAPTIONS = {
+SWEEP_PAGE_FILE = "sweep.html"
+PICTURE_CAPTIONS = {
     "bands": "Fig. 4 over all runs. Line: median, dark: 25 to 75 %, light: 5 to 95 % at each time. A to D: as the "
     "robot estimates it, as in the paper; E, F: what is true.",
     "map": "The metric over two parameters; of a grid the best run of each cell. Orange cross: a run without a number.",
     "front": "Runs over two metrics, less is better of both; circled: those that no other beats.",
     "metrics": "Each metric over all runs.",
 }
-BESIDE = {"bands": "claims", "map": "best", "front": "front", "metrics": "metrics"}
+PICTURE_PARTS = {"bands": "claims", "map": "best", "front": "front", "metrics": "metrics"}
 """The part that a picture belongs to; where there is none it comes last."""
-NAMES = {
+PART_NAMES = {
     "claims": "Claims", "best": "Best runs", "margins": "Margins", "drives": "Drives",
     "correlation": "Rank correlation", "indices": "Sobol indices", "front": "Pareto front", "metrics": "Metrics",
     "reasons": "Not done",
 }  # fmt: skip
 """Of parts in the list of contents."""
-COMPARED = "compare.html"
+DRIVES_PAGE_FILE = "compare.html"
 
 
-def write_sweep_page(sweep: SweepRows, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
+def write_sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path], folder: Path) -> Path:
     """Write the page into `folder`; its path. The same rows give the same text.
 
     Args:
-        pictures: files (PNG) by the names of `CAPTIONS`.
+        pictures: files (PNG) by the names of `PICTURE_CAPTIONS`.
 
     Raises:
         NotWritten: it cannot be written.
     """
-    path = folder / PAGE
+    path = folder / SWEEP_PAGE_FILE
     write_text(path, sweep_page(sweep, asked, pictures))
     return path
 
 
-def sweep_page(sweep: SweepRows, asked: Asked, pictures: Mapping[str, Path]) -> str:
+def sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path]) -> str:
     """The HTML of `write_sweep_page`."""
-    drawn = {name: figure(path.read_bytes(), CAPTIONS[name]) for name, path in pictures.items()}
+    drawn = {name: figure(path.read_bytes(), PICTURE_CAPTIONS[name]) for name, path in pictures.items()}
     found = [("verdict", "Verdict", element("p", headline(sweep, asked.by), class_="headline plain"))]
     for number, part in enumerate(parts(sweep, asked)):
-        its = [drawn.pop(name) for name, key in BESIDE.items() if key == part.key and name in drawn]
-        found.append((f"{part.key}-{number}", part.title, joined([*_content(part), *its])))
+        its = [drawn.pop(name) for name, key in PICTURE_PARTS.items() if key == part.key and name in drawn]
+        found.append((f"{part.key}-{number}", part.title, join_markup([*_content(part), *its])))
     if drawn:
-        found.append(("pictures", "Pictures", joined(drawn.values())))
-    links = [(key, NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
+        found.append(("pictures", "Pictures", join_markup(drawn.values())))
+    links = [(key, PART_NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
     sections = [(key, title[0].upper() + title[1:], html) for key, title, html in found]
     return plain_page(f"Sweep {sweep.name}", _subtitle(sweep), sections, links, " from the rows of the sweep alone")
 
@@ -80,7 +80,7 @@ def _cell(text: str, part: ReportPart) -> str:
     # the two ends of an interval stay on one line
     unbroken = text.replace(" .. ", "\u00a0..\u00a0")
     note = part.notes.get(text)
-    return joined([unbroken, element("small", note)]) if note else unbroken
+    return join_markup([unbroken, element("small", note)]) if note else unbroken
 
 
 def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
@@ -93,7 +93,7 @@ def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
     Raises:
         NotWritten: it cannot be written.
     """
-    path = folder / COMPARED
+    path = folder / DRIVES_PAGE_FILE
     write_text(path, drives_page(facts))
     return path
 
@@ -103,13 +103,15 @@ def drives_page(facts: Mapping[str, Any]) -> str:
     names = [drive["drive"] for drive in facts["experiments"][0]["drives"]]
     sentences = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
     definitions = facts["definitions"]
-    meanings = [(MEASURES[key].text, f"{MEASURES[key].meaning}; {MEASURES[key].interval}") for key in JUDGED]
-    meanings += [(definitions[name]["text"], definitions[name]["meaning"]) for name in (*OF_ANY_RUN, "cost")]
-    found = [("verdict", "Verdict", joined(sentences))]
+    meanings = [
+        (ROWS_BY_KEY[key].text, f"{ROWS_BY_KEY[key].meaning}; {ROWS_BY_KEY[key].interval}") for key in COMPARED_MEASURES
+    ]
+    meanings += [(definitions[name]["text"], definitions[name]["meaning"]) for name in (*FREE_RUN_MEASURES, "cost")]
+    found = [("verdict", "Verdict", join_markup(sentences))]
     for number, one in enumerate(facts["experiments"], start=1):
         text = f"{one['experiment']}: what is controlled, its approach, the error of z, the error in the second half."
         picture = figure(Path(one["picture"]).read_bytes(), text)
-        found.append((f"experiment-{number}", one["experiment"], joined([_measures(one, definitions), picture])))
+        found.append((f"experiment-{number}", one["experiment"], join_markup([_measures(one, definitions), picture])))
     found.append(("definitions", "What the measures mean", table(("measure", "is"), meanings, "definitions")))
     subtitle = " | ".join([*names, *facts["set"]])
     return plain_page(f"{len(names)} drives compared", subtitle, found, [(key, title) for key, title, _ in found])
@@ -120,20 +122,20 @@ def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> 
     drives = experiment["drives"]
     rows = []
     values = [measured_values(drive["run_measures"]) for drive in drives]
-    for key in JUDGED:
+    for key in COMPARED_MEASURES:
         if any(one[key].value is not None for one in values):
-            rows.append((MEASURES[key].text, *(shown(key, one) for one in values)))
+            rows.append((ROWS_BY_KEY[key].text, *(value_text(key, one) for one in values)))
     held = any(one["hold_error"].value is not None for one in values)
-    for name in ("cost",) if held else (*OF_ANY_RUN, "cost"):
+    for name in ("cost",) if held else (*FREE_RUN_MEASURES, "cost"):
         rows.append((definitions[name]["text"], *(_measure_cell(name, drive["measures"][name]) for drive in drives)))
     failures = [
         element("p", f"{drive['drive']}: {drive['failure']}", class_="bad") for drive in drives if drive["failure"]
     ]
     head = ("measure", *(drive["drive"] for drive in drives))
-    return joined([table(head, rows, f"measures in {experiment['experiment']}"), *failures])
+    return join_markup([table(head, rows, f"measures in {experiment['experiment']}"), *failures])
 
 
 def _measure_cell(name: str, measure: Mapping[str, Any]) -> Markup:
     if measure["value"] is None:
-        return joined(["-", element("small", measure["remark"])])
-    return joined([shown_value(name, measure["value"])])
+        return join_markup(["-", element("small", measure["remark"])])
+    return join_markup([shown_value(name, measure["value"])])

@@ -17,34 +17,34 @@ from twin.report.page.panels import MM, PanelRun
 from twin.robot.experiment.recorded import recorded_fmus, recorded_name
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import (
-    HEADLINE,
+    FORCE_KEYS,
+    HEADLINE_KEYS,
     LARGE_OVERSHOOT,
-    MEASURES,
+    MEASURE_ROWS,
     NO_FORCE_LOOP,
     NOT_FOR_TASKS,
-    OF_A_FORCE,
-    TABLE,
+    ROWS_BY_KEY,
     Values,
     first_measures,
-    fixed,
-    unmeasured,
+    fixed_point,
+    missing_measures,
 )
 from twin.robot.run.view import BelievedRun, RunView, outcome_of
-from twin.studies.metrics.required_series import FIG5
-from twin.studies.metrics.required_series import MEASURES as SERIES_OF_MEASURES
+from twin.studies.metrics.required_series import FIG5_SERIES
+from twin.studies.metrics.required_series import MEASURE_SERIES as SERIES_OF_MEASURES
 from twin.studies.metrics.response import first_time, rms
-from twin.studies.metrics.standing import JUDGED
+from twin.studies.metrics.standing import COMPARED_MEASURES
 from twin.studies.paper.task_run import settings, trip_time
 
-SUMMARY = "summary.json"
-KEYS = (
-    *(MEASURES[key].text for key in HEADLINE), "error since the first touch", "largest force", "lateral error",
+SUMMARY_FILE = "summary.json"
+KEY_MEASURES = (
+    *(ROWS_BY_KEY[key].text for key in HEADLINE_KEYS), "error since the first touch", "largest force", "lateral error",
     "the estimated position", "largest motor speed",
 )  # fmt: skip
 """Names of measures, the one that says most about a run first."""
-SCORED = (*JUDGED, "force_error", "lateral_error")
+SCORED_MEASURES = (*COMPARED_MEASURES, "force_error", "lateral_error")
 """Keys of the measures for which smaller is better."""
-MOST_BOXED_NUMBERS, MOST_BOXED_OF_SEVERAL = 4, 3
+MAX_BOXED_NUMBERS, MAX_BOXED_PER_RUN = 4, 3
 """Key numbers of a run, and of each of several: they stand side by side above the player."""
 
 
@@ -64,11 +64,11 @@ class RunMeasure(NamedTuple):
     digits: int | None = None
 
     @property
-    def shown(self) -> str:
+    def true_text(self) -> str:
         """The true value as in the verdict: `0.094 N`, or "none"."""
         if self.digits is None or not math.isfinite(self.true):
-            return number(self.true, self.unit) or "none"
-        return f"{fixed(self.true, self.digits)} {self.unit}".rstrip()
+            return number_text(self.true, self.unit) or "none"
+        return f"{fixed_point(self.true, self.digits)} {self.unit}".rstrip()
 
     @property
     def name(self) -> str:
@@ -76,7 +76,7 @@ class RunMeasure(NamedTuple):
         return (self.short or self.text) + (f", {self.reason}" if math.isnan(self.true) else "")
 
 
-def number(value: float, unit: str = "") -> str:
+def number_text(value: float, unit: str = "") -> str:
     """`value` with four digits; `never` for infinity, "" for NaN."""
     if math.isnan(value):
         return ""
@@ -120,7 +120,7 @@ class ReportRun(PanelRun):
     def summary(self) -> dict[str, Any]:
         """The numbers that the run wrote beside its recording; empty if they are missing or no longer readable."""
         try:
-            summary = read_json(self.recording.path.parent / SUMMARY)
+            summary = read_json(self.recording.path.parent / SUMMARY_FILE)
         except InputRefused:
             return {}
         return summary if isinstance(summary, dict) else {}
@@ -128,19 +128,19 @@ class ReportRun(PanelRun):
     @cached_property
     def outcome(self) -> Values:
         """Its measures by key; empty without a true force."""
-        return self._measured(self.recording)
+        return self._measure(self.recording)
 
     @cached_property
     def believed_outcome(self) -> Values:
         """Measures of the held force by the controller's own force."""
-        return self._measured(BelievedRun(self.recording)) if self.has("controller.F_z") else {}
+        return self._measure(BelievedRun(self.recording)) if self.has("controller.F_z") else {}
 
-    def _measured(self, run: RunView) -> Values:
+    def _measure(self, run: RunView) -> Values:
         if not self.has("plant.F_ee_B"):
             return {}
         if not self.recording.complete:
-            return unmeasured("the run ended early")
-        found = outcome_of(run, HoldRequest.recorded(self.values))
+            return missing_measures("the run ended early")
+        found = outcome_of(run, HoldRequest.from_values(self.values))
         return found.measures if found else {}
 
     @cached_property
@@ -189,7 +189,7 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
     return runs
 
 
-def outcome(run: ReportRun) -> str:
+def outcome_text(run: ReportRun) -> str:
     """Return the first measures in a sentence; "" if no force was held."""
     values = run.outcome
     if not values or values["hold_error"].value is None:
@@ -201,7 +201,7 @@ def outcome(run: ReportRun) -> str:
 
 def measures(run: ReportRun) -> list[RunMeasure]:
     """All measures that `run` holds the series for, the force first."""
-    found = _of_the_table(run)
+    found = _table_measures(run)
     if run.has("plant.F_ee_B"):
         found += _force(run)
     if run.has("plant.p_B"):
@@ -213,36 +213,36 @@ def measures(run: ReportRun) -> list[RunMeasure]:
     return found
 
 
-def scored(run: ReportRun) -> dict[str, float]:
+def scored_values(run: ReportRun) -> dict[str, float]:
     """What is judged of the truth, by short name; only what has a number, or never happened."""
     return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
 
 
 def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
-    """Return the key numbers of each run: the first of `KEYS` that all runs have.
+    """Return the key numbers of each run: the first of `KEY_MEASURES` that all runs have.
 
     Where a force is held, a first measure without a value is among them, as chatter that is too small to be reported.
     """
     found = [{name: m for m in run.measures for name in (m.short, m.text) if name and _is_key(m, run)} for run in runs]
-    shared = [name for name in KEYS if all(name in own for own in found)][
-        : MOST_BOXED_NUMBERS if len(runs) == 1 else MOST_BOXED_OF_SEVERAL
+    shared = [name for name in KEY_MEASURES if all(name in own for own in found)][
+        : MAX_BOXED_NUMBERS if len(runs) == 1 else MAX_BOXED_PER_RUN
     ]
     return [[own[name] for name in shared] for own in found]
 
 
 def _is_key(measure: RunMeasure, run: ReportRun) -> bool:
     held = bool(run.outcome) and run.outcome["hold_error"].value is not None
-    missing = held and measure.text in KEYS[: len(HEADLINE)] and measure.reason != NOT_FOR_TASKS
+    missing = held and measure.text in KEY_MEASURES[: len(HEADLINE_KEYS)] and measure.reason != NOT_FOR_TASKS
     return missing or not math.isnan(measure.true)
 
 
-def unscored(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
+def unscored_reasons(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
     """Why measures are not there: what is missing -> their short names.
 
     Args:
         asked: short names of the measures that are wanted besides those that a series is missing for.
     """
-    wanted = {"its tasks": FIG5} | SERIES_OF_MEASURES if run.values.get("task") else SERIES_OF_MEASURES
+    wanted = {"its tasks": FIG5_SERIES} | SERIES_OF_MEASURES if run.values.get("task") else SERIES_OF_MEASURES
     lost = {name: [series for series in needs if not run.has(series)] for name, needs in wanted.items()}
     missing = dict.fromkeys(series for needs in lost.values() for series in needs)
     found = {f"no {', '.join(missing)}": [name for name, series in lost.items() if series]} if missing else {}
@@ -259,19 +259,19 @@ def unscored(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
     return found
 
 
-def _of_the_table(run: ReportRun) -> list[RunMeasure]:
+def _table_measures(run: ReportRun) -> list[RunMeasure]:
     """Return the measures of `twin.robot.run.measures`, true and, for a force, by the robot's own force."""
     found = []
-    for measure in TABLE if run.outcome else ():
+    for measure in MEASURE_ROWS if run.outcome else ():
         one = run.outcome[measure.key]
         # the robot has these by its own force, too
-        own = run.believed_outcome.get(measure.key) if measure.key in OF_A_FORCE else None
-        if one.value is None and measure.key not in HEADLINE:
+        own = run.believed_outcome.get(measure.key) if measure.key in FORCE_KEYS else None
+        if one.value is None and measure.key not in HEADLINE_KEYS:
             continue
         true, believed = (
             math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value if own else None)
         )
-        short = measure.text if measure.key in SCORED else ""
+        short = measure.text if measure.key in SCORED_MEASURES else ""
         found.append(RunMeasure(measure.text, measure.unit.text, true, believed, short, one.reason, measure.digits))
     return found
 
@@ -283,7 +283,7 @@ def _force(run: ReportRun) -> list[RunMeasure]:
     touching = (run.recording["plant.F_n"] if run.has("plant.F_n") else F_z) > 0.0
     found = [RunMeasure("first touch at", "s", first_time(t, touching))]
     if np.any(touching) and run.has("controller.F_z"):
-        believed = run.held("controller.F_z", t)
+        believed = run.values_at("controller.F_z", t)
         text = "error of the estimated force in contact, rms"
         found.append(RunMeasure(text, "N", rms((believed - F_z)[touching]), short="the estimated force"))
     return found
@@ -293,11 +293,11 @@ def _path(run: ReportRun) -> list[RunMeasure]:
     t, p_B = run.time("plant"), run.recording["plant.p_B"]
     found = []
     if run.has("controller.p_ref_B"):
-        off = MM * (p_B - run.held("controller.p_ref_B", t))
+        off = MM * (p_B - run.values_at("controller.p_ref_B", t))
         across = np.hypot(off[:, 0], off[:, 1])
         found.append(RunMeasure("horizontal distance from the reference, largest", "mm", float(across.max())))
     if run.has("estimator.p_B"):
-        error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)
+        error = np.linalg.norm(run.values_at("estimator.p_B", t) - p_B, axis=1)
         found.append(
             RunMeasure("error of the estimated position, rms", "mm", MM * rms(error), short="the estimated position")
         )

@@ -10,17 +10,17 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
-from twin.report.page.markup import Markup, element, joined, table, thinned, thinning
+from twin.report.page.markup import Markup, element, join_markup, table, thin_samples, thinning_factor
 from twin.report.page.picture import figure
 from twin.report.page.run import ReportRun
 from twin.studies.figure import picture
-from twin.studies.result import counted
+from twin.studies.result import count_text
 
-SAMPLES = 4000
+CURVE_SAMPLES = 4000
 """Of a curve: more than a picture has columns."""
-CURVES, PANELS = 8, 24
+MAX_PANEL_CURVES, MAX_PANELS = 8, 24
 """Of a panel, and of a run: who wants more of a large system records it by pattern and looks at it in a viewer."""
-MOST_EVENTS = 500
+MAX_EVENTS = 500
 
 
 def is_system(recording: Recording) -> bool:
@@ -47,7 +47,7 @@ def system_sections(runs: Sequence[ReportRun]) -> tuple[str, list[tuple[str, str
             (f"signals-{number}", f"Signals{of}", _signals(run)),
             (f"events-{number}", f"Events{of}", _events(run)),
             (f"components-{number}", f"Components{of}", _components(run)),
-            (f"timing-{number}", f"Timing{of}, how it was run", joined([_timing(run), _origin(run)])),
+            (f"timing-{number}", f"Timing{of}, how it was run", join_markup([_timing(run), _origin(run)])),
         ]
     return sentence, found
 
@@ -69,17 +69,17 @@ def _signals(run: ReportRun) -> Markup:
             by_unit.setdefault(field.unit, []).append((name, key, None if field.size == 1 else column))
     parts, panels, left = [], 0, 0
     for unit, curves in by_unit.items():
-        shown = curves[: max(0, PANELS - panels) * CURVES]
+        shown = curves[: max(0, MAX_PANELS - panels) * MAX_PANEL_CURVES]
         left += len(curves) - len(shown)
         if shown:
-            panels += -(-len(shown) // CURVES)
-            parts.append(figure(_drawn(run, unit, shown), f"{counted(len(shown), 'signal')} in {unit}"))
+            panels += -(-len(shown) // MAX_PANEL_CURVES)
+            parts.append(figure(_draw_signals(run, unit, shown), f"{count_text(len(shown), 'signal')} in {unit}"))
     hint = f"{left} more signals are not drawn; choose with twin cosim --record." if left else ""
-    return joined([*parts, element("p", hint, class_="hint")] if hint else parts)
+    return join_markup([*parts, element("p", hint, class_="hint")] if hint else parts)
 
 
-def _drawn(run: ReportRun, unit: str, curves: Sequence[tuple[str, str, int | None]]) -> bytes:
-    panels = [curves[first : first + CURVES] for first in range(0, len(curves), CURVES)]
+def _draw_signals(run: ReportRun, unit: str, curves: Sequence[tuple[str, str, int | None]]) -> bytes:
+    panels = [curves[first : first + MAX_PANEL_CURVES] for first in range(0, len(curves), MAX_PANEL_CURVES)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "signals.png"
         with picture(path, 10.0, 0.6 + 2.2 * len(panels)) as drawing:
@@ -87,11 +87,11 @@ def _drawn(run: ReportRun, unit: str, curves: Sequence[tuple[str, str, int | Non
             for axis, shown in zip(axes, panels, strict=True):
                 for name, key, column in shown:
                     t, values = run.time(key.rpartition(".")[0]), run.column(key, column).astype(float)
-                    factor = thinning(len(t), SAMPLES)
+                    factor = thinning_factor(len(t), CURVE_SAMPLES)
                     # the extremes stand where pairs of samples are
                     stamps = t if factor == 1 else np.interp(np.arange(-(-len(t) // (2 * factor)) * 2) * factor,
                                                              np.arange(len(t)), t)  # fmt: skip
-                    axis.plot(stamps, thinned(values, factor), lw=1.0, label=name)
+                    axis.plot(stamps, thin_samples(values, factor), lw=1.0, label=name)
                 axis.set_ylabel(unit)
                 axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
             axes[-1].set_xlabel("t, s")
@@ -99,13 +99,13 @@ def _drawn(run: ReportRun, unit: str, curves: Sequence[tuple[str, str, int | Non
 
 
 def _events(run: ReportRun) -> Markup:
-    shown = run.recording.events[:MOST_EVENTS]
+    shown = run.recording.events[:MAX_EVENTS]
     rows = [(f"{event.time:.6g} s", event.level, event.name, event.text) for event in shown]
     if not rows:
         return element("p", "None.")
     more = len(run.recording.events) - len(shown)
     hint = [element("p", f"and {more} more, see the recording", class_="hint")] if more else []
-    return joined([table(("at", "level", "of", "what"), rows, f"events of {run.label}"), *hint])
+    return join_markup([table(("at", "level", "of", "what"), rows, f"events of {run.label}"), *hint])
 
 
 def _components(run: ReportRun) -> Markup:

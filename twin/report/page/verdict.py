@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
-from twin.report.page.run import ReportRun, outcome, scored, unscored
-from twin.studies.metrics.standing import one_run_each
+from twin.report.page.run import ReportRun, outcome_text, scored_values, unscored_reasons
+from twin.studies.metrics.standing import compare_single_runs
 from twin.studies.paper import fig4_measures
-from twin.studies.paper.claim import OWN, PAPERS, ClaimFinding, failed, judged, tally
-from twin.studies.paper.claim import standing as claims_standing
-from twin.studies.paper.fig4 import QUALITY, fig4_score
+from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, failed_keys, judge_claim, tally
+from twin.studies.paper.claim import standing_text as claims_standing
+from twin.studies.paper.fig4 import QUALITY_CLAIMS, fig4_score
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 
-FIG4 = "fig4"
+FIG4_PREFIX = "fig4"
 """How the names of experiments begin that follow the paper's Fig. 4."""
-IMPERFECT = "fig4_imperfect"
+IMPERFECT_PREFIX = "fig4_imperfect"
 """How those begin of a robot and a scale that are not symmetrical."""
-ON_TRUTH = "Judged on the true contact force, force-position run"
+TRUTH_TITLE = "Judged on the true contact force, force-position run"
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class RunGroup:
 
     title: str
     findings: tuple[ClaimFinding, ...]
-    name: str = PAPERS
+    name: str = PAPER_CLAIMS
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,15 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     if pair is not None:
         score = fig4_score(pair)
         groups.append(RunGroup("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
-        groups.append(RunGroup(ON_TRUTH, score.quality, OWN))
+        groups.append(RunGroup(TRUTH_TITLE, score.quality, OWN_CHECKS))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # what we ask of the true force concerns this run alone
         groups.append(
-            RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY), OWN)
+            RunGroup(
+                TRUTH_TITLE,
+                tuple(judge_claim(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY_CLAIMS),
+                OWN_CHECKS,
+            )
         )
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
@@ -78,7 +82,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     )
     findings = [finding for group in groups for finding in group.findings]
     remarks = [
-        *(beside(runs) if len(runs) > 2 else ()),
+        *(comparison_sentences(runs) if len(runs) > 2 else ()),
         *alarms[1:],
         *deviations,
         *why_not,
@@ -86,7 +90,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     remarks += _texts_by_run(runs, _faults)
     holds, of = tally(findings)
     good: bool | None = None
-    if failed(findings) or alarms:
+    if failed_keys(findings) or alarms:
         good = False
     elif of and holds == of:
         good = True
@@ -95,7 +99,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
 
 def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Sequence[str]) -> str:
     # of more than two the page would begin with a paragraph: they are remarks
-    clauses = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
+    clauses = [*alarms[:1], *unscored_sentences(runs), *(comparison_sentences(runs) if len(runs) == 2 else ())]
     for name in dict.fromkeys(group.name for group in groups):
         findings = [finding for group in groups if group.name == name for finding in group.findings]
         _, of = tally(findings)
@@ -105,35 +109,37 @@ def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Seq
             clauses.append(f"{len(failing)} of {of} {name} {'fails' if len(failing) == 1 else 'fail'}{named}")
         elif of:
             clauses.append(claims_standing(findings, name))
-    if len(runs) == 1 and (held := outcome(runs[0])):
+    if len(runs) == 1 and (held := outcome_text(runs[0])):
         return "; ".join([held, *clauses])
     who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
     return "; ".join(clauses) or f"{who} complete, without failure or trip; no claim applies"
 
 
-def beside(runs: Sequence[ReportRun]) -> list[str]:
+def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
     """Compare each run with the first, in a sentence; empty for one run."""
     first = runs[0]
     return [
-        one_run_each((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
+        compare_single_runs((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
         for run in runs[1:]
     ]
 
 
-def not_scored(runs: Sequence[ReportRun]) -> list[str]:
+def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
     """What a run cannot be judged by although another one is, or because it lacks a series: it may hide a loss."""
-    known = {name for run in runs for name in scored(run)}
+    known = {name for run in runs for name in scored_values(run)}
     return [
         f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"
         for run in runs
-        for why, names in unscored(run, known).items()
+        for why, names in unscored_reasons(run, known).items()
     ]
 
 
 def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[fig4_measures.Fig4Runs | None, list[str]]:
     """The runs of Fig. 4, and what is to be said if one of the two is missing, or if they do not reach its end."""
     asked = [run for run in runs if _is_fig4(run, "force_position") or _is_fig4(run, "position")]
-    ideal, imperfect = ([run for run in asked if run.name.startswith(IMPERFECT) == is_so] for is_so in (False, True))
+    ideal, imperfect = (
+        [run for run in asked if run.name.startswith(IMPERFECT_PREFIX) == is_so] for is_so in (False, True)
+    )
     if not asked:
         return None, []
     # without the ideal ones, the imperfect runs are all there is
@@ -164,7 +170,7 @@ def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
 
 def _is_fig4(run: ReportRun, mode: str) -> bool:
     """Whether `run` follows the paper's Fig. 4 in a mode of the controller."""
-    asked = run.name.startswith(FIG4) and run.values.get("controller", {}).get("mode") == mode
+    asked = run.name.startswith(FIG4_PREFIX) and run.values.get("controller", {}).get("mode") == mode
     return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
 
 

@@ -21,11 +21,11 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.settings import Triple
-from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
-from twin.robot.assembly.roles import OtherPart
+from twin.robot.assembly.drives import DrivePlan, Start, drive, plan_drive
+from twin.robot.assembly.roles import ThirdPartyPart
 from twin.robot.controller import program as programs
-from twin.robot.controller.adaptive import Adapting
-from twin.robot.controller.compliance import Believed
+from twin.robot.controller.adaptive import AdaptiveOptions
+from twin.robot.controller.compliance import FeedForwardModel
 from twin.robot.controller.controller import (
     OMEGA_REF,
     P_REF_B,
@@ -42,37 +42,37 @@ from twin.robot.controller.schedule import SchedulePoint, Scheduling
 from twin.robot.controller.task_controller import Computer, TaskController
 from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import NEVER, Fault
+from twin.robot.experiment.fault import NO_END_TICK, Fault
 from twin.robot.experiment.schema import whole_ticks
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION, Masses, leg_inertia, moving_mass
-from twin.robot.monitor.checks import Limits, Monitor
-from twin.robot.monitor.component import LINES, POWER, MonitorBelief, SafetyMonitor
-from twin.robot.plant.component import Plant, resting
+from twin.robot.monitor.component import LINE_PORTS, POWER_PORT, MonitorBelief, SafetyMonitor
+from twin.robot.monitor.limits import Limits, Monitor
+from twin.robot.plant.component import Plant, rest_state
 from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
-from twin.robot.plant.encoder import INPUTS as ANGLES
+from twin.robot.plant.encoder import ENCODER_INPUTS as ANGLES
 from twin.robot.plant.encoder import Encoder, Scale, Shaft
 from twin.robot.plant.surface_motion import Body, Motion, MotionKind
-from twin.robot.shaft import Unpowered, UnpoweredShaft
+from twin.robot.shaft import UnpoweredParameters, UnpoweredShaft
 
-SUDDEN = 0.02
+SURFACE_FAULT_RISE = 0.02
 """Time (s) in which a surface jumps or drops away as a fault."""
 BREATHING_RATE = 0.25
 """Of breathing as a fault (Hz): 15 per minute."""
 JOINTS = 3
 LIGHT_TOUCH = 0.3
 """Pressing force (N) below which nothing is learnt of the tissue."""
-LATE = 1.5
+LATE_PERIODS = 1.5
 """Periods of the controller after which a message of the encoders is late."""
-POWERED = ("power", "drive_power")
+POWER_LINES = ("power", "drive_power")
 """Lines that are on until the first message has come."""
 
 
 def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
     """What is true, SI."""
-    return PlantParameters.made(plant, contact)
+    return PlantParameters.from_tables(plant, contact)
 
 
 def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
@@ -91,17 +91,17 @@ def surface_motions(contact: Contact) -> tuple[Motion, ...]:
 
 def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
     """How it moves because of those of `faults` that break the body; `tick` in s."""
-    return tuple(motion for fault in faults if (motion := _broken(fault, tick)) is not None)
+    return tuple(motion for fault in faults if (motion := _fault_motion(fault, tick)) is not None)
 
 
-def _broken(fault: Fault, tick: float) -> Motion | None:
-    onset, end = fault.onset * tick, math.inf if fault.end == NEVER else fault.end * tick
+def _fault_motion(fault: Fault, tick: float) -> Motion | None:
+    onset, end = fault.onset * tick, math.inf if fault.end == NO_END_TICK else fault.end * tick
     up, down = (0.0, 0.0, fault.magnitude), (0.0, 0.0, -fault.magnitude)
     match fault.kind:
         case "surface_jump":
-            return Motion(MotionKind.SHIFT, up, onset, end, rise=SUDDEN)
+            return Motion(MotionKind.SHIFT, up, onset, end, rise=SURFACE_FAULT_RISE)
         case "contact_loss":
-            return Motion(MotionKind.SHIFT, down, onset, end, rise=SUDDEN)
+            return Motion(MotionKind.SHIFT, down, onset, end, rise=SURFACE_FAULT_RISE)
         case "breathing":
             return Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)
     return None
@@ -120,7 +120,7 @@ class DriveMaker(Protocol):
         """As `twin.robot.assembly.drives.drive`."""
 
 
-class InThisProcess:
+class InProcessDrives:
     """Drives as they are."""
 
     one_process = True
@@ -145,7 +145,7 @@ class Build:
     maker: DriveMaker
     plant: Plant
     theta_m: NDArray[np.float64]
-    others: Mapping[str, OtherPart] = field(default_factory=dict)
+    third_party: Mapping[str, ThirdPartyPart] = field(default_factory=dict)
 
 
 Makers = Mapping[str, Callable[[], Component]]
@@ -161,16 +161,16 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     """
     plans: list[DrivePlan] = []
     for table in experiment.drives:
-        plans.append(next((plan for plan in plans if plan.table == table), None) or planned(table))
-    if len({plan.axes for plan in plans}) > 1 or (turns_all(plans[0]) and plans[1:] != plans[:1] * 2):
-        label = next(plan.label for plan in plans if turns_all(plan))
+        plans.append(next((plan for plan in plans if plan.table == table), None) or plan_drive(table))
+    if len({plan.axes for plan in plans}) > 1 or (drives_all_joints(plans[0]) and plans[1:] != plans[:1] * 2):
+        label = next(plan.label for plan in plans if drives_all_joints(plan))
         raise InputRefused(f"{label}: drives all three joints, so [drive.joint_1] .. cannot differ; remove them")
     ticks, ramped = experiment.duration_ticks, experiment.cosim.inputs == "linear"
     folders: dict[str, Path] = {}
     return tuple(replace(plan, ticks=ticks, ramped=ramped, folders=folders) for plan in plans)
 
 
-def turns_all(plan: DrivePlan) -> bool:
+def drives_all_joints(plan: DrivePlan) -> bool:
     """Whether one instance of the drive turns all joints."""
     return plan.axes == JOINTS
 
@@ -178,7 +178,7 @@ def turns_all(plan: DrivePlan) -> bool:
 def joint_drives(build: Build) -> Makers:
     """`drive`, or `drive_1` to `drive_3`."""
     tick, theta_m, tau_load = build.experiment.cosim.tick, build.theta_m, build.plant.initial("tau_load")
-    if turns_all(build.plans[0]):
+    if drives_all_joints(build.plans[0]):
         return {"drive": partial(build.maker.drive, "drive", build.plans[0], tick, theta_m, tau_load)}
     return {
         name: partial(build.maker.drive, name, plan, tick, theta_m[i], tau_load[i])
@@ -187,7 +187,7 @@ def joint_drives(build: Build) -> Makers:
     }
 
 
-def have_lines(experiment: Experiment) -> bool:
+def have_power_lines(experiment: Experiment) -> bool:
     """Whether drives say what they do without power: each then has a line of its own from twin's own monitor."""
     stated = any(drive.unpowered is not None for drive in experiment.drives)
     return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
@@ -199,7 +199,7 @@ def unpowered_shafts(build: Build) -> Makers:
     Raises:
         InputRefused: some drives do not say it.
     """
-    if not have_lines(build.experiment):
+    if not have_power_lines(build.experiment):
         return {}
     stated = [drive.unpowered for drive in build.experiment.drives]
     if None in stated:
@@ -208,7 +208,7 @@ def unpowered_shafts(build: Build) -> Makers:
         f"shaft_{i}": partial(UnpoweredShaft, f"shaft_{i}", shaft, float(build.theta_m[i - 1]))
         for i, table in enumerate(stated, start=1)
         if table is not None
-        for shaft in [Unpowered(table.holding, table.brake, int(table.brake_line == "own"), table.J, table.b)]
+        for shaft in [UnpoweredParameters(table.holding, table.brake, int(table.brake_line == "own"), table.J, table.b)]
     }
 
 
@@ -219,23 +219,23 @@ def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
         InputRefused: two parts of one drive are the same such FMU.
     """
     for plan in plans:
-        twice = _lonely(plan.parts.values())
+        twice = _repeated_single_instance(plan.parts.values())
         if twice:
             raise InputRefused(
                 f"{twice.path}: can be instantiated only once per process, and is used for two parts of one drive; "
                 "export it without that limit, or as one FMU"
             )
-    instances = plans[:1] if turns_all(plans[0]) else plans
-    return _lonely([fmu for plan in instances for fmu in plan.parts.values()]) is not None
+    instances = plans[:1] if drives_all_joints(plans[0]) else plans
+    return _repeated_single_instance([fmu for plan in instances for fmu in plan.parts.values()]) is not None
 
 
-def _lonely(fmus: Collection[FmuDescription]) -> FmuDescription | None:
+def _repeated_single_instance(fmus: Collection[FmuDescription]) -> FmuDescription | None:
     """One of `fmus` that stands there more than once, and can live only once in a process."""
     digests = [fmu.sha256 for fmu in fmus]
-    return next((fmu for fmu in fmus if fmu.lives_once and digests.count(fmu.sha256) > 1), None)
+    return next((fmu for fmu in fmus if fmu.single_instance and digests.count(fmu.sha256) > 1), None)
 
 
-def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
+def resting_plant(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
     """The plant in static equilibrium at the first way point of its reference, and the motor angles (3,), rad, there.
 
     Args:
@@ -245,7 +245,7 @@ def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndar
         Unreachable: the robot cannot be there.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
-    x, theta_m = resting(parameters, experiment.start)
+    x, theta_m = rest_state(parameters, experiment.start)
     moving, ramp = bool(motions(experiment)) or moved, experiment.cosim.inputs == "linear"
     return Plant(parameters, x, theta_m, experiment.plant.substeps, moving, ramp), theta_m
 
@@ -290,33 +290,33 @@ def motions(experiment: Experiment) -> tuple[Motion, ...]:
 
 def belief(experiment: Experiment) -> Belief:
     """What the controller believes: [controller.model] and the dead zone as the estimator takes them."""
-    return Belief.made(experiment.controller, experiment.controller.model)
+    return Belief.from_tables(experiment.controller, experiment.controller.model)
 
 
 def monitor_belief(robot: Robot) -> MonitorBelief:
     """What the safety monitor believes: the robot as [robot] has it, whatever [controller.model] says."""
-    return MonitorBelief.made(robot, backlash=robot.backlash)
+    return MonitorBelief.from_tables(robot, backlash=robot.backlash)
 
 
 def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
     """The limits of [monitor] as the component takes them; `speed_limit`: of the controller's commands (rad/s)."""
-    return Limits.made(monitor, command_limit=monitor.command_limit or speed_limit)
+    return Limits.from_tables(monitor, command_limit=monitor.command_limit or speed_limit)
 
 
-def adapting(experiment: Experiment) -> Adapting | None:
+def adaptive_options(experiment: Experiment) -> AdaptiveOptions | None:
     """What of it the experiment asks for; None: nothing."""
     c = experiment.controller
     if c.tissue is None:
         return None
     scheduling = None
     if c.force.schedule:
-        scheduling = Scheduling.made(c.tissue, c.force)
-    points = [SchedulePoint.made(point) for point in c.force.schedule]
+        scheduling = Scheduling.from_tables(c.tissue, c.force)
+    points = [SchedulePoint.from_tables(point) for point in c.force.schedule]
     learning = 0.0 if c.touch is None else c.touch.force_learning
-    return Adapting(sensing(c, experiment.start), scheduling, points, c.breath, learning)
+    return AdaptiveOptions(tissue_sensing(c, experiment.start), scheduling, points, c.breath, learning)
 
 
-def sensing(computer: Computer, p_B: Triple) -> Sensing:
+def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
     """How the tissue is looked at, with the robot as it is believed to be, about `p_B` (m)."""
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
@@ -328,7 +328,7 @@ def sensing(computer: Computer, p_B: Triple) -> Sensing:
     counts = model.motor_counts_per_turn, model.joint_counts_per_turn
     motor, joint = (2.0 * math.pi / each / math.sqrt(12.0) for each in counts)
     per_motor = model.k_s * model.eta * model.N
-    return Sensing.made(
+    return Sensing.from_tables(
         tissue,
         contact=LIGHT_TOUCH,
         mass=float(moving_mass(masses)) + rods,
@@ -356,9 +356,9 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     force_on = c.mode == "force_position"
     # in position mode nothing starts the force loop
     started = {} if force_on else {"trigger_force": math.inf, "trigger_time": math.inf}
-    law = Law.made(c, c.model, c.force, **started)
-    position, force = Gains.made(c.position), force_gains(c.force)
-    ticks, besides, tank = experiment.controller_ticks, adapting(experiment), c.energy_tank is not None
+    law = Law.from_tables(c, c.model, c.force, **started)
+    position, force = Gains.from_tables(c.position), force_gains(c.force)
+    ticks, besides, tank = experiment.controller_ticks, adaptive_options(experiment), c.energy_tank is not None
     if experiment.reference is not None and program is None:
         return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks, besides, tank)
     if program is None:
@@ -369,7 +369,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         law,
         position,
         force,
-        Believed.made(c.model, c.feed_forward),
+        FeedForwardModel.from_tables(c.model, c.feed_forward),
         c.damping,
         c.touch,
         program,
@@ -396,7 +396,7 @@ def references(build: Build) -> Makers:
     Raises:
         InputRefused: there is none.
     """
-    other = build.others.get("controller")
+    other = build.third_party.get("controller")
     if other is None or P_REF_B not in other.inputs:
         return {}
     reference, ticks = build.experiment.reference, build.experiment.controller_ticks
@@ -410,7 +410,7 @@ def tanks(build: Build) -> Makers:
     c, ticks = build.experiment.controller, build.experiment.controller_ticks
     if c.energy_tank is None:
         return {}
-    tank = Tank.made(c.energy_tank, c.model, late=LATE * ticks * build.experiment.cosim.tick)
+    tank = Tank.from_tables(c.energy_tank, c.model, late=LATE_PERIODS * ticks * build.experiment.cosim.tick)
     return {"tank": lambda: TankValve(tank, ticks)}
 
 
@@ -427,7 +427,7 @@ def monitors(build: Build) -> Makers:
         return {}
     limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
     periods = experiment.controller_ticks, experiment.monitor_ticks
-    lines = have_lines(experiment)
+    lines = have_power_lines(experiment)
     return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods, lines)}
 
 
@@ -439,7 +439,7 @@ def buses(build: Build) -> Makers:
     ticks = build.experiment.controller.bus_delay_ticks
     if not ticks:
         return {}
-    ports: tuple[Port, ...] = (OMEGA_REF,) if build.experiment.monitor is None else (OMEGA_REF, POWER)
-    ports += LINES if have_lines(build.experiment) else ()
-    initial = np.concatenate([np.full(port.size, 1.0 if port.name in POWERED else 0.0) for port in ports])
+    ports: tuple[Port, ...] = (OMEGA_REF,) if build.experiment.monitor is None else (OMEGA_REF, POWER_PORT)
+    ports += LINE_PORTS if have_power_lines(build.experiment) else ()
+    initial = np.concatenate([np.full(port.size, 1.0 if port.name in POWER_LINES else 0.0) for port in ports])
     return {"bus": lambda: delay("bus", ports, ticks, initial)}

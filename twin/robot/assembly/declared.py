@@ -5,44 +5,44 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from twin.kernel.cosim.component import MemoryPlace
-from twin.kernel.settings import FieldSource, Settings, Values, taken
+from twin.kernel.settings import FieldSource, Settings, Values, setting_fields
 from twin.robot.controller.breath import Breath
-from twin.robot.controller.compliance import Believed, Damping
+from twin.robot.controller.compliance import Damping, FeedForwardModel
 from twin.robot.controller.controller import Belief, Law
 from twin.robot.controller.energy_tank import EnergyTank, Tank
 from twin.robot.controller.pid import ForceLoop, PositionLoop, Processor
-from twin.robot.controller.program import TASKS, Approach
+from twin.robot.controller.program import TASK_KINDS, Approach
 from twin.robot.controller.schedule import Scheduling
 from twin.robot.controller.task_controller import Computer, Touch
 from twin.robot.controller.tissue import Sensing
-from twin.robot.experiment.experiment import NEEDED, OPTIONAL
-from twin.robot.experiment.schema import Changeable, Declared, nested
+from twin.robot.experiment.experiment import NEEDED_TABLES, OPTIONAL_TABLES
+from twin.robot.experiment.schema import ChangeableSetting, DeclaredTables, nested_tables
 from twin.robot.mechanism.statics import G_ACCELERATION
-from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.component import MonitorBelief
+from twin.robot.monitor.limits import Monitor
 from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import Display
 
-_ENCODERS = ("zero", "noise", "eccentricity", "eccentric_at")
-_NEEDED: dict[str, type[Settings]] = {
+_ENCODER_KEYS = ("zero", "noise", "eccentricity", "eccentric_at")
+_NEEDED_TABLES: dict[str, type[Settings]] = {
     "robot": Robot,
     "plant": TrueRobot,
     "contact": Contact,
-    **NEEDED,
+    **NEEDED_TABLES,
     "controller": Computer,
 }
-_OPTIONAL: dict[str, type[Settings]] = {
+_OPTIONAL_TABLES: dict[str, type[Settings]] = {
     "scale": Display,
-    "reference": OPTIONAL["reference"],
+    "reference": OPTIONAL_TABLES["reference"],
     "approach": Approach,
     "monitor": Monitor,
-    **OPTIONAL,
+    **OPTIONAL_TABLES,
 }
-_TUNABLE: dict[str, tuple[MemoryPlace, FieldSource]] = {}
+_TUNABLE_SOURCES: dict[str, tuple[MemoryPlace, FieldSource]] = {}
 
 
-class Memory(NamedTuple):
+class SettingMemory(NamedTuple):
     """Where a component keeps settings.
 
     Attributes:
@@ -58,69 +58,75 @@ class Memory(NamedTuple):
     broken_by: Mapping[str, str] = {}
 
 
-def _values(component: str, record: str, values: type[Values]) -> Memory:
-    return Memory(component, record, values.sources, values.broken_by)
+def _values_memory(component: str, record: str, values: type[Values]) -> SettingMemory:
+    return SettingMemory(component, record, values.sources, values.broken_by)
 
 
-def _robot() -> dict[str, FieldSource]:
+def _monitor_belief_fields() -> dict[str, FieldSource]:
     """The monitor believes what [robot] says, whatever [controller.model] does."""
     model = MonitorBelief.sources
     return {name: FieldSource(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
 
 
-def _shaft(side: str) -> dict[str, FieldSource]:
+def _shaft_fields(side: str) -> dict[str, FieldSource]:
     counts = FieldSource(TrueRobot, f"{side}_counts_per_turn", divisor=2.0 * math.pi)
-    return {"counts_per_rad": counts} | {name: FieldSource(TrueRobot, f"{side}_{name}") for name in _ENCODERS}
+    return {"counts_per_rad": counts} | {name: FieldSource(TrueRobot, f"{side}_{name}") for name in _ENCODER_KEYS}
 
 
-MEMORIES = (
-    _values("plant", "parameters", PlantParameters),
-    Memory("scale", "", {"resolution": FieldSource(Display, "resolution", times=G_ACCELERATION)}),
-    Memory("encoder", "motor", _shaft("motor")),
-    Memory("encoder", "joint", _shaft("joint")),
-    _values("estimator", "belief", Belief),
-    _values("controller", "law", Law),
-    Memory("controller", "force", taken(ForceLoop, into="gains")),
-    Memory("controller", "position", taken(PositionLoop)),
-    _values("controller", "adaptive.tissue", Sensing),
-    _values("controller", "adaptive.schedule", Scheduling),
-    Memory("controller", "adaptive.breath", taken(Breath)),
-    Memory("controller", "adaptive.taps", taken(Touch, into="taps")),
-    _values("controller", "forward", Believed),
-    Memory("controller", "damper", taken(Damping)),
-    Memory("controller", "machine", taken(Touch)),
-    _values("tank", "tank", Tank),
+SETTING_MEMORIES = (
+    _values_memory("plant", "parameters", PlantParameters),
+    SettingMemory("scale", "", {"resolution": FieldSource(Display, "resolution", times=G_ACCELERATION)}),
+    SettingMemory("encoder", "motor", _shaft_fields("motor")),
+    SettingMemory("encoder", "joint", _shaft_fields("joint")),
+    _values_memory("estimator", "belief", Belief),
+    _values_memory("controller", "law", Law),
+    SettingMemory("controller", "force", setting_fields(ForceLoop, into="gains")),
+    SettingMemory("controller", "position", setting_fields(PositionLoop)),
+    _values_memory("controller", "adaptive.tissue", Sensing),
+    _values_memory("controller", "adaptive.schedule", Scheduling),
+    SettingMemory("controller", "adaptive.breath", setting_fields(Breath)),
+    SettingMemory("controller", "adaptive.taps", setting_fields(Touch, into="taps")),
+    _values_memory("controller", "forward", FeedForwardModel),
+    SettingMemory("controller", "damper", setting_fields(Damping)),
+    SettingMemory("controller", "machine", setting_fields(Touch)),
+    _values_memory("tank", "tank", Tank),
     # at the start it is full
-    Memory("tank", "", {"level": FieldSource(EnergyTank, "size")}),
-    Memory("monitor", "belief", _robot()),
+    SettingMemory("tank", "", {"level": FieldSource(EnergyTank, "size")}),
+    SettingMemory("monitor", "belief", _monitor_belief_fields()),
 )
 """In the order in which the components look at them."""
 
-PATHS: dict[type[Settings], str] = {
-    table: path for name, model in {**_NEEDED, **_OPTIONAL}.items() for path, table in nested(model, name).items()
+TABLE_PATHS: dict[type[Settings], str] = {
+    table: path
+    for name, model in {**_NEEDED_TABLES, **_OPTIONAL_TABLES}.items()
+    for path, table in nested_tables(model, name).items()
 }
-PATHS[Processor] = PATHS[Computer]
+TABLE_PATHS[Processor] = TABLE_PATHS[Computer]
 """Where the file has a table, `controller.force`, by its class."""
 
 
 def key_of(source: FieldSource) -> str:
     """The key in the file of what a field holds, `controller.force.kp_mm_per_N`."""
-    return f"{PATHS[source.table]}.{source.setting.key(source.name)}"
+    return f"{TABLE_PATHS[source.table]}.{source.setting.key(source.name)}"
 
 
-for _memory in MEMORIES:
+for _memory in SETTING_MEMORIES:
     for _field, _source in _memory.fields.items():
         if _source.setting.tunable:
             # of one that lies in two places the first: the other one is a copy that a schedule goes back to
-            _TUNABLE.setdefault(key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source))
-PLACES = {key: place for key, (place, _) in _TUNABLE.items()}
+            _TUNABLE_SOURCES.setdefault(
+                key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source)
+            )
+TUNABLE_PLACES = {key: place for key, (place, _) in _TUNABLE_SOURCES.items()}
 """Where the numbers lie that may change while the robot runs, by their keys in the file."""
-BROKEN = {
+FAULT_PLACES = {
     kind: MemoryPlace(memory.component, memory.record, field)
-    for memory in MEMORIES
+    for memory in SETTING_MEMORIES
     for kind, field in memory.broken_by.items()
 }
 """Where a kind of fault changes a number."""
-_CHANGEABLE = {key: Changeable(source.table, source.name) for key, (_, source) in _TUNABLE.items()}
-DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE, TASKS)
+_CHANGEABLE_SETTINGS = {
+    key: ChangeableSetting(source.table, source.name) for key, (_, source) in _TUNABLE_SOURCES.items()
+}
+DECLARED_TABLES = DeclaredTables(_NEEDED_TABLES, _OPTIONAL_TABLES, _CHANGEABLE_SETTINGS, TASK_KINDS)
 """As `twin.robot.experiment` is handed it."""

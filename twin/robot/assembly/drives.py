@@ -14,11 +14,11 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port
-from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.cosim.subsystem import INLET_NAME, Subsystem
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described, refuse_step
-from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
+from twin.kernel.fmi.solvers import DEFAULT_TOLERANCE, Solver
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Conversion, Setting, Setup, Variable, stop_time
@@ -26,19 +26,27 @@ from twin.kernel.settings import numbers
 from twin.kernel.units import NUMBER
 from twin.robot.controller.drive_loops import DriveSpeedIntegrator, DriveSpeedLoop, Servo
 from twin.robot.controller.pid import Gains
-from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
-from twin.robot.drive.mapping import Binding, Wiring, bindings, split_mapped
+from twin.robot.drive.contract import (
+    COMMAND_ROLES,
+    LOAD_ROLE,
+    OMEGA_M_ROLE,
+    SHAFT_INPUT_ROLES,
+    THETA_M_ROLE,
+    AngleUnwrapper,
+    DriveRotor,
+)
+from twin.robot.drive.mapping import Binding, Wiring, bindings, split_unit
 from twin.robot.experiment.schema import Drive, PositionCommand
 
 if TYPE_CHECKING:
     from twin.kernel.systems.enclosed import EnclosedComponent, EnclosedSystem
 
 Start = float | np.ndarray
-ENABLE = "enable"
+ENABLE_ROLE = "enable"
 """The optional role by which a drive's power is switched."""
-ALONE = ""
+ONLY_PART = ""
 """Name of the only part of a drive that is one FMU."""
-OMEGA_REF = COMMANDS["velocity"].port
+OMEGA_REF = COMMAND_ROLES["velocity"].port
 
 
 @dataclass(frozen=True)
@@ -86,10 +94,10 @@ class DrivePlan:
             known[fmu.sha256] = unpacked(fmu.path, fmu.sha256)
         return known[fmu.sha256]
 
-    def switchable(self) -> "DrivePlan":
+    def with_enable_input(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
-        fixed = {qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
-        return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
+        fixed = {qualified_name(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
+        return replace(self, switched=any(b.port.name == ENABLE_ROLE and b.name not in fixed for b in self.bindings))
 
     def tolerance(self, part: str) -> float | None:
         """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
@@ -97,7 +105,7 @@ class DrivePlan:
         stated = self.table.tolerance if own is None else own
         stated = self.parts[part].tolerance if stated is None else stated
         solver = self.solver(part)
-        return USUAL_TOLERANCE if stated is None and solver is not None and solver.method == "cvode" else stated
+        return DEFAULT_TOLERANCE if stated is None and solver is not None and solver.method == "cvode" else stated
 
     def solver(self, part: str) -> Solver | None:
         """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
@@ -115,7 +123,7 @@ class DrivePlan:
     @property
     def axes(self) -> int:
         """How many joints one instance drives: 1 or 3."""
-        return self.port(COMMANDS[self.table.command].port.name).size
+        return self.port(COMMAND_ROLES[self.table.command].port.name).size
 
     def port(self, name: str) -> Port:
         """The port of the role `name`, which it fills."""
@@ -124,7 +132,7 @@ class DrivePlan:
     @property
     def outputs(self) -> tuple[Port, ...]:
         """The contract's outputs that it offers, those of a rotor of ours first."""
-        own = (THETA_M.port, OMEGA_M.port) if self.table.rotor else ()
+        own = (THETA_M_ROLE.port, OMEGA_M_ROLE.port) if self.table.rotor else ()
         return (*own, *(b.port for b in self.bindings if b.role.causality == "output"))
 
     def warnings(self) -> list[str]:
@@ -135,38 +143,38 @@ class DrivePlan:
             "and, above a gain of 1, stability. Export the drive with theta_m as a state, or raise [drive] substeps"
             for load in self.bindings
             if load.port.name == "tau_load"
-            for name in self._fed_through(load.name)
+            for name in self._direct_feedthrough(load.name)
         ]
         unstated = [b.port for b in self.bindings if not b.variable.unit]
-        if self.table.rotor and not any(b.role in SHAFT for b in self.bindings):
+        if self.table.rotor and not any(b.role in SHAFT_INPUT_ROLES for b in self.bindings):
             loops.append("nothing feeds its shaft speed; if it has an input for that: [drive.inputs] omega_m")
         return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
 
-    def _fed_through(self, load: str) -> list[str]:
+    def _direct_feedthrough(self, load: str) -> list[str]:
         """Roles of motion that the FMU says depend on the load without any delay."""
         motion = {b.name: b.port.name for b in self.bindings if b.port.name in ("theta_m", "omega_m")}
         return [
             motion[name]
             for part, description in self.parts.items()
             for unknown in description.model.outputs
-            if (name := qualified(part, unknown.variable.name)) in motion
-            and any(qualified(part, known.name) == load for known in unknown.dependencies or ())
+            if (name := qualified_name(part, unknown.variable.name)) in motion
+            and any(qualified_name(part, known.name) == load for known in unknown.dependencies or ())
         ]
 
 
-def planned(table: Drive) -> DrivePlan:
+def plan_drive(table: Drive) -> DrivePlan:
     """Check a drive as far as that goes without loading it.
 
     Raises:
         InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
     """
     if table.fmu is not None and is_system(Path(table.fmu)):
-        return _checked(_of_system(table))
+        return _check_axes(_plan_system(table))
     parts = _descriptions(table)
-    given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
-    parts = {name: description.resized(given[name]) for name, description in parts.items()}
+    given = {name: part.parameters for name, part in table.parts.items()} or {ONLY_PART: table.parameters}
+    parts = {name: description.with_sizes(given[name]) for name, description in parts.items()}
     variables = {
-        qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
+        qualified_name(part, v.name): v for part, description in parts.items() for v in description.variables.values()
     }
     label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
     free = {name: v for name, v in variables.items() if name not in table.wires}
@@ -179,12 +187,12 @@ def planned(table: Drive) -> DrivePlan:
         wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
     )
     _refuse_idle_solvers(plan)
-    return _checked(plan)
+    return _check_axes(plan)
 
 
-def _of_system(table: Drive) -> DrivePlan:
+def _plan_system(table: Drive) -> DrivePlan:
     """The plan of a drive that is an SSP."""
-    system = _enclosed(table)
+    system = _enclosed_system(table)
     label, wiring = system.path.name, _wiring(table)
     for key in ("tolerance", "kind", "solver", "solver_step"):
         if getattr(table, key) is not None:
@@ -194,13 +202,13 @@ def _of_system(table: Drive) -> DrivePlan:
                      system=system)  # fmt: skip
 
 
-def _enclosed(table: Drive) -> "EnclosedSystem":
-    from twin.kernel.systems.enclosed import enclosed
+def _enclosed_system(table: Drive) -> "EnclosedSystem":
+    from twin.kernel.systems.enclosed import enclose_system
 
     mapped = [*table.inputs.values(), *table.outputs.values()]
     # a variable inside, or one with its unit
-    names = [*mapped, *(split_mapped(name)[0] for name in mapped)]
-    system = enclosed(Path(table.fmu or ""), "drive", table.parameters, names)
+    names = [*mapped, *(split_unit(name)[0] for name in mapped)]
+    system = enclose_system(Path(table.fmu or ""), "drive", table.parameters, names)
     refuse_other_file(system.path, system.sha256, table.sha256)
     return system
 
@@ -209,7 +217,7 @@ def _wiring(table: Drive) -> Wiring:
     return Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs, table.rotor is not None)
 
 
-def _checked(plan: DrivePlan) -> DrivePlan:
+def _check_axes(plan: DrivePlan) -> DrivePlan:
     """`plan`, if what stands between its FMUs and the robot can do with its axes."""
     table, label = plan.table, plan.label
     if plan.axes > 1 and not plan.is_bare:
@@ -225,14 +233,14 @@ def fmus(table: Drive) -> "Mapping[str, FmuDescription | EnclosedSystem]":
         InputRefused: one cannot be used, or is not the one that was meant.
     """
     if table.fmu is not None and is_system(Path(table.fmu)):
-        system = _enclosed(table)
-        return {ALONE: system, **system.descriptions}
+        system = _enclosed_system(table)
+        return {ONLY_PART: system, **system.descriptions}
     return _descriptions(table)
 
 
 def _descriptions(table: Drive) -> dict[str, FmuDescription]:
     files = {name: (part.fmu, part.sha256, part.kind or table.kind) for name, part in table.parts.items()}
-    files = files or {ALONE: (table.fmu or "", table.sha256, table.kind)}
+    files = files or {ONLY_PART: (table.fmu or "", table.sha256, table.kind)}
     found = {}
     for name, (fmu, digest, kind) in files.items():
         found[name] = described(Path(fmu), kind)
@@ -270,14 +278,14 @@ def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
         )
 
 
-def qualified(part: str, variable: str) -> str:
+def qualified_name(part: str, variable: str) -> str:
     """What the user calls a variable of a part: `machine.R`."""
     return f"{part}.{variable}" if part else variable
 
 
 def belongs(part: str, name: str) -> bool:
     """Whether `name`, as the user calls it, is that of a variable of `part`."""
-    return part == ALONE or name.startswith(f"{part}.")
+    return part == ONLY_PART or name.startswith(f"{part}.")
 
 
 def _checked_wire(label: str, variables: dict[str, Variable], source: str, target: str) -> tuple[str, str]:
@@ -330,13 +338,15 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
     with ExitStack() as made:
         parts: list[FmuComponent | EnclosedComponent] = []
         if plan.system is not None:
-            parts.append(_whole(name if alone else "system", plan, tick / substeps, substeps, theta_m, tau_load))
+            parts.append(
+                _system_component(name if alone else "system", plan, tick / substeps, substeps, theta_m, tau_load)
+            )
             made.callback(parts[-1].close)
         for part, description in plan.parts.items() if plan.system is None else ():
             refuse_step(description, tick, substeps)
             stop = stop_time(plan.ticks, tick, substeps)
             setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
-            parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
+            parts.append(_fmu_component(part or name, part, plan, description, theta_m, tau_load, setup))
             made.callback(parts[-1].close)
         if alone:
             component: Component = parts[0]
@@ -346,13 +356,13 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
     return component
 
 
-def _whole(
+def _system_component(
     name: str, plan: DrivePlan, tick: float, substeps: int, theta_m: Start, tau_load: Start
 ) -> "EnclosedComponent":
     """The system of a drive that is an SSP, in ticks of `tick` (s)."""
     assert plan.system is not None
     inputs, outputs = _ports(plan, plan.bindings)
-    started = {"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m}
+    started = {"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m}
     ticks, shaft = (plan.ticks or 0) * substeps, {"theta_m": theta_m}
     return plan.system.component(name, inputs, outputs, tick, 1, ticks, inputs_at_start=started, outputs_at_start=shaft)
 
@@ -364,12 +374,12 @@ def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], lis
         FmuPort(b.port, b.variable, b.gain, b.offset)
         for b in mine
         if b.role.causality == "input"
-        and (b.role.required or b.role in SHAFT or (plan.switched and b.port.name == ENABLE))
+        and (b.role.required or b.role in SHAFT_INPUT_ROLES or (plan.switched and b.port.name == ENABLE_ROLE))
     ]
     return inputs, [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
 
 
-def _part(
+def _fmu_component(
     name: str,
     part: str,
     plan: DrivePlan,
@@ -390,7 +400,7 @@ def _part(
         inputs,
         outputs,
         plan.settings[part],
-        inputs_at_start={"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m},
+        inputs_at_start={"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m},
         outputs_at_start={"theta_m": theta_m},
         setup=setup,
         solver=plan.solver(part),
@@ -420,13 +430,13 @@ def _inner_system(
     """The drive as a system of its own with a finer tick."""
     takes = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.inputs}
     gives = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.outputs}
-    table, command = plan.table, COMMANDS[plan.table.command].port
+    table, command = plan.table, COMMAND_ROLES[plan.table.command].port
     components: list[Component] = list(parts)
     between = plan.wires if plan.system is None else ()
     wires = [(gives[_port_name(source)], takes[_port_name(target)]) for source, target in between]
     servo = _servo(plan, parts)
     if math.isfinite(servo.wrap):
-        components.append(Unwrapped(math.tau / abs(servo.ratio), float(theta_m)))
+        components.append(AngleUnwrapper(math.tau / abs(servo.ratio), float(theta_m)))
         wires.append((gives["theta_m"], "unwrapped.wrapped"))
         gives["theta_m"] = "unwrapped.theta_m"
     if table.rotor:
@@ -450,10 +460,10 @@ def _inner_system(
         wires += [(gives["omega_m"], "velocity_loop.omega_m"), ("velocity_loop.command", takes["command"])]
         takes["omega_ref"] = "velocity_loop.omega_ref"
         outputs.append((command, "velocity_loop.command"))
-    inputs = [replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port)]
+    inputs = [replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD_ROLE.port)]
     if plan.switched:
-        inputs.append(plan.port(ENABLE))
-    wires += [(f"{INLET}.{port.name}", takes[port.name]) for port in inputs]
+        inputs.append(plan.port(ENABLE_ROLE))
+    wires += [(f"{INLET_NAME}.{port.name}", takes[port.name]) for port in inputs]
     return Subsystem(
         name, tuple(inputs), outputs, components, wires, tick / substeps, substeps, label=plan.label
     )  # fmt: skip

@@ -13,11 +13,11 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.system import End, Feeds, ends
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import JOINTS
-from twin.robot.assembly.declared import BROKEN
-from twin.robot.experiment.fault import Fault, kind_named, members_of, refuse_target
+from twin.robot.assembly.declared import FAULT_PLACES
+from twin.robot.experiment.fault import Fault, find_kind, member_faults, refuse_target
 from twin.robot.experiment.schema import whole_ticks
 from twin.robot.faults import (
-    NUMBERS,
+    LAW_FIELDS,
     CommandFault,
     CountFault,
     CountLaw,
@@ -36,7 +36,7 @@ COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
 LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
 """Below which a law changes no count."""
 DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
-BUS = "bus"
+BUS_TARGET = "bus"
 """Target of what happens to commands on their last way, into the drives."""
 
 
@@ -72,31 +72,31 @@ class Circuit:
         """Whether there is a component `name`."""
         return any(component.name == name for component in self.components)
 
-    def behind(self, output: End) -> End:
+    def faulty_output(self, output: End) -> End:
         """The last of the faults behind `output`, or itself."""
         return self._stand_ins.get(output, output)
 
-    def put_behind(self, fault: Component, outputs: Sequence[End], inputs: Sequence[End]) -> None:
+    def insert_after(self, fault: Component, outputs: Sequence[End], inputs: Sequence[End]) -> None:
         """Feed `inputs` of `fault` from `outputs` (or the faults behind them); who read these reads it instead.
 
         Args:
             inputs: of the fault, which has outputs of the same names.
         """
-        sources = [self.behind(output) for output in outputs]
+        sources = [self.faulty_output(output) for output in outputs]
         instead = dict(zip(sources, inputs, strict=True))
         self.feeds = {target: instead.get(source, source) for target, source in self.feeds.items()}
         self.feeds.update(zip(inputs, sources, strict=True))
         self._stand_ins.update(zip(outputs, inputs, strict=True))
-        self.place(fault, sources)
+        self.insert(fault, sources)
 
-    def put_before(self, fault: Component, targets: Sequence[End], inputs: Sequence[End]) -> None:
+    def insert_before(self, fault: Component, targets: Sequence[End], inputs: Sequence[End]) -> None:
         """Let `fault` feed `targets` from what has fed them; `inputs`: its own, and its outputs of the same names."""
         sources = [self.feeds[target] for target in targets]
         self.feeds.update(zip(targets, inputs, strict=True))
         self.feeds.update(zip(inputs, sources, strict=True))
-        self.place(fault, sources)
+        self.insert(fault, sources)
 
-    def place(self, fault: Component, sources: Iterable[End]) -> None:
+    def insert(self, fault: Component, sources: Iterable[End]) -> None:
         """Right behind the last component that feeds it; behind one that may return NaN, it may too."""
         feeding = {source.component for source in sources}
         fault.finite = fault.finite and all(c.finite for c in self.components if c.name in feeding)
@@ -130,11 +130,11 @@ def inject(
     circuit = Circuit(components, feeds)
     written: list[str] = []
     for number, fault in enumerate(faults, start=1):
-        kind_named(number, fault.kind)
+        find_kind(number, fault.kind)
         refuse_target(number, fault.kind, fault.target)
-    members = [member for fault in faults for member in members_of(fault)]
+    members = [member for fault in faults for member in member_faults(fault)]
     for number, fault in enumerate(members, start=1):
-        mechanism = kind_named(number, fault.kind).mechanism
+        mechanism = find_kind(number, fault.kind).mechanism
         if mechanism == "counts":
             _break_encoder(circuit, number, fault, tick, counts_per_turn)
         elif mechanism == "message":
@@ -150,13 +150,13 @@ def inject(
     return circuit.components, circuit.feeds
 
 
-def _element(target: str) -> int:
+def _element_index(target: str) -> int:
     """Which of three "drive_2", "joint_encoder_2" or "joint_2" means, from 0; without a number the only one."""
     last = target.rpartition("_")[2]
     return int(last) - 1 if last.isdigit() else 0
 
 
-def _named(number: int, fault: Fault) -> tuple[str, Span]:
+def _name_and_span(number: int, fault: Fault) -> tuple[str, Span]:
     """Name and span of the component of fault `number`."""
     return f"fault_{number}", Span(fault.onset, fault.end)
 
@@ -184,19 +184,19 @@ def _break_encoder(
             f"{fault.target}; expected at least {least:g} counts, which are {enough:.3g} deg"
         )
     share = fault.share if law == CountLaw.GLITCH else fault.magnitude
-    random, element = first_state(fault.seed, fault.table or number), _element(fault.target)
-    broken = CountFault(*_named(number, fault), law, port, element, counts, share, random, encoder.period)
+    random, element = first_state(fault.seed, fault.table or number), _element_index(fault.target)
+    broken = CountFault(*_name_and_span(number, fault), law, port, element, counts, share, random, encoder.period)
     broken.numbers = {
-        key: (field, counts_per_rad if field == "counts" else 1.0) for key, field in NUMBERS.get(law, {}).items()
+        key: (field, counts_per_rad if field == "counts" else 1.0) for key, field in LAW_FIELDS.get(law, {}).items()
     }
-    circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
+    circuit.insert_after(broken, ends([encoder], "output", name), ends([broken], "input", name))
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:
     """The magnitude is a delay, the longest of random delays, or the share of messages that are lost."""
     targets: list[End] = []
-    if fault.target == BUS:
-        targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
+    if fault.target == BUS_TARGET:
+        targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
         sender = circuit.component(circuit.feeds[targets[0]].component, number, fault.target)
         ports: tuple[Port, ...] = (Port("omega_ref", JOINTS, "rad/s", "commanded motor speed, as it arrives"),)
     else:
@@ -204,7 +204,7 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
         # of a controller only the command leaves the computer
         ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
     share, least, most = 0.0, 0, whole_ticks(fault.magnitude, tick)
-    if kind_named(number, fault.kind).unit == "share":
+    if find_kind(number, fault.kind).unit == "share":
         share, most = fault.magnitude, 0
     elif not most:
         raise InputRefused(
@@ -214,18 +214,18 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
     elif fault.kind != "sample_jitter":
         least = most
     random, blank = first_state(fault.seed, fault.table or number), fault.kind == "command_lost"
-    late = MessageFault(*_named(number, fault), ports, sender.period, least, most, share, random, blank)
+    late = MessageFault(*_name_and_span(number, fault), ports, sender.period, least, most, share, random, blank)
     if share:
         late.numbers = {"magnitude": ("share", 1.0)}
     if targets:
-        circuit.put_before(late, targets, ends([late], "input", "omega_ref"))
-        _gate(circuit, f"{late.name}_power", targets)
+        circuit.insert_before(late, targets, ends([late], "input", "omega_ref"))
+        _insert_power_gate(circuit, f"{late.name}_power", targets)
         return
     sent = [end for port in ports for end in ends([sender], "output", port.name)]
-    circuit.put_behind(late, sent, [end for port in ports for end in ends([late], "input", port.name)])
+    circuit.insert_after(late, sent, [end for port in ports for end in ends([late], "input", port.name)])
 
 
-def _gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
+def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
     """Drives whose power is cut stand still, although the bus does not tell them to.
 
     A monitor without a drive to obey it stops them by its command otherwise, see docs/safety.md.
@@ -233,22 +233,22 @@ def _gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
     lines = power_lines(circuit)
     if lines:
         gate = PowerGate(name, len(targets))
-        circuit.put_before(gate, targets, ends([gate], "input", "omega_ref"))
-        circuit.feeds[End(name, "power")] = circuit.behind(End(lines[-1][0], "power"))
+        circuit.insert_before(gate, targets, ends([gate], "input", "omega_ref"))
+        circuit.feeds[End(name, "power")] = circuit.faulty_output(End(lines[-1][0], "power"))
 
 
 def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:
     """No drive has power, nor is it commanded to move."""
-    name, span = _named(number, fault)
+    name, span = _name_and_span(number, fault)
     stopped = CommandFault(name, span, 0.0, JOINTS)
-    targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
-    circuit.put_before(stopped, targets, ends([stopped], "input", "omega_ref"))
+    targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
+    circuit.insert_before(stopped, targets, ends([stopped], "input", "omega_ref"))
     # without a monitor nothing says whether the drives have power
     for line in power_lines(circuit):
         source = circuit.component(line[0], number, fault.target)
         port = next(port for port in source.outputs if port.name == line[1])
         off = PowerFault(f"{name}_{port.name}", span, port)
-        circuit.put_behind(off, ends([source], "output", port.name), ends([off], "input", port.name))
+        circuit.insert_after(off, ends([source], "output", port.name), ends([off], "input", port.name))
 
 
 def power_lines(circuit: Circuit) -> list[tuple[str, str]]:
@@ -263,37 +263,37 @@ def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: flo
 
     Without load a motor's highest speed is proportional to its voltage.
     """
-    joints = [_element(fault.target)] if fault.target.startswith("drive_") else list(range(JOINTS))
-    targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
+    joints = [_element_index(fault.target)] if fault.target.startswith("drive_") else list(range(JOINTS))
+    targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
     times = speed_limit if fault.kind == "brown_out" else 1.0
-    limited = CommandFault(*_named(number, fault), fault.magnitude * times, len(joints))
+    limited = CommandFault(*_name_and_span(number, fault), fault.magnitude * times, len(joints))
     limited.numbers = {"magnitude": ("limit", times)}
-    circuit.put_before(limited, targets, ends([limited], "input", "omega_ref"))
+    circuit.insert_before(limited, targets, ends([limited], "input", "omega_ref"))
 
 
 def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     """The magnitude is the speed of a runaway."""
-    joint = _element(fault.target)
-    theta_m = _axis(circuit, number, fault.target, joint, "theta_m")
-    tau_load = circuit.feeds[_axis(circuit, number, fault.target, joint, "tau_load")]
+    joint = _element_index(fault.target)
+    theta_m = _drive_end(circuit, number, fault.target, joint, "theta_m")
+    tau_load = circuit.feeds[_drive_end(circuit, number, fault.target, joint, "tau_load")]
     drive = circuit.component(theta_m.component, number, fault.target)
     start = float(drive.initial("theta_m")[theta_m.element])
     monitored = circuit.has("monitor")
     law, label = DRIVE_LAWS[fault.kind], f"[[fault]] {number}"
     broken = DriveFault(
-        *_named(number, fault), law, fault.magnitude, start, monitored, drive.period, label, fault.target
+        *_name_and_span(number, fault), law, fault.magnitude, start, monitored, drive.period, label, fault.target
     )
     if law == DriveLaw.DRIVE_RUNAWAY:
         broken.numbers = {"magnitude": ("omega", 1.0)}
-    circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
+    circuit.insert_after(broken, [theta_m], [End(broken.name, "theta_m")])
     circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
         component, port = power_lines(circuit)[0]
         axis = joint if port == "drive_power" else 0
-        circuit.feeds[End(broken.name, "power")] = circuit.behind(End(component, port, axis))
+        circuit.feeds[End(broken.name, "power")] = circuit.faulty_output(End(component, port, axis))
 
 
-def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> End:
+def _drive_end(circuit: Circuit, number: int, target: str, joint: int, port: str) -> End:
     """The end of one joint's drive."""
     if circuit.has(THREE_AXES):
         return End(THREE_AXES, port, joint)
@@ -302,8 +302,8 @@ def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:
     """The magnitude is a factor on the parameter, an addition where it has a unit; without one nothing is left."""
-    place = BROKEN[fault.kind]
-    element = _element(fault.target)
+    place = FAULT_PLACES[fault.kind]
+    element = _element_index(fault.target)
     owner = circuit.component(place.component, number, fault.target)
     field = place.memory_of(owner)
     if field is None:
@@ -313,11 +313,11 @@ def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list
         )
     cell = field[0, element : element + 1] if field.ndim == 2 else field[0:1]
     factor, added = (
-        (fault.magnitude, 0.0) if kind_named(number, fault.kind).unit in ("factor", None) else (1.0, fault.magnitude)
+        (fault.magnitude, 0.0) if find_kind(number, fault.kind).unit in ("factor", None) else (1.0, fault.magnitude)
     )
     path = f"{place.component}.{place.field}[{element}]"
     chained = path in written
-    name, span = _named(number, fault)
+    name, span = _name_and_span(number, fault)
     changed = ParameterFault(name, span, owner, place.field, cell, factor, added, fault.ramp, chained)
     circuit.components.insert(len(written), changed)
     written.append(path)

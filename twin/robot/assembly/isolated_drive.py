@@ -19,23 +19,36 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component, Holder
 from twin.kernel.cosim.port import width
-from twin.kernel.cosim.python_class import STEP
+from twin.kernel.cosim.python_class import STEP_FUNCTION
 from twin.kernel.cosim.state import SavedState, StatePlaces
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
-from twin.kernel.process.black_box import manner
-from twin.kernel.process.guard import POLL, JobEnded, Watchdog, raise_failure
+from twin.kernel.process.black_box import exit_phrase
+from twin.kernel.process.guard import POLL_INTERVAL, JobFailure, Watchdog, raise_failure
 from twin.kernel.process.job import JobLimits
-from twin.kernel.process.page import CALLER, DIED, IDLE, NAP, NO_STEP, ORDERED, STOPPED, STUCK, Page, ask, kernel, serve
 from twin.kernel.process.process import GuardedProcess, cpu_clock
-from twin.kernel.process.reporter import Elsewhere, PipeReporter, Reporter, called_function, own_reporter
-from twin.kernel.process.states import code_of
-from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
+from twin.kernel.process.reporter import PipeReporter, ProcessProxy, Reporter, called_function, own_reporter
+from twin.kernel.process.shared_memory import (
+    CALLER_TYPE,
+    HOST_DIED,
+    HOST_STUCK,
+    NO_STEP,
+    SERVE_IDLE,
+    SERVE_ORDERED,
+    SERVE_STOPPED,
+    SLEEP_INTERVAL,
+    SharedPage,
+    ask,
+    serve,
+    syscall_numbers,
+)
+from twin.kernel.process.states import compiled_names
+from twin.robot.assembly.drives import DrivePlan, Start, drive, plan_drive
 from twin.robot.experiment.schema import Drive
 
-JOB = "twin.robot.assembly.isolated_drive:hosted_drive"
-SAVE, RESTORE = 1, 2
+HOST_JOB = "twin.robot.assembly.isolated_drive:hosted_drive"
+SAVE_ORDER, RESTORE_ORDER = 1, 2
 """Orders to a host."""
-REFUSED = 3
+REFUSED_STATUS = 3
 """Its answer to one that it could not carry out; why lies behind the page."""
 _spare: list[GuardedProcess] = []
 """Processes that have been kept: starting one takes a second, and a study may need three of them a hundred times."""
@@ -60,11 +73,11 @@ class IsolatedDrives:
         self, reporter: Reporter | None = None, step: float = JobLimits.step, count: int = 3, keep: bool = False
     ):
         # raises where this cannot work, before anything is started
-        kernel()
+        syscall_numbers()
         self._reporter, self._limits, self._keep = reporter or own_reporter(), JobLimits(step=step), keep
         self._processors = os.sched_getaffinity(0)
         self._idle = _spare_processes(count) if keep else []
-        self._idle += [GuardedProcess(JOB, helper=True) for _ in range(count - len(self._idle))]
+        self._idle += [GuardedProcess(HOST_JOB, helper=True) for _ in range(count - len(self._idle))]
         self._all = list(self._idle)
 
     def __enter__(self) -> Self:
@@ -95,17 +108,17 @@ class IsolatedDrives:
         watch = Watchdog(process, self._limits)
         try:
             while True:
-                for report in process.reports(POLL):
-                    watch.account.take(report)
+                for report in process.reports(POLL_INTERVAL):
+                    watch.account.update(report)
                     raise_failure(report)
                     if "note" in report:
-                        return IsolatedDrive(name, plan, watch, report["note"]["ports"], self._over)
+                        return IsolatedDrive(name, plan, watch, report["note"]["ports"], self._release)
                 watch.raise_if_over()
         except BaseException:
             process.end()
             raise
 
-    def _over(self, process: GuardedProcess) -> None:
+    def _release(self, process: GuardedProcess) -> None:
         """A drive has ended well in `process`."""
         if self._keep and process.memory < 0.5 * self._limits.memory:
             self._idle.append(process)
@@ -132,7 +145,7 @@ def _end_spare() -> None:
         process.close()
 
 
-class IsolatedDrive(Elsewhere):
+class IsolatedDrive(ProcessProxy):
     """Stands for a drive in another process.
 
     Args:
@@ -155,12 +168,12 @@ class IsolatedDrive(Elsewhere):
         self._watch, self._over, self._plan = watch, over, plan
         self._failed = self._closed = False
         self._process = process = watch.process
-        self._page = page = Page(process.box.fd, width(inputs), width(outputs))
+        self._page = page = SharedPage(process.box.fd, width(inputs), width(outputs))
         info = np.zeros(128, dtype=np.uint8)
-        memory = np.zeros(1, dtype=CALLER)
+        memory = np.zeros(1, dtype=CALLER_TYPE)
         m = memory[0]
         m["page"], m["inputs"], m["outputs"] = page.address, page.inputs, page.outputs
-        m["naps"], m["nap"] = round(watch.limits.step / NAP), page.nap.ctypes.data
+        m["naps"], m["nap"] = round(watch.limits.step / SLEEP_INTERVAL), page.nap.ctypes.data
         m["kernel"], m["pid"], m["info"] = page.kernel.ctypes.data, process.pid, info.ctypes.data
         m["clock"] = cpu_clock(process.pid)
         super().__init__(
@@ -181,38 +194,38 @@ class IsolatedDrive(Elsewhere):
     def lacks_state(self, portable: bool = True) -> str:
         return self._lacking
 
-    def take(self) -> bytes:
+    def save_state(self) -> bytes:
         """Its state, as the host writes it down."""
-        self._order(SAVE)
-        return self._page.get()
+        self._send_order(SAVE_ORDER)
+        return self._page.read_content()
 
-    def give_back(self, token: bytes) -> None:
-        """Let the host restore what `take` returned."""
-        self._page.put(token)
-        self._order(RESTORE)
+    def restore_state(self, token: bytes) -> None:
+        """Let the host restore what `save_state` returned."""
+        self._page.write_content(token)
+        self._send_order(RESTORE_ORDER)
 
     def free(self, token: bytes) -> None:
         """Nothing is held."""
 
     def pack(self, token: bytes) -> bytes:
-        """What `take` returned is for any process."""
+        """What `save_state` returned is for any process."""
         return token
 
     def unpack(self, content: bytes) -> bytes:
         """See `pack`; the host looks at it."""
         return content
 
-    def _order(self, number: int) -> None:
+    def _send_order(self, number: int) -> None:
         """Let the host do something between two steps; raises ComponentFailed if it cannot."""
         u, y = np.zeros(max(1, self._page.inputs)), np.zeros(max(1, self._page.outputs))
-        status = STEP(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
-        if status == REFUSED:
-            raise ComponentFailed(f"{self.label} ({self.name}): {self._page.get().decode()}")
+        status = STEP_FUNCTION(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
+        if status == REFUSED_STATUS:
+            raise ComponentFailed(f"{self.label} ({self.name}): {self._page.read_content().decode()}")
         if status != 0:
             raise ComponentFailed(f"{self.label} ({self.name}) {self.explain(status)}")
 
     def rewind(self) -> None:
-        alone = any(fmu.lives_once for fmu in self._plan.parts.values())
+        alone = any(fmu.single_instance for fmu in self._plan.parts.values())
         raise InputRefused(
             f"{self.label}: a drive in a process of its own cannot go back to the start of a step, which iterations "
             f"above 1 need; use iterations = 1{'' if alone else ', or --isolate run'}"
@@ -220,14 +233,14 @@ class IsolatedDrive(Elsewhere):
 
     def explain(self, status: int) -> str:
         self._failed = True
-        if status == STUCK:
+        if status == HOST_STUCK:
             self._process.end()
             limit = f"{self._watch.limits.step:g} s"
             return f"did not return from {self.function} within {limit} (if it is slow, not stuck, raise --limit-step)"
-        if status == DIED:
-            return f"{manner(self._process.end())} in {self.function} (tell its maker)"
+        if status == HOST_DIED:
+            return f"{exit_phrase(self._process.end())} in {self.function} (tell its maker)"
         while not self._process.gone:
-            for report in self._process.reports(POLL):
+            for report in self._process.reports(POLL_INTERVAL):
                 if "note" in report:
                     return report["note"]["explained"]
         return super().explain(status)
@@ -238,14 +251,14 @@ class IsolatedDrive(Elsewhere):
         Raises:
             JobEnded: it crashed or hung while being freed.
         """
-        if self._closed or self._process.gone or self._process.ended:
+        if self._closed or self._process.gone or self._process.has_exit_status:
             return
         self._closed = True
         self._page.close()
         self._watch.account.unstepped = "after the last step"
         while True:
-            for report in self._process.reports(POLL):
-                self._watch.account.take(report)
+            for report in self._process.reports(POLL_INTERVAL):
+                self._watch.account.update(report)
                 raise_failure(report)
                 if "finished" in report:
                     self._process.end() if self._failed else self._over(self._process)
@@ -253,7 +266,7 @@ class IsolatedDrive(Elsewhere):
             try:
                 self._watch.raise_if_over()
             except TwinError as failure:
-                raise JobEnded(str(failure)) from None
+                raise JobFailure(str(failure)) from None
 
 
 def hosted_drive(
@@ -286,49 +299,53 @@ def hosted_drive(
     Raises:
         InputRefused: the drive cannot be made.
     """
-    plan = replace(planned(table), ticks=ticks, ramped=ramped)
-    plan = plan.switchable() if switched else plan
+    plan = replace(plan_drive(table), ticks=ticks, ramped=ramped)
+    plan = plan.with_enable_input() if switched else plan
     component = drive(name, plan, tick, theta_m, tau_load)
-    page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
+    page = SharedPage(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     page.clear()
     # no question: compiles, or loads from the cache, before the first one comes
-    _served(page, component)
-    reporter.note(ports=_described(component))
+    _serve_page(page, component)
+    reporter.note(ports=_packed_description(component))
     os.sched_setaffinity(0, {processor})
-    status = IDLE
-    while status != STOPPED:
-        status = _served(page, component)
-        if status == ORDERED:
-            _obey(page, component)
-        elif status not in (IDLE, STOPPED):
+    status = SERVE_IDLE
+    while status != SERVE_STOPPED:
+        status = _serve_page(page, component)
+        if status == SERVE_ORDERED:
+            _execute_order(page, component)
+        elif status not in (SERVE_IDLE, SERVE_STOPPED):
             reporter.note(explained=component.explain(status))
     component.close()
 
 
-def _obey(page: Page, component: Component) -> None:
+def _execute_order(page: SharedPage, component: Component) -> None:
     """Save or restore the state of `component`, which lies behind the page."""
     try:
         places = StatePlaces([component], np.zeros(0), np.zeros(0))
-        if page.order == SAVE:
-            page.put(places.take(0).saved().to_bytes())
+        if page.order == SAVE_ORDER:
+            page.write_content(places.save_state(0).saved().to_bytes())
         else:
-            places.put_back(places.taken(SavedState.from_bytes(page.get(), component.label)))
+            places.restore_state(places.import_state(SavedState.from_bytes(page.read_content(), component.label)))
             component.refuse_index()
         page.answer(0)
     except TwinError as problem:
-        page.put(str(problem).encode())
-        page.answer(REFUSED)
+        page.write_content(str(problem).encode())
+        page.answer(REFUSED_STATUS)
 
 
-def _served(page: Page, component: Component) -> int:
+def _serve_page(page: SharedPage, component: Component) -> int:
     return serve(
         page.address, page.inputs, component.step_address, component.self_address, page.number,
         page.kernel.ctypes.data, page.nap.ctypes.data,
     )  # fmt: skip
 
 
-def _described(component: Component) -> str:
+def _packed_description(component: Component) -> str:
     """What a component that stands for this one needs to know, packed."""
-    initial, code, lacking = np.array(component.initial_outputs), tuple(code_of([component])), component.lacks_state()
+    initial, code, lacking = (
+        np.array(component.initial_outputs),
+        tuple(compiled_names([component])),
+        component.lacks_state(),
+    )
     facts = (component.inputs, component.outputs, initial, called_function(component), code, lacking)
     return base64.b64encode(pickle.dumps(facts)).decode()

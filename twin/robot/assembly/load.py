@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import json_of, toml_of
+from twin.kernel.files import parse_json, parse_toml
 from twin.robot.assembly.checks.agreement import disagreements
-from twin.robot.assembly.declared import DECLARED
-from twin.robot.assembly.way_points import led
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.assembly.way_points import load_waypoints
 from twin.robot.experiment.command_words import run_words
-from twin.robot.experiment.drive_files import shelved
+from twin.robot.experiment.drive_files import locate_drive
 from twin.robot.experiment.experiment import Experiment, checked_tables, experiment_of
 from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.mistakes import unit_hints
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
 from twin.robot.experiment.schema import Drive
-from twin.robot.experiment.source import RETAINED, Source, override, read_source, refuse_other_files
-from twin.robot.places import located
+from twin.robot.experiment.source import RETAINED_KEYS, Source, apply_overrides, read_source, refuse_other_files
+from twin.robot.paths import locate_file
 
 OUT_OF_REACH = "out of reach"
 """What every sentence on a pose has in it where the robot cannot be."""
@@ -46,10 +46,10 @@ def load_experiment(
     refuse_other_files(source.values, path)
     folder = path.resolve().parent
     if drive is not None:
-        source.name("drive", "fmu", shelved(drive, folder))
+        source.select_file("drive", "fmu", locate_drive(drive, folder))
     if body is not None:
-        source.name("contact", "body", body)
-    override(source, overrides)
+        source.select_file("contact", "body", body)
+    apply_overrides(source, overrides)
     return replace(checked_experiment(source, path.stem, path, folder), typed=typed)
 
 
@@ -66,8 +66,8 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
         InputRefused: with every mistake, one sentence each.
     """
     mistakes: list[str] = []
-    tables = checked_tables(DECLARED, source, folder, mistakes)
-    reference = led(tables, mistakes)
+    tables = checked_tables(DECLARED_TABLES, source, folder, mistakes)
+    reference = load_waypoints(tables, mistakes)
     apart = disagreements(tables, reference, source.values)
     if any(OUT_OF_REACH in mistake for mistake in apart):
         mistakes += unit_hints(source.values)
@@ -108,7 +108,7 @@ def recorded_experiment(
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
             not found.
     """
-    name, values = recorded_name(metadata, where), recorded_values(DECLARED, metadata, where)
+    name, values = recorded_name(metadata, where), recorded_values(DECLARED_TABLES, metadata, where)
     if "drive" not in values:
         raise InputRefused(f"{where}: carries no experiment that could be run again")
     fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
@@ -126,35 +126,35 @@ def recorded_experiment(
     _find_parts(values, metadata, fmus, where, folder)
     source = Source()
     if faults:
-        added = [toml_of(f"fault = {text}", f"--fault {text}")["fault"] for text in faults]
+        added = [parse_toml(f"fault = {text}", f"--fault {text}")["fault"] for text in faults]
         values["fault"] = [*values.get("fault", ()), *added]
-    source.put(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
+    source.merge(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
     if drive is not None:
-        source.name("drive", "fmu", shelved(drive, folder))
+        source.select_file("drive", "fmu", locate_drive(drive, folder))
     if body is not None:
-        source.name("contact", "body", body)
-    override(source, settings)
+        source.select_file("contact", "body", body)
+    apply_overrides(source, settings)
     experiment = checked_experiment(source, name, where, folder)
     if drive is not None or any(setting.strip().startswith("drive.") for setting in settings):
         return experiment
     one, two, three = experiment.drives
-    pinned = (_pinned(one, "drive_1", fmus), _pinned(two, "drive_2", fmus), _pinned(three, "drive_3", fmus))
+    pinned = (_pin_hashes(one, "drive_1", fmus), _pin_hashes(two, "drive_2", fmus), _pin_hashes(three, "drive_3", fmus))
     return replace(experiment, drives=pinned)
 
 
 def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
     """Let third-party parts name the very files that the recording was made with."""
-    for role in RETAINED:
+    for role in RETAINED_KEYS:
         table = values.get(role)
         if not isinstance(table, dict):
             continue
         if isinstance(table.get("fmu"), str) and role in fmus:
-            values[role] = table | {"fmu": _path(table["fmu"], where, folder, role), "sha256": fmus[role]}
+            values[role] = table | {"fmu": _fmu_path(table["fmu"], where, folder, role), "sha256": fmus[role]}
         if isinstance(table.get("python"), str):
-            facts = json_of(metadata.get("python", {}).get(role, "{}"), f"{where}: its {role}")
+            facts = parse_json(metadata.get("python", {}).get(role, "{}"), f"{where}: its {role}")
             file, _, kind = table["python"].rpartition(":")
             # a recording may come from anybody: it names a file, and no way to one
-            path = located(Path(file).name, folder)
+            path = locate_file(Path(file).name, folder)
             known = isinstance(facts, dict) and isinstance(facts.get("sha256"), str)
             if not os.path.isfile(path) or not known:
                 raise InputRefused(
@@ -166,23 +166,23 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
 def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
     """[drive] with paths of FMUs where it has names."""
     tables = {key: _with_paths(value, where, folder) for key, value in table.items() if isinstance(value, dict)}
-    fmu = {"fmu": _path(table["fmu"], where, folder)} if isinstance(table.get("fmu"), str) else {}
+    fmu = {"fmu": _fmu_path(table["fmu"], where, folder)} if isinstance(table.get("fmu"), str) else {}
     return table | tables | fmu
 
 
-def _path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
+def _fmu_path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
     # a recording may come from anybody: it names a file, and no way to one
     name = Path(name).name
     # fmus/ first: a run may lie in a folder that is called like its drive
     for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", f"fmus/parts/{name}", name):
-        path = located(candidate, folder)
+        path = locate_file(candidate, folder)
         # not Path.is_file, which raises for a name that is too long
         if os.path.isfile(path) or (os.path.exists(path) and candidate != name):
             return str(path)
     raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")
 
 
-def _pinned(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:
+def _pin_hashes(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:
     parts = {
         part: table.model_copy(update={"sha256": fmus.get(f"{name}.{part}")}) for part, table in drive.parts.items()
     }

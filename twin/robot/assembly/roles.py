@@ -13,13 +13,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.port import Port, places
-from twin.kernel.cosim.python_class import NamedPorts, PythonComponent, PythonSource, Wanted, made, wanted_of
+from twin.kernel.cosim.port import Port, port_slices
+from twin.kernel.cosim.python_class import (
+    DeclaredPorts,
+    NamedPorts,
+    PythonComponent,
+    PythonSource,
+    declared_ports,
+    make_instance,
+)
 from twin.kernel.cosim.selection import Selection
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.fmi.groups import announced
+from twin.kernel.fmi.groups import announce_call
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setting, Setup, Value, Variable, to_json
@@ -28,20 +35,20 @@ from twin.robot.assembly.drives import is_system, refuse_other_file
 from twin.robot.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, P_REF_B
 from twin.robot.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
 from twin.robot.drive.contract import Role
-from twin.robot.drive.mapping import Binding, Wiring, filled, split_mapped, with_units
+from twin.robot.drive.mapping import Binding, Wiring, fill_roles, split_unit, with_units
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.stand_in import StandIn
-from twin.robot.monitor.component import INPUTS as MONITOR_INPUTS
-from twin.robot.monitor.component import OUTPUTS as MONITOR_OUTPUTS
+from twin.robot.monitor.component import MONITOR_INPUTS as MONITOR_INPUTS
+from twin.robot.monitor.component import MONITOR_OUTPUTS as MONITOR_OUTPUTS
 from twin.robot.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
-from twin.robot.plant.surface_motion import OUTPUTS as BODY_OUTPUTS
+from twin.robot.plant.surface_motion import BODY_OUTPUTS as BODY_OUTPUTS
 
 if TYPE_CHECKING:
     from twin.kernel.systems.enclosed import EnclosedSystem
 
 Names = Mapping[str, str | tuple[str, ...]]
 AXES = ("x", "y", "z")
-_ELEMENT = re.compile(r"\[(\d+)\]$")
+_ELEMENT_PATTERN = re.compile(r"\[(\d+)\]$")
 """At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
 
 
@@ -64,8 +71,8 @@ class SampledFmu:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     tolerance: float | None
-    unheard: tuple[str, ...] = ()
-    zero: tuple[str, ...] = ()
+    missing_inputs: tuple[str, ...] = ()
+    missing_outputs: tuple[str, ...] = ()
 
     def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
         """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
@@ -79,7 +86,7 @@ class SampledFmu:
         stop = max((last + period) * tick, last * tick + period * tick)
         folder = unpacked(self.description.path, self.description.sha256)
         setup = Setup(self.tolerance, stop, period * tick)
-        inputs, outputs = (self._ports(side) for side in _SIDES)
+        inputs, outputs = (self._ports(side) for side in _PORT_SIDES)
         made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
         made.period = period
         return made
@@ -94,14 +101,14 @@ class SampledFmu:
         if isinstance(self.description, FmuDescription):
             made = self.component(name, tick, period, ticks)
         else:
-            inputs, outputs = (self._ports(side) for side in _SIDES)
+            inputs, outputs = (self._ports(side) for side in _PORT_SIDES)
             calls = ticks // period + 1
             made = self.description.component(name, inputs, outputs, tick, period, calls * period, sampled=True)
             made.period = period
-        if not self.unheard and not self.zero:
+        if not self.missing_inputs and not self.missing_outputs:
             made.inputs, made.outputs = self.inputs, self.outputs
             return made
-        return Selection(made, self.inputs, self.outputs, *(self._slots(side) for side in _SIDES))
+        return Selection(made, self.inputs, self.outputs, *(self._slots(side) for side in _PORT_SIDES))
 
     def _ports(self, side: "Side") -> list[FmuPort]:
         mine = (b for b in self.bindings if b.role.causality == side)
@@ -109,18 +116,18 @@ class SampledFmu:
 
     def _slots(self, side: "Side") -> list[int]:
         """Which of the values of all its ports each of the FMU's is."""
-        at = places(self.inputs if side == "input" else self.outputs)
+        at = port_slices(self.inputs if side == "input" else self.outputs)
         found: list[int] = []
         for binding in self.bindings:
             if binding.role.causality == side:
-                begin, index = at[port_of(binding)].start, _ELEMENT.search(binding.role.port.name)
+                begin, index = at[port_of(binding)].start, _ELEMENT_PATTERN.search(binding.role.port.name)
                 first = begin + (int(index[1]) - 1 if index else 0)
                 found += range(first, first + binding.variable.size)
         return found
 
 
 Side = Literal["input", "output"]
-_SIDES: tuple[Side, Side] = ("input", "output")
+_PORT_SIDES: tuple[Side, Side] = ("input", "output")
 
 
 def sampled_fmu(
@@ -145,7 +152,7 @@ def sampled_fmu(
     Raises:
         InputRefused: the FMU, the mapping or a parameter is not right; or it has an input that nothing feeds.
     """
-    description, settings = _read(file, table, named, parameters, tolerance)
+    description, settings = _read_part(file, table, named, parameters, tolerance)
     # an input that has been given a value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
     free, (inputs, outputs) = with_units(str(file), free, named)
@@ -158,39 +165,39 @@ def sampled_fmu(
     found: tuple[Binding, ...] = ()
     lacking: dict[str, list[str]] = {}
     whole: dict[str, tuple[Port, ...]] = {}
-    for side, offered, given in zip(_SIDES, ports, named, strict=True):
+    for side, offered, given in zip(_PORT_SIDES, ports, named, strict=True):
         for name in given:
             _refuse_unknown(file, table, side, name, given, offered)
         known = {role: name for port in offered for role, name in _roles(file, free, port, side, given)}
         wired = {role.port.name: name for role, name in known.items() if name}
         if side == "output":
-            lone = {_ELEMENT.sub("", name) for name in given} - given.keys()
+            lone = {_ELEMENT_PATTERN.sub("", name) for name in given} - given.keys()
             needed = [port for port in offered if port.name in required and port.name not in lone]
-            _refuse_lacking(file, table, description, needed, wired)
+            _refuse_missing_outputs(file, table, description, needed, wired)
         wiring = Wiring(inputs=wired) if side == "input" else Wiring(outputs=wired)
-        mine = filled(str(file), free, wiring, tuple(known), table)
-        single = {_ELEMENT.sub("", name) for name in given if name not in {port.name for port in offered}}
-        whole[side] = tuple(_whole(file, table, mine, side, offered, single))
-        lacking[side] = _lacking(mine, [port for port in whole[side] if port.name in single])
+        mine = fill_roles(str(file), free, wiring, tuple(known), table)
+        single = {_ELEMENT_PATTERN.sub("", name) for name in given if name not in {port.name for port in offered}}
+        whole[side] = tuple(_complete_ports(file, table, mine, side, offered, single))
+        lacking[side] = _missing_values(mine, [port for port in whole[side] if port.name in single])
         found += mine
     _refuse_odd_units(file, found)
-    _refuse_unfed(file, table, description, found, parameters)
+    _refuse_unwired_inputs(file, table, description, found, parameters)
     own = description.tolerance if tolerance is None else tolerance
-    unheard, zero = (tuple(lacking[side]) for side in _SIDES)
+    unheard, zero = (tuple(lacking[side]) for side in _PORT_SIDES)
     return SampledFmu(description, settings, found, whole["input"], whole["output"], own, unheard, zero)
 
 
-def _read(
+def _read_part(
     file: Path, table: str, named: tuple[Names, Names], parameters: Mapping[str, Value], tolerance: float | None
 ) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting]]":
     """What is in `file`, and the values that an FMU is given; a system has got them."""
     if is_system(file):
-        from twin.kernel.systems.enclosed import enclosed
+        from twin.kernel.systems.enclosed import enclose_system
 
         if tolerance is not None:
             raise InputRefused(f"{file}: [{table}] tolerance: each FMU of an SSP has its own; remove it")
         texts = [of for side in named for one in side.values() for of in (one if isinstance(one, tuple) else (one,))]
-        return enclosed(file, table, parameters, [*texts, *(split_mapped(text)[0] for text in texts)]), ()
+        return enclose_system(file, table, parameters, [*texts, *(split_unit(text)[0] for text in texts)]), ()
     description = described(file)
     if description.kind != "co_simulation":
         raise InputRefused(f"{file}: model exchange only; a sampled part needs co-simulation, export it for that")
@@ -200,7 +207,7 @@ def _read(
 def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names, offered: Sequence[Port]) -> None:
     """`name` of a mapping, which is a port's or that of one of its values, `F_ee_B[2]`, counted from 0."""
     sizes = {port.name: port.size for port in offered}
-    port, index = _ELEMENT.sub("", name), _ELEMENT.search(name)
+    port, index = _ELEMENT_PATTERN.sub("", name), _ELEMENT_PATTERN.search(name)
     if port not in sizes:
         raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(port, sizes, 'it has {}')}")
     if index is None:
@@ -214,7 +221,7 @@ def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names,
         raise InputRefused(f"{where}: it is one value; expected one variable")
 
 
-def _lacking(found: Sequence[Binding], ports: Sequence[Port]) -> list[str]:
+def _missing_values(found: Sequence[Binding], ports: Sequence[Port]) -> list[str]:
     """Values of `ports` that nothing of `found` is, counted from 0."""
     there = {binding.role.port.name for binding in found}
     return [f"{port.name}[{i}]" for port in ports for i in range(port.size) if f"{port.name}[{i + 1}]" not in there]
@@ -248,11 +255,11 @@ def _roles(
     else:
         for i in range(port.size):
             one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
-            known = named[i] if named else _spelled(port, i, variables, side)
+            known = named[i] if named else _flattened_name(port, i, variables, side)
             yield Role(one, side, dimension, False, ()), known
 
 
-def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
+def _flattened_name(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
     """The variable that stands for value `i` of `port`, as tools flatten arrays; "" if there is none."""
     name, n = port.name, i + 1
     ways = [f"{name}[{n}]", f"{name}({n})", f"{name}_{n}", f"{name}{n}"]
@@ -265,7 +272,7 @@ def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: s
     return next(there, "")
 
 
-def _refuse_lacking(
+def _refuse_missing_outputs(
     file: Path,
     table: str,
     description: "FmuDescription | EnclosedSystem",
@@ -275,7 +282,7 @@ def _refuse_lacking(
     """Nothing is guessed: a part of the robot has too many ports of one unit for that."""
     for port in required:
         if port.name not in wired and not all(f"{port.name}[{i + 1}]" in wired for i in range(port.size)):
-            offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.offered("output")]
+            offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.variables_of("output")]
             names = '"..."' if port.size == 1 else "[" + ", ".join(['"..."'] * port.size) + "]"
             raise InputRefused(
                 f"{file}: which of its outputs is {port.name} ({port.meaning}, {port.size} x {port.unit}), which a "
@@ -288,7 +295,7 @@ def port_of(binding: Binding) -> str:
     return binding.role.port.name.partition("[")[0]
 
 
-def _whole(
+def _complete_ports(
     file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port], single: Collection[str]
 ) -> Iterator[Port]:
     """The ports that the FMU has, each with all of its values; of those in `single` some may lack."""
@@ -320,7 +327,7 @@ def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
             )
 
 
-def _refuse_unfed(
+def _refuse_unwired_inputs(
     file: Path,
     table: str,
     description: "FmuDescription | EnclosedSystem",
@@ -351,7 +358,7 @@ class Contract(NamedTuple):
     required: tuple[str, ...]
 
 
-CONTRACTS = {
+ROLE_CONTRACTS = {
     "body": Contract((), BODY_OUTPUTS, ("s_B", "v_s_B")),
     "estimator": Contract(ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, ("p_B", "J", "F_ee_B")),
     "controller": Contract((*TASK_INPUTS, P_REF_B), TASK_OUTPUTS, ("omega_ref",)),
@@ -362,11 +369,11 @@ CONTRACTS = {
 
 
 @dataclass(frozen=True)
-class OtherPart:
+class ThirdPartyPart:
     """A third-party part, checked as far as that goes before it is made.
 
     Attributes:
-        role: of `CONTRACTS`.
+        role: of `ROLE_CONTRACTS`.
         label: what an error calls it.
         inputs, outputs: ports that it has.
         make: it, by the tick (s), its period in ticks and the last tick of the run.
@@ -380,19 +387,19 @@ class OtherPart:
     outputs: tuple[Port, ...]
     make: Callable[[float, int, int], Component]
     sha256: str
-    facts: Mapping[str, Any]
+    metadata: Mapping[str, Any]
     fmu: "FmuDescription | EnclosedSystem | None" = None
 
     @property
     def sentence(self) -> str:
         """What it is, for the reader of a run."""
         own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
-        zero = self.facts.get("zero")
+        zero = self.metadata.get("zero")
         lacking = f"; it does not give {', '.join(zero)}, taken as 0" if zero else ""
         return f"{self.role}: {self.label} (sha256 {self.sha256[:12]}); {own} did not run{lacking}"
 
 
-def other_part(role: str, table: StandIn) -> OtherPart:
+def third_party_part(role: str, table: StandIn) -> ThirdPartyPart:
     """The part that [role] of an experiment names; of a Python class the file has been run.
 
     Raises:
@@ -401,17 +408,17 @@ def other_part(role: str, table: StandIn) -> OtherPart:
     return _fmu_part(role, table) if table.fmu is not None else _class_part(role, table)
 
 
-def other_parts(experiment: Experiment) -> dict[str, OtherPart]:
+def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
     """All third-party parts of an experiment, by their names; none of what a study has taken out of it.
 
     Raises:
-        InputRefused: see `other_part`.
+        InputRefused: see `third_party_part`.
     """
     gone = {role for role in ("monitor", "scale") if getattr(experiment, role) is None}
-    return {role: other_part(role, table) for role, table in experiment.stand_ins.items() if role not in gone}
+    return {role: third_party_part(role, table) for role, table in experiment.stand_ins.items() if role not in gone}
 
 
-def digest(role: str, table: StandIn) -> str:
+def part_sha256(role: str, table: StandIn) -> str:
     """SHA-256 of the part that [role] names; nothing of it is run.
 
     Raises:
@@ -422,24 +429,26 @@ def digest(role: str, table: StandIn) -> str:
     return _source(table).sha256
 
 
-def given_part(role: str, given: Any) -> OtherPart:
+def part_from_class(role: str, given: Any) -> ThirdPartyPart:
     """The part that a program hands over as a class, or as an instance of one.
 
     Raises:
         InputRefused: there is no such part, or its ports are not right.
     """
     kind = given if isinstance(given, type) else type(given)
-    contract = CONTRACTS[role]
-    wanted = wanted_of(kind.__name__, given, *contract)
-    make = _maker(role, kind.__name__, lambda: made(kind.__name__, kind, {}) if given is kind else given, wanted)
+    contract = ROLE_CONTRACTS[role]
+    wanted = declared_ports(kind.__name__, given, *contract)
+    make = _maker(
+        role, kind.__name__, lambda: make_instance(kind.__name__, kind, {}) if given is kind else given, wanted
+    )
     file = None
     # of a class that was typed in, or is compiled
     with suppress(TypeError, AttributeError):
         file = inspect.getsourcefile(kind)
-    return OtherPart(role, kind.__name__, wanted[0].ports, wanted[1].ports, make, "", {"file": file})
+    return ThirdPartyPart(role, kind.__name__, wanted[0].ports, wanted[1].ports, make, "", {"file": file})
 
 
-def refuse_other_parts(experiment: Experiment, asker: str, roles: Sequence[str]) -> None:
+def refuse_third_party_parts(experiment: Experiment, asker: str, roles: Sequence[str]) -> None:
     """For studies that know twin's own parts only.
 
     Args:
@@ -457,8 +466,8 @@ def refuse_other_parts(experiment: Experiment, asker: str, roles: Sequence[str])
             )
 
 
-def _fmu_part(role: str, table: StandIn) -> OtherPart:
-    contract = CONTRACTS[role]
+def _fmu_part(role: str, table: StandIn) -> ThirdPartyPart:
+    contract = ROLE_CONTRACTS[role]
     plan = sampled_fmu(
         table.file, role, (contract.inputs, contract.outputs), contract.required, (table.inputs, table.outputs),
         table.parameters, table.tolerance,
@@ -468,51 +477,51 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
     facts = {
         "file": fmu.path.name,
         "sha256": fmu.sha256,
-        **facts_of(fmu),
+        **origin_metadata(fmu),
         "tolerance": plan.tolerance,
         "set": {variable.name: to_json(value) for variable, value in plan.settings} or dict(table.parameters),
         "mapped": [
-            *_mapped(plan, plan.inputs, "input", "<-"),
-            *_mapped(plan, plan.outputs, "output", "->"),
-            *(f"{name} = 0, as it does not give it" for name in plan.zero),
+            *_mapping_lines(plan, plan.inputs, "input", "<-"),
+            *_mapping_lines(plan, plan.outputs, "output", "->"),
+            *(f"{name} = 0, as it does not give it" for name in plan.missing_outputs),
         ],
-    } | ({"zero": list(plan.zero)} if plan.zero else {})
+    } | ({"zero": list(plan.missing_outputs)} if plan.missing_outputs else {})
 
     def make(tick: float, period: int, ticks: int) -> Component:
         return plan.part(role, tick, period, ticks)
 
-    return OtherPart(role, fmu.path.name, plan.inputs, plan.outputs, make, fmu.sha256, facts, fmu)
+    return ThirdPartyPart(role, fmu.path.name, plan.inputs, plan.outputs, make, fmu.sha256, facts, fmu)
 
 
-def facts_of(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
+def origin_metadata(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
     """What a recording says of the origin of an FMU, or of a system and the FMUs in it."""
     if isinstance(fmu, FmuDescription):
         model = fmu.model
         return {"model": model.modelName, "fmi": model.fmiVersion, "generation_tool": model.generationTool}
-    return {"model": fmu.name, "fmi": f"SSP {fmu.version}", "generation_tool": None} | fmu.facts
+    return {"model": fmu.name, "fmi": f"SSP {fmu.version}", "generation_tool": None} | fmu.contents
 
 
-def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:
+def _mapping_lines(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:
     """A line for each port: `p_B <- p_x, p_y, p_z [mm]`."""
     lines = []
     for port in ports:
         mine = [b for b in plan.bindings if b.role.causality == side and port_of(b) == port.name]
         unit = mine[0].variable.unit or "unit not stated"
         # which of its values, where not all of them are there
-        alone = [m for b in mine if (m := _ELEMENT.search(b.role.port.name))]
+        alone = [m for b in mine if (m := _ELEMENT_PATTERN.search(b.role.port.name))]
         some = alone and len(alone) < port.size
         name = f"{port.name}[{', '.join(str(int(m[1]) - 1) for m in alone)}]" if some else port.name
         lines.append(f"{name} {arrow} {', '.join(b.mapped_name for b in mine)} [{unit}]")
     return lines
 
 
-def _class_part(role: str, table: StandIn) -> OtherPart:
+def _class_part(role: str, table: StandIn) -> ThirdPartyPart:
     source = _source(table)
     # no limit is known for that: a supervisor sees which component is at work
-    with announced(source.file.name, role, "its import"):
-        kind = source.class_of(table.class_name)
-    contract = CONTRACTS[role]
-    wanted = wanted_of(table.label, kind, *contract)
+    with announce_call(source.file.name, role, "its import"):
+        kind = source.load_class(table.class_name)
+    contract = ROLE_CONTRACTS[role]
+    wanted = declared_ports(table.label, kind, *contract)
     facts = {
         "file": source.file.name,
         "class": table.class_name,
@@ -526,15 +535,15 @@ def _class_part(role: str, table: StandIn) -> OtherPart:
     }
 
     def model() -> Any:
-        with announced(source.file.name, role, "its making"):
-            return made(table.label, kind, table.parameters)
+        with announce_call(source.file.name, role, "its making"):
+            return make_instance(table.label, kind, table.parameters)
 
     make = _maker(role, table.label, model, wanted)
-    return OtherPart(role, table.label, wanted[0].ports, wanted[1].ports, make, source.sha256, facts)
+    return ThirdPartyPart(role, table.label, wanted[0].ports, wanted[1].ports, make, source.sha256, facts)
 
 
 def _maker(
-    role: str, label: str, model: Callable[[], Any], wanted: tuple[Wanted, Wanted]
+    role: str, label: str, model: Callable[[], Any], wanted: tuple[DeclaredPorts, DeclaredPorts]
 ) -> Callable[[float, int, int], Component]:
     return lambda tick, period, ticks: PythonComponent(role, NamedPorts(model(), *wanted), period, label=label)
 

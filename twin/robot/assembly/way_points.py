@@ -11,13 +11,13 @@ from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles, position
 from twin.robot.mechanism.unreachable import Unreachable
 
-MOST_POINTS = 2_000_000
+MAX_POINTS = 2_000_000
 """Of a shape; more than an hour at 2 ms."""
 SAMPLES_PER_PERIOD = 10
 """A sine through fewer way points per period is a polygon rather than a sine."""
 
 
-def led(tables: Tables, mistakes: list[str]) -> WayPoints | None:
+def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
     """The way points along which [reference] leads; None without it, or if a mistake of another table hides them.
 
     Args:
@@ -55,7 +55,7 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
     """
     if reference.circle is not None:
         turns = reference.circle
-        return _sampled(_on_circle, turns, turns.turns / turns.rate, period, duration, "circle")
+        return _sample_shape(_on_circle, turns, turns.turns / turns.rate, period, duration, "circle")
     if reference.chirp is not None:
         sweep = reference.chirp
         fastest = 1.0 / (SAMPLES_PER_PERIOD * period)
@@ -64,16 +64,16 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
                 f"[reference.chirp] {max(sweep.begin, sweep.end):g} Hz: expected at most {fastest:g} Hz, "
                 f"{SAMPLES_PER_PERIOD} samples of the controller per period"
             )
-        return _sampled(_on_chirp, sweep, sweep.duration, period, duration, "chirp")
+        return _sample_shape(_on_chirp, sweep, sweep.duration, period, duration, "chirp")
     assert reference.joint_step is not None
     return _joint_step(reference.joint_step, believed, period)
 
 
-def _sampled(path, shape, length: float, period: float, duration: float, name: str) -> WayPoints:  # type: ignore[no-untyped-def]
+def _sample_shape(path, shape, length: float, period: float, duration: float, name: str) -> WayPoints:  # type: ignore[no-untyped-def]
     """`path` (shape, times since its start) from `shape.start` on, for `length` (s)."""
     samples = min(length, max(period, duration - shape.start)) / period
-    if samples > MOST_POINTS:
-        raise ValueError(f"[reference.{name}] {samples:.3g} way points: expected at most {MOST_POINTS:,}; shorten it")
+    if samples > MAX_POINTS:
+        raise ValueError(f"[reference.{name}] {samples:.3g} way points: expected at most {MAX_POINTS:,}; shorten it")
     last = math.ceil(samples - 1e-9)
     since = np.minimum(period * np.arange(last + 1), length)
     t, p = shape.start + since, path(shape, since)

@@ -19,27 +19,27 @@ import numpy as np
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import Port, record, state, states
-from twin.kernel.settings import alike, numbers
-from twin.robot.controller.breath import BREATH, Breath, breathe
+from twin.kernel.settings import fields_of_form, numbers
+from twin.robot.controller.breath import BREATH_RECORD, Breath, breath_velocity
 from twin.robot.controller.pid import state_variable
 from twin.robot.controller.schedule import (
-    SCHEDULE,
+    SCHEDULE_RECORD,
     SchedulePoint,
     Scheduling,
     follow_reference,
     schedule_gains,
-    table_of,
+    schedule_table,
 )
-from twin.robot.controller.taps import TAPS
-from twin.robot.controller.tissue import HIGHEST, TISSUE, Sensing, sense, unlearn
+from twin.robot.controller.taps import TAPS_RECORD
+from twin.robot.controller.tissue import MAX_STIFFNESS, TISSUE_RECORD, Sensing, reset_estimate, update_tissue
 
-LARGEST = 5e-4
+MAX_DITHER_AMPLITUDE = 5e-4
 """Largest amplitude of the dither (m)."""
-HIDDEN = 0.3
+HIDDEN_FORCE_RATIO = 0.3
 """Amplitude of its force over the rms of the force error without it, at most, while the reference stands still."""
-NOTCH = 2.0
+NOTCH_DAMPING = 2.0
 """1/Q of the notch at the dither's frequency: it is over in 1/(2 pi f), as fast as the force error of a quick loop."""
-RESTING = 0.05
+MIN_FORCE_SHARE = 0.05
 """Share of its full force below which it rests."""
 ADAPTIVE_OUTPUTS = (
     Port("k_hat", 1, "N/m", "stiffness of the tissue, estimated while pressing; 0: not yet"),
@@ -52,14 +52,14 @@ ADAPTIVE_OUTPUTS = (
     Port("breath_rate", 1, "Hz", "rate of the breath that is followed; 0: none is looked for"),
     Port("breath_v", 1, "m/s", "velocity of the surface that is fed forward"),
 )
-ADAPTIVE = record(
-    tissue=TISSUE,
-    schedule=SCHEDULE,
-    breath=BREATH,
-    taps=TAPS,
+ADAPTIVE_RECORD = record(
+    tissue=TISSUE_RECORD,
+    schedule=SCHEDULE_RECORD,
+    breath=BREATH_RECORD,
+    taps=TAPS_RECORD,
     scheduled="i8",
     breathing="i8",
-    **states(pressing="i8", **alike("f8", "shift v_shift v")),
+    **states(pressing="i8", **fields_of_form("f8", "shift v_shift v")),
 )
 """The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
 rate, and velocity of the breath, of this call."""
@@ -78,18 +78,18 @@ def dither(m, h, F, F_ref):
         m.off, m.off_squared, m.notch.fast, m.notch.slow = F_ref - F, 0.0, 0.0, F_ref - F
         return 0.0, 0.0
     m.off += m.smoothing * (F_ref - F - m.off)
-    _, band, _, m.notch.fast, m.notch.slow = state_variable(NOTCH, m.g, m.notch.fast, m.notch.slow, m.off)
-    besides = m.off - NOTCH * band
+    _, band, _, m.notch.fast, m.notch.slow = state_variable(NOTCH_DAMPING, m.g, m.notch.fast, m.notch.slow, m.off)
+    besides = m.off - NOTCH_DAMPING * band
     m.off_squared += m.averaging * (besides * besides - m.off_squared)
     force = m.dither
     if change < 0.0:
         force = 0.0
     elif change == 0.0:
-        force = min(force, HIDDEN * math.sqrt(m.off_squared))
-    doubt = m.std / m.k if m.known else HIGHEST
-    if not m.dithering and doubt > m.doubtful and force > 2.0 * RESTING * m.dither:
+        force = min(force, HIDDEN_FORCE_RATIO * math.sqrt(m.off_squared))
+    doubt = m.std / m.k if m.known else MAX_STIFFNESS
+    if not m.dithering and doubt > m.doubtful and force > 2.0 * MIN_FORCE_SHARE * m.dither:
         m.dithering, m.phase, m.sine, m.cosine, m.amplitude = 1, 0.0, 0.0, 1.0, 0.0
-        unlearn(m)
+        reset_estimate(m)
     if not m.dithering:
         return 0.0, 0.0
     m.phase += m.omega * h
@@ -101,19 +101,19 @@ def dither(m, h, F, F_ref):
     # it ends with a whole swing
     if m.phase >= 2.0 * math.pi:
         m.phase -= 2.0 * math.pi
-        if doubt < m.enough or force < RESTING * m.dither:
+        if doubt < m.enough or force < MIN_FORCE_SHARE * m.dither:
             m.dithering, m.phase = 0, 0.0
             return 0.0, 0.0
     # what is not known may be hard
-    k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
-    asked = min(force * (1.0 / k + 1.0 / m.spring), LARGEST)
-    least = force * (1.0 / HIGHEST + 1.0 / m.spring)
+    k = min(m.k + 2.0 * m.std, MAX_STIFFNESS) if m.known else MAX_STIFFNESS
+    asked = min(force * (1.0 / k + 1.0 / m.spring), MAX_DITHER_AMPLITUDE)
+    least = force * (1.0 / MAX_STIFFNESS + 1.0 / m.spring)
     m.amplitude = min(max(m.growth * m.amplitude, least), asked)
     return m.amplitude * m.sine, m.amplitude * m.omega * m.cosine
 
 
 @dataclass(frozen=True)
-class Adapting:
+class AdaptiveOptions:
     """What is asked for.
 
     Attributes:
@@ -131,10 +131,10 @@ class Adapting:
     table: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "table", table_of(self.points))
+        object.__setattr__(self, "table", schedule_table(self.points))
 
     def fill(self, memory: Any) -> dict[str, np.ndarray]:
-        """Put the settings into `memory`, a record of `ADAPTIVE`; what else a controller's memory points to."""
+        """Put the settings into `memory`, a record of `ADAPTIVE_RECORD`; what else a controller's memory points to."""
         parts = {"tissue": self.sensing._asdict()}
         if self.scheduling is not None:
             parts["schedule"] = self.scheduling._asdict()
@@ -154,7 +154,7 @@ def with_adaptive(kind: np.dtype) -> np.dtype:
     # first, because numba takes a record for one that it begins with, and warns of that
     # the gains of the force loop are no constants there: they follow the tissue
     fields = {name: kind[name] for name in kind.names or ()} | {"force": state(kind["force"])}
-    return record(adaptive=ADAPTIVE, gain_table="i8", **fields)
+    return record(adaptive=ADAPTIVE_RECORD, gain_table="i8", **fields)
 
 
 @njit(cache=True)
@@ -168,20 +168,20 @@ def adapt(m, table, pid, h, z, F, J, F_ref):
         F_ref: reference of the force loop (N), in the call before.
     """
     tissue, pressing = m.tissue, m.pressing
-    sense(tissue, h, z, F, J, pressing)
+    update_tissue(tissue, h, z, F, J, pressing)
     m.shift, m.v_shift = dither(tissue, h, F, F_ref)
     m.v = 0.0
     if m.scheduled:
         schedule_gains(m.schedule, table, tissue, pid, h)
         m.v_shift += follow_reference(m.schedule, tissue.spring, pid, F_ref, pressing, h)
     if m.breathing:
-        m.v = breathe(m.breath, tissue, h, z, F)
+        m.v = breath_velocity(m.breath, tissue, h, z, F)
         m.v_shift += m.v
         pid.integral -= m.v * h
 
 
 @njit(cache=True)
-def tell(m, pid, pressing, y):
+def write_outputs(m, pid, pressing, y):
     """What comes after: note whether the force loop acts, and say what is recorded."""
     m.pressing = pressing
     tissue = m.tissue

@@ -13,18 +13,18 @@ import math
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record_of, states
-from twin.kernel.settings import Settings, alike, setting
+from twin.kernel.settings import Settings, fields_of_form, setting
 from twin.robot.controller.pid import low_pass_share
 
-GAIN, RATE_GAIN = 2.5, 0.3
+OSCILLATOR_GAIN, RATE_GAIN = 2.5, 0.3
 """g and f above: follows within a quarter of a breath; its rate is right to some percent after two."""
-CORNER = 3.0
+VELOCITY_CORNER = 3.0
 """Low-pass (Hz) of the velocity, which is a difference of two roundings; its lag is made up for."""
-SLOWEST, FASTEST = 0.5, 2.0
+MIN_RATE_RATIO, MAX_RATE_RATIO = 0.5, 2.0
 """Bounds of the rate, over the one it began with."""
-SMALLEST = 1e-4
+MIN_BREATH_VELOCITY = 1e-4
 """Speed (m/s) slower than any breathing."""
-TRUSTED = 0.4
+MAX_STIFFNESS_ERROR = 0.4
 """Standard error over k_hat below which the surface is known."""
 
 
@@ -35,30 +35,30 @@ class Breath(Settings):
     lag: float = setting("ms", default=20.0, ge=0, le=1000, help="believed lag of the robot behind its reference")
 
 
-BREATH = record_of(
+BREATH_RECORD = record_of(
     Breath,
-    **states(**alike("f8", "omega x q v share z F"), running="i8", **alike("f8", "low ahead")),
+    **states(**fields_of_form("f8", "omega x q v share z F"), running="i8", **fields_of_form("f8", "low ahead")),
 )
 """Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
 force of the call before, and whether there was one; share of the low-pass; how far ahead it is fed forward (s)."""
 
 
 @njit(cache=True)
-def _advance(m, v, h):
+def _advance_oscillator(m, v, h):
     """Let the oscillator follow the velocity `v` (m/s)."""
     e, squared, before = v - m.x, m.x * m.x + m.q * m.q, m.q
     step = m.omega * h
     m.q += step * m.x
-    m.x += step * (GAIN * e - m.q)
-    if squared > SMALLEST * SMALLEST:
+    m.x += step * (OSCILLATOR_GAIN * e - m.q)
+    if squared > MIN_BREATH_VELOCITY * MIN_BREATH_VELOCITY:
         first = 2.0 * math.pi * m.rate
         # of the state before: the one after holds the noise of e itself
         turned = m.omega * (1.0 - RATE_GAIN * step * e * before / squared)
-        m.omega = min(max(turned, SLOWEST * first), FASTEST * first)
+        m.omega = min(max(turned, MIN_RATE_RATIO * first), MAX_RATE_RATIO * first)
 
 
 @njit(cache=True, error_model="numpy")
-def breathe(m, tissue, h, z, F):
+def breath_velocity(m, tissue, h, z, F):
     """Velocity (m/s) of the surface, ahead by the robot's lag, as far as the breath is known.
 
     Args:
@@ -66,7 +66,7 @@ def breathe(m, tissue, h, z, F):
         z, F: height (m) and pressing force (N) as estimated, unfiltered.
     """
     if m.omega == 0.0:
-        m.omega, m.low = 2.0 * math.pi * m.rate, low_pass_share(CORNER, h)
+        m.omega, m.low = 2.0 * math.pi * m.rate, low_pass_share(VELOCITY_CORNER, h)
         m.ahead = m.lag + h * (1.0 - m.low) / m.low
     if not tissue.known or tissue.since == 0.0 or not tissue.pressing:
         m.running, m.share = 0, 0.0
@@ -75,8 +75,8 @@ def breathe(m, tissue, h, z, F):
         m.running, m.z, m.F, m.x, m.q, m.v = 1, z, F, 0.0, 0.0, 0.0
     m.v += m.low * ((z - m.z + (F - m.F) / tissue.k) / h - m.v)
     m.z, m.F = z, F
-    _advance(m, m.v, h)
-    trusted = tissue.std < TRUSTED * tissue.k
+    _advance_oscillator(m, m.v, h)
+    trusted = tissue.std < MAX_STIFFNESS_ERROR * tissue.k
     m.share = min(m.share + m.omega * h, 1.0) if trusted else max(m.share - m.omega * h, 0.0)
     # a fraction of a rad
     ahead = m.omega * m.ahead

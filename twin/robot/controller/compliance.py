@@ -17,8 +17,8 @@ from typing import Any
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record_of, states
-from twin.kernel.settings import Settings, Values, numbers, setting, taken
-from twin.robot.controller.pid import LOW_PASS, cached_share
+from twin.kernel.settings import Settings, Values, numbers, setting, setting_fields
+from twin.robot.controller.pid import LOW_PASS_RECORD, cached_share
 from twin.robot.mechanism.geometry import Model
 
 REST_SPEED = 1e-3
@@ -32,11 +32,11 @@ class Damping(Settings):
     corner: float = setting("Hz", gt=0, help="swings slower than this are not damped")
 
 
-DAMPER = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PASS))
+DAMPER_RECORD = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PASS_RECORD))
 
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
-    """A record of dtype `DAMPER` that has felt nothing yet, unless its state is given: slow torques (3,), N m."""
+    """A record of dtype `DAMPER_RECORD` that has felt nothing yet, unless its state is given: slow torques (3,), N m."""
     return (*numbers(damping).values(), slow, started, (0.0, 0.0, 0.0))
 
 
@@ -63,11 +63,13 @@ class FeedForward(Settings):
     friction: float = setting(ge=0, field="mu", help="believed friction under the head")
 
 
-class Believed(Values, parts=(taken(Model, "k_s", "eta"), taken(FeedForward)), first="k_s eta mu lag"):
+class FeedForwardModel(
+    Values, parts=(setting_fields(Model, "k_s", "eta"), setting_fields(FeedForward)), first="k_s eta mu lag"
+):
     """What the feed-forward believes: spring and belt of the model, and its own settings."""
 
 
-FEED_FORWARD = record_of(Believed)
+FEED_FORWARD_RECORD = record_of(FeedForwardModel)
 
 
 @njit(cache=True)

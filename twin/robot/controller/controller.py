@@ -20,9 +20,19 @@ import numpy as np
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import NativeComponent, address_of, doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, port_record, record, record_of, state, states
-from twin.kernel.settings import FieldSource, Values, alike, taken
-from twin.robot.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
-from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, Processor, accept, cached_share, loop, proposal
+from twin.kernel.settings import FieldSource, Values, fields_of_form, setting_fields
+from twin.robot.controller.adaptive import ADAPTIVE_OUTPUTS, AdaptiveOptions, adapt, with_adaptive, write_outputs
+from twin.robot.controller.pid import (
+    LOW_PASS_RECORD,
+    PID_RECORD,
+    ForceLoop,
+    Gains,
+    Processor,
+    accept,
+    cached_share,
+    loop_record,
+    proposal,
+)
 from twin.robot.mechanism.geometry import Model
 from twin.robot.mechanism.kinematics import jacobian_row, platform_position
 from twin.robot.mechanism.statics import arm_gravity_torque, dead_zone, deflection, load_torque, platform_weight
@@ -37,18 +47,20 @@ ESTIMATOR_OUTPUTS = (
     Port("F_ee_B", 3, "N", "force by the robot on the environment by statics, base frame B, unfiltered"),
     Port("valid", 1, "1", "whether these follow from the newest counts; if not, from the last that fit a pose", "bool"),
 )
-ESTIMATE = port_record(ESTIMATOR_OUTPUTS[:-1])
+ESTIMATE_RECORD = port_record(ESTIMATOR_OUTPUTS[:-1])
 """All of them but `valid`."""
-ESTIMATES = ESTIMATE.itemsize // 8
+ESTIMATE_SIZE = ESTIMATE_RECORD.itemsize // 8
 NO_POSE = 2
-INPUTS = (
+LAW_INPUTS = (
     Port("p_B", 3, "m", "estimated platform position"),
     Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
     Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
 )
 OMEGA_REF = Port("omega_ref", 3, "rad/s", "commanded motor speeds")
-SHARE = Port("share", 1, "1", "of the motor speeds commanded in the call before, what an energy tank has passed on")
-OUTPUTS = (
+SHARE_PORT = Port(
+    "share", 1, "1", "of the motor speeds commanded in the call before, what an energy tank has passed on"
+)
+LAW_OUTPUTS = (
     OMEGA_REF,
     Port("p_ref_B", 3, "m", "pre-defined reference position"),
     Port("p_cmd_B", 3, "m", "reference of the position loop: p_ref_B shifted by the force loop"),
@@ -57,17 +69,17 @@ OUTPUTS = (
     Port("F_z", 1, "N", "estimated pressing force, low-passed: what trigger and force loop use"),
     Port("F_z_ref", 1, "N", "reference of the force loop"),
 )
-P_REF_B = next(port for port in OUTPUTS if port.name == "p_ref_B")
+P_REF_B = next(port for port in LAW_OUTPUTS if port.name == "p_ref_B")
 WAY_MEMORY = record(segment=state("i8", below="way_points"), way_points="i8", times="i8", points="i8")
 
 
 class Belief(
     Values,
     parts=(
-        taken(Model),
+        setting_fields(Model),
         {name: FieldSource(Model, name, broken_by=(f"belief_{name}",)) for name in ("k_s", "eta")},
-        taken(Model, into="encoders"),
-        taken(Processor, "dead_zone"),
+        setting_fields(Model, into="encoders"),
+        setting_fields(Processor, "dead_zone"),
     ),
 ):
     """The controller's model, SI: [controller.model], and as `backlash` the half width of the springs' dead zone.
@@ -76,10 +88,12 @@ class Belief(
     """
 
 
-BELIEF = record_of(Belief)
+BELIEF_RECORD = record_of(Belief)
 
 
-ESTIMATOR_MEMORY = record(belief=BELIEF, gravity_compensation="i8", **states(estimated="i8", newest=ESTIMATE))
+ESTIMATOR_MEMORY = record(
+    belief=BELIEF_RECORD, gravity_compensation="i8", **states(estimated="i8", newest=ESTIMATE_RECORD)
+)
 
 
 @njit(cache=True)
@@ -90,7 +104,7 @@ def angle(count, counts_per_turn, zero):
 
 @njit(cache=True)
 def estimate(belief, gravity_compensation, count_m, count_l, y):
-    """The record `y` of `ESTIMATE` from motor and joint counts (3,) each; NaN where no pose fits.
+    """The record `y` of `ESTIMATE_RECORD` from motor and joint counts (3,) each; NaN where no pose fits.
 
     The springs' dead zone is taken off the deflection as far as the belief knows it.
     F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
@@ -118,12 +132,12 @@ def estimate(belief, gravity_compensation, count_m, count_l, y):
 @step_function(ESTIMATOR_MEMORY, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS)
 def estimator_step(m, t, h, u, y):
     estimate(m.belief, m.gravity_compensation, u.count_m, u.count_l, m.newest)
-    newest = carray(doubles_at(address_of(m.newest)), ESTIMATES)
+    newest = carray(doubles_at(address_of(m.newest)), ESTIMATE_SIZE)
     # one sum is NaN or infinite if any of them is; a lost or garbled sample may not take the controller with it
     y.valid = np.isfinite(np.sum(newest))
     if y.valid:
-        given = carray(doubles_at(address_of(y)), ESTIMATES)
-        for i in range(ESTIMATES):
+        given = carray(doubles_at(address_of(y)), ESTIMATE_SIZE)
+        for i in range(ESTIMATE_SIZE):
             given[i] = newest[i]
         m.estimated = 1
     return 0 if m.estimated else NO_POSE
@@ -149,12 +163,14 @@ class Estimator(NativeComponent):
 Ports = tuple[Port, ...]
 
 
-def ports(inputs: Ports, outputs: Ports, adaptive: bool, tank: bool) -> tuple[Ports, Ports]:
+def controller_ports(inputs: Ports, outputs: Ports, adaptive: bool, tank: bool) -> tuple[Ports, Ports]:
     """Those of a controller that adapts or does not, and has an energy tank behind it or has none."""
-    return inputs + (SHARE,) * tank, outputs + ADAPTIVE_OUTPUTS * adaptive
+    return inputs + (SHARE_PORT,) * tank, outputs + ADAPTIVE_OUTPUTS * adaptive
 
 
-class Law(Values, parts=(taken(Model, "N"), taken(Processor, "speed_limit"), taken(ForceLoop))):
+class Law(
+    Values, parts=(setting_fields(Model, "N"), setting_fields(Processor, "speed_limit"), setting_fields(ForceLoop))
+):
     """Settings of the force-position law, SI: the belt ratio as believed, limits, and what starts the force loop.
 
     It starts at a pressing force F_z above `trigger_force`, as in the caption of Fig. 4, or at `trigger_time`; a pull
@@ -162,17 +178,17 @@ class Law(Values, parts=(taken(Model, "N"), taken(Processor, "speed_limit"), tak
     """
 
 
-LAW = record_of(Law)
-MEMORY = record(
-    law=LAW,
-    force=PID,
-    position=(PID, (3,)),
-    low=state(LOW_PASS),
+LAW_RECORD = record_of(Law)
+LAW_MEMORY = record(
+    law=LAW_RECORD,
+    force=PID_RECORD,
+    position=(PID_RECORD, (3,)),
+    low=state(LOW_PASS_RECORD),
     lead=state("3f8"),
     F_z=state("f8"),
     triggered=state("i8"),
     segment=state("i8", below="way_points"),
-    **alike("i8", "way_points times points"),
+    **fields_of_form("i8", "way_points times points"),
 )
 
 
@@ -213,7 +229,7 @@ def force_correction(law, pid, e, h):
 
 
 @njit(cache=True, error_model="numpy")
-def follow_passed(pid, z, share, h):
+def unwind_integral(pid, z, share, h):
     """Let the integral go to where the share of the last command leads that an energy tank has passed on.
 
     What does not get through winds up nothing: back-calculation within half of the integral's own time kp/ki (Åström
@@ -263,18 +279,20 @@ def control(m, t, h, u, y, shift):
     y.triggered, y.F_z, y.F_z_ref = m.triggered, m.F_z, m.law.F_z_ref
 
 
-ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+ADAPTIVE_MEMORY = with_adaptive(LAW_MEMORY)
 
 
 @cache
-def step_over(adaptive, tank):
+def make_step(adaptive, tank):
     """The step of the law with or without all that comes before and after it, and an energy tank behind it."""
 
-    @step_function(ADAPTIVE_MEMORY if adaptive else MEMORY, *ports(INPUTS, OUTPUTS, adaptive, tank))
+    @step_function(
+        ADAPTIVE_MEMORY if adaptive else LAW_MEMORY, *controller_ports(LAW_INPUTS, LAW_OUTPUTS, adaptive, tank)
+    )
     def step(m, t, h, u, y):
         shift = 0.0
         if tank:
-            follow_passed(m.force, m.position[2].error, u.share, h)
+            unwind_integral(m.force, m.position[2].error, u.share, h)
         if adaptive:
             adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
             for i in range(3):
@@ -282,7 +300,7 @@ def step_over(adaptive, tank):
             shift = m.adaptive.shift
         control(m, t, h, u, y, shift)
         if adaptive:
-            tell(m.adaptive, m.force, m.triggered, y)
+            write_outputs(m.adaptive, m.force, m.triggered, y)
         return 0
 
     return step
@@ -311,12 +329,15 @@ class Controller(NativeComponent):
         times: Sequence[float],
         points: Sequence[Sequence[float]],
         period: int = 1,
-        adapting: Adapting | None = None,
+        adapting: AdaptiveOptions | None = None,
         tank: bool = False,
     ):
         times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
         memory = memory_of(
-            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+            ADAPTIVE_MEMORY if adapting else LAW_MEMORY,
+            law=tuple(law),
+            force=loop_record(force),
+            position=[loop_record(position)] * 3,
         )
         memory["way_points"] = len(times_)
         arrays = {"times": times_, "points": points_}
@@ -324,8 +345,8 @@ class Controller(NativeComponent):
             arrays |= adapting.fill(memory["adaptive"][0])
         variant = adapting is not None, tank
         self.points = points_
-        sides = ports(INPUTS, OUTPUTS, *variant)
-        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
+        sides = controller_ports(LAW_INPUTS, LAW_OUTPUTS, *variant)
+        super().__init__("controller", *sides, True, make_step(*variant), memory, period=period, pointers=arrays)
 
 
 @step_function(WAY_MEMORY, outputs=(P_REF_B,))

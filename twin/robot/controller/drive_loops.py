@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, record_of, state
-from twin.robot.controller.pid import PID, Gains, accept, loop, proposal
+from twin.robot.controller.pid import PID_RECORD, Gains, accept, loop_record, proposal
 
-INPUTS = (
+SPEED_LOOP_INPUTS = (
     Port("omega_ref", 1, "rad/s", "commanded motor speed"),
     Port("omega_m", 1, "rad/s", "motor speed, as the drive reports it"),
 )
-COMMAND = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
-MEMORY = record(pid=PID, limit="f8")
+COMMAND_PORT = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
+SPEED_LOOP_MEMORY = record(pid=PID_RECORD, limit="f8")
 POSITION_INPUTS = (
     Port("omega_ref", 1, "rad/s", "commanded motor speed"),
     Port("theta_m", 1, "rad", "motor angle, as the drive reports it"),
@@ -25,8 +25,8 @@ POSITION_OUTPUTS = (
 )
 
 
-@step_function(MEMORY, INPUTS, (COMMAND,))
-def step(m, t, h, u, y):
+@step_function(SPEED_LOOP_MEMORY, SPEED_LOOP_INPUTS, (COMMAND_PORT,))
+def speed_loop_step(m, t, h, u, y):
     command, integral = proposal(m.pid, u.omega_ref - u.omega_m, h)
     if abs(command) <= m.limit:
         accept(m.pid, integral)
@@ -45,8 +45,8 @@ class DriveSpeedLoop(NativeComponent):
     """
 
     def __init__(self, gains: Gains, limit: float, command: Port, period: int = 1):
-        memory = memory_of(MEMORY, pid=loop(gains), limit=limit)
-        super().__init__("velocity_loop", INPUTS, (command,), True, step, memory, period=period)
+        memory = memory_of(SPEED_LOOP_MEMORY, pid=loop_record(gains), limit=limit)
+        super().__init__("velocity_loop", SPEED_LOOP_INPUTS, (command,), True, speed_loop_step, memory, period=period)
 
 
 class Servo(NamedTuple):

@@ -31,12 +31,12 @@ import numpy as np
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
-from twin.kernel.settings import Settings, Values, optional, setting, taken
+from twin.kernel.settings import Settings, Values, optional, setting, setting_fields
 from twin.robot.controller.compliance import load_torques
 from twin.robot.controller.controller import OMEGA_REF
 from twin.robot.mechanism.geometry import Model
 
-INPUTS = (
+TANK_INPUTS = (
     OMEGA_REF,
     Port("p_B", 3, "m", "estimated platform position"),
     Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
@@ -44,22 +44,22 @@ INPUTS = (
     Port("valid", 1, "1", "whether these follow from the newest counts", "bool"),
     Port("sample", 1, "1", "number of the encoders' newest message", "int"),
 )
-OUTPUTS = (
+TANK_OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "commanded motor speeds, as far as the tank allows them"),
     Port("share", 1, "1", "of the commanded speeds that is left"),
     Port("level", 1, "J", "what is in the tank"),
     Port("stored", 1, "J", "what the springs hold of the force on the environment, as believed"),
     Port("given", 1, "J", "energy given to what was touched, to motion and joints, less what came back, as believed"),
 )
-COASTING = 1.0 / 3.0
+COASTING_SHARE = 1.0 / 3.0
 """Of the horizon: how long motors follow the command before."""
 LARGEST_SAMPLE = 2.0**53
 """Beyond, a double does not count whole numbers."""
-UNNUMBERED = 2
+UNNUMBERED_STATUS = 2
 """Status of the step: a message has no number."""
-RETURN = 0.5
+RETURN_GAIN = 0.5
 """Over the horizon: gain (1/s) of each of the two loops by which an overdrawn tank moves the robot."""
-PLAY = 1e-3
+JOINT_PLAY = 1e-3
 """Angle (rad) of a joint that counts as no way: rounding goes to and fro by less."""
 
 
@@ -88,17 +88,17 @@ class EnergyTank(Settings):
 class Tank(
     Values,
     parts=(
-        taken(EnergyTank),
+        setting_fields(EnergyTank),
         {"late": setting("s", help="how old the newest message of the encoders may be")},
-        taken(Model, "k_s", "N", "eta"),
+        setting_fields(Model, "k_s", "N", "eta"),
     ),
 ):
     """The tank's settings and the series elastic joint as the controller believes it."""
 
 
-TANK = record_of(Tank)
-MEMORY = record(
-    tank=TANK,
+TANK_RECORD = record_of(Tank)
+TANK_MEMORY = record(
+    tank=TANK_RECORD,
     **states(
         level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8",
         turned="3f8", height="f8",
@@ -107,7 +107,7 @@ MEMORY = record(
 
 
 @njit(cache=True, error_model="numpy")
-def passed_on(left, horizon, P, Q):
+def passed_share(left, horizon, P, Q):
     """Share of a command that uses no more than `left` (J) within `horizon` (s).
 
     Args:
@@ -123,7 +123,7 @@ def passed_on(left, horizon, P, Q):
 
 
 @njit(cache=True, error_model="numpy")
-def _yielded(tank, tau, left, rise, J, omega_ref, passed):
+def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
     """More is gone than there was: every motor gives way to its torque, and by itself if no command does.
 
     Args:
@@ -141,7 +141,7 @@ def _yielded(tank, tau, left, rise, J, omega_ref, passed):
     squares = 0.0
     for i in range(3):
         squares += max(abs(tau[i]) - tank.bias, 0.0) ** 2
-    rate = RETURN * most
+    rate = RETURN_GAIN * most
     if -left * tank.N < rate * tank.horizon * squares:
         rate = -left * tank.N / (tank.horizon * squares)
     asked = granted = 0.0
@@ -149,7 +149,9 @@ def _yielded(tank, tau, left, rise, J, omega_ref, passed):
         by = max(abs(tau[i]) - tank.bias, 0.0)
         turned = min(abs(omega_ref[i]), most * by) if tau[i] * omega_ref[i] < 0.0 else 0.0
         asked, granted = asked + abs(omega_ref[i]), granted + turned
-        passed[i] = tank.N * J[3 * i + 2] * RETURN / tank.horizon * rise - math.copysign(max(rate * by, turned), tau[i])
+        passed[i] = tank.N * J[3 * i + 2] * RETURN_GAIN / tank.horizon * rise - math.copysign(
+            max(rate * by, turned), tau[i]
+        )
     return granted / asked if asked > 0.0 else 0.0
 
 
@@ -161,31 +163,31 @@ def _lift(omega_ref, F, touch):
 
 
 @njit(cache=True)
-def _way(turned, J, p, p_before):
+def _joint_travel(turned, J, p, p_before):
     """Way of the joints (rad) from `p_before` to `p` (3,), m, less PLAY at each turn; `turned` (3,) keeps account."""
     way = 0.0
     for i in range(3):
         here = turned[i]
         for axis in range(3):
             here += J[3 * i + axis] * (p[axis] - p_before[axis])
-        inside = min(max(here, -PLAY), PLAY)
+        inside = min(max(here, -JOINT_PLAY), JOINT_PLAY)
         way += abs(here - inside)
         turned[i] = inside
     return way
 
 
-@step_function(MEMORY, INPUTS, OUTPUTS)
-def step(m, t, h, u, y):
+@step_function(TANK_MEMORY, TANK_INPUTS, TANK_OUTPUTS)
+def tank_step(m, t, h, u, y):
     tank = m.tank
     # not >=: that would let NaN pass
     if not abs(u.sample) < LARGEST_SAMPLE:
-        return UNNUMBERED
+        return UNNUMBERED_STATUS
     fresh = u.valid != 0.0 and u.sample != m.sample
     m.age = 0.0 if fresh else m.age + h
     if fresh:
         gone = unsure = 0.0
         if m.sample != 0:
-            unsure = tank.bias * _way(m.turned, u.J, u.p_B, m.p)
+            unsure = tank.bias * _joint_travel(m.turned, u.J, u.p_B, m.p)
             for i in range(3):
                 gone += 0.5 * (m.F[i] + u.F_ee_B[i]) * (u.p_B[i] - m.p[i])
         m.sample = int(u.sample)
@@ -208,17 +210,17 @@ def step(m, t, h, u, y):
         power_on += m.tau[i] * m.omega[i]
         force_on += tank.k_s * tank.eta * m.omega[i] * m.omega[i]
     power, power_on = power / tank.N, power_on / tank.N
-    on = COASTING * tank.horizon
+    on = COASTING_SHARE * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
     left, fresh = m.level - stored - coasting, m.age <= tank.late
     m.height = max(m.height, m.p[2]) if left < 0.0 else m.p[2]
     lift, share = _lift(u.omega_ref, m.F, tank.touch), 0.0
     if fresh:
-        share = passed_on(left, tank.horizon, power, force)
+        share = passed_share(left, tank.horizon, power, force)
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
     if fresh and left < 0.0 and (power >= 0.0 or power * power + 2.0 * force * left <= 0.0):
-        share = _yielded(tank, m.tau, left, m.height - m.p[2], u.J, u.omega_ref, y.omega_ref)
+        share = _yield_to_torque(tank, m.tau, left, m.height - m.p[2], u.J, u.omega_ref, y.omega_ref)
     if fresh and lift < 0.0:
         asked = granted = 0.0
         for i in range(3):
@@ -240,11 +242,11 @@ class TankValve(NativeComponent):
     """
 
     def __init__(self, tank: Tank, period: int = 1):
-        memory = memory_of(MEMORY, tank=tuple(tank), level=tank.size)
+        memory = memory_of(TANK_MEMORY, tank=tuple(tank), level=tank.size)
         # the controller knows of the call before, and before the first one nothing is held back
-        first = np.zeros(width(OUTPUTS))
-        by_port(OUTPUTS, first)["share"][:] = 1.0
-        super().__init__("tank", INPUTS, OUTPUTS, True, step, memory, first, period=period)
+        first = np.zeros(width(TANK_OUTPUTS))
+        by_port(TANK_OUTPUTS, first)["share"][:] = 1.0
+        super().__init__("tank", TANK_INPUTS, TANK_OUTPUTS, True, tank_step, memory, first, period=period)
 
     def explain(self, status: int) -> str:
         return "got an encoder message without a number (NaN, infinite or beyond 2^53)"

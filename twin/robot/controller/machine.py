@@ -9,22 +9,22 @@ import numpy as np
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, state, states
-from twin.kernel.settings import alike
+from twin.kernel.settings import fields_of_form
 from twin.robot.controller.program import PhaseEnd, PhaseKind
 
-MACHINE = record(
+MACHINE_RECORD = record(
     index=state("i8", below="/count"),
     **states(
         passes="i8",
-        **alike("f8", "entered total length"),
-        **alike("3f8", "start end p v"),
-        **alike("f8", "F_start F_ref"),
+        **fields_of_form("f8", "entered total length"),
+        **fields_of_form("3f8", "start end p v"),
+        **fields_of_form("f8", "F_start F_ref"),
     ),
     contact_force="f8",
     lost=state("f8"),
     patience="f8",
-    **states(tapped="f8", touching="i8", **alike("f8", "z_before F_before z_felt depth"), calibrated="i8"),
-    **states(**alike("f8", "z_turn z_lowest t_turn")),
+    **states(tapped="f8", touching="i8", **fields_of_form("f8", "z_before F_before z_felt depth"), calibrated="i8"),
+    **states(**fields_of_form("f8", "z_turn z_lowest t_turn")),
     learning="f8",
 )
 """State of the machine, SI.
@@ -39,7 +39,7 @@ depth, calibrated: from there to the lowest point, and whether the first tap has
 z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
 t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
 """
-LONGEST_TURN = 0.1
+MAX_TURN_TIME = 0.1
 """Bound of t_turn (s): five times what the slowest drive takes to reverse."""
 
 
@@ -151,7 +151,7 @@ def enter_line(m, phase):
 
 
 @njit(cache=True)
-def enter(m, phases, index, t, F_z, dp_z):
+def enter_phase(m, phases, index, t, F_z, dp_z):
     """Begin phase `index` at `t` (s) from the present reference, at the pressing force `F_z` (N).
 
     Where the force loop ends, its correction `dp_z` (m) stays in the reference, so that this does not jump.
@@ -176,7 +176,7 @@ def enter(m, phases, index, t, F_z, dp_z):
 
 
 @njit(cache=True)
-def _following(m, phase, t, h, z, v_z, F_z, F_rate):
+def _due_phase(m, phase, t, h, z, v_z, F_z, F_rate):
     """Index of the phase that is due now; the present one if it goes on."""
     over = t - m.entered > m.total - 0.5 * h
     if phase.until == PhaseEnd.FELT:
@@ -184,7 +184,7 @@ def _following(m, phase, t, h, z, v_z, F_z, F_rate):
             return phase.next
         return phase.otherwise if over else m.index
     if phase.until == PhaseEnd.TURN:
-        # between this call and the next, of which `walk` makes the right moment
+        # between this call and the next, of which `advance_machine` makes the right moment
         reached = z + v_z * (m.t_turn + h) <= m.z_turn
         if (reached and (m.touching or not m.calibrated)) or F_z + F_rate * m.t_turn >= phase.level:
             return phase.next
@@ -212,7 +212,7 @@ def _time_to_turn(m, phase, z, h):
 
 
 @njit(cache=True)
-def _feel(m, phase, t, z, F):
+def _detect_surface(m, phase, t, z, F):
     """Note where on its way down the platform meets the surface, which may have moved since the last tap.
 
     The unfiltered force `F` (N) is taken, because a low-pass would find contact deeper the faster the way down. It
@@ -250,7 +250,7 @@ def _turn_within(m, phase, t, h, rest):
 
 
 @njit(cache=True)
-def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
+def advance_machine(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
     """Advance to `t` (s): phase, references `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
 
     Args:
@@ -262,19 +262,19 @@ def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
         dp_z: correction of the force loop (m).
     """
     if m.index < 0:
-        enter(m, phases, 0, t, F_z, dp_z)
+        enter_phase(m, phases, 0, t, F_z, dp_z)
     phase = phases[m.index]
     m.z_lowest = min(m.z_lowest, z)
-    _feel(m, phase, t, z, F)
-    following = _following(m, phase, t, h, z, m.v[2], F_z, F_rate)
+    _detect_surface(m, phase, t, z, F)
+    following = _due_phase(m, phase, t, h, z, m.v[2], F_z, F_rate)
     if following != m.index:
         if phase.kind == PhaseKind.PROBE:
             m.z_turn, m.calibrated = z - m.v[2] * F_delay, 0
         if phase.kind == PhaseKind.RISE:
             late = (m.z_turn - m.z_lowest) / phase.speed
-            m.t_turn = min(max(m.t_turn + m.learning * late, 0.0), LONGEST_TURN)
+            m.t_turn = min(max(m.t_turn + m.learning * late, 0.0), MAX_TURN_TIME)
         rest = _time_to_turn(m, phase, z, h)
-        enter(m, phases, following, t, F_z, dp_z)
+        enter_phase(m, phases, following, t, F_z, dp_z)
         if rest > 0.0:
             _turn_within(m, phases[m.index], t, h, rest)
             return

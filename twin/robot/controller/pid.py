@@ -12,11 +12,11 @@ from pydantic import model_validator
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, record_of, states
-from twin.kernel.settings import Settings, Values, numbers, optional, setting, taken
+from twin.kernel.settings import Settings, Values, numbers, optional, setting, setting_fields
 
-WIDEST_GAP = 3.0
+MAX_STIFFNESS_RATIO = 3.0
 """Largest ratio of stiffness of two neighbours in a schedule."""
-LOW_PASS = record(corner="f8", h="f8", share="f8")
+LOW_PASS_RECORD = record(corner="f8", h="f8", share="f8")
 """The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
 
 
@@ -65,7 +65,7 @@ class ScheduledGains(Settings):
     ki: float = setting("mm/(N s)", gt=0, le=10_000, examples=[40.0], help="integral gain")
 
 
-def order_refused(points: Sequence[ScheduledGains]) -> str:
+def schedule_error(points: Sequence[ScheduledGains]) -> str:
     """Why `points` are no schedule; "" if they are one, or none."""
     if len(points) == 1:
         return "one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s"
@@ -73,9 +73,9 @@ def order_refused(points: Sequence[ScheduledGains]) -> str:
         if above.stiffness <= below.stiffness:
             order = f"point {number} is at {above.stiffness:g} N/m, after {below.stiffness:g}"
             return f"{order}; expected the softest first"
-        if above.stiffness > WIDEST_GAP * below.stiffness:
+        if above.stiffness > MAX_STIFFNESS_RATIO * below.stiffness:
             gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m, in which no set of gains holds"
-            return f"{gap}; expected points at most {WIDEST_GAP:g}-fold apart"
+            return f"{gap}; expected points at most {MAX_STIFFNESS_RATIO:g}-fold apart"
     return ""
 
 
@@ -133,12 +133,12 @@ class ForceLoop(Settings):
 
     @model_validator(mode="after")
     def _softest_first(self) -> "ForceLoop":
-        if refusal := order_refused(self.schedule):
+        if refusal := schedule_error(self.schedule):
             raise ValueError(f"schedule: {refusal}")
         return self
 
 
-class Gains(Values, parts=(taken(PositionLoop),)):
+class Gains(Values, parts=(setting_fields(PositionLoop),)):
     """Gains of one loop, SI: kp, ki, kd, and the corner of the derivative filter (0: unfiltered)."""
 
 
@@ -147,11 +147,11 @@ def force_gains(table: ForceLoop) -> Gains:
     return Gains(**numbers(table, into="gains"))
 
 
-PID = record_of(Gains, **states(integral="f8", derivative="f8", error="f8", started="i8"))
+PID_RECORD = record_of(Gains, **states(integral="f8", derivative="f8", error="f8", started="i8"))
 
 
-def loop(gains: Gains) -> tuple:
-    """A record of dtype `PID` at rest."""
+def loop_record(gains: Gains) -> tuple:
+    """A record of dtype `PID_RECORD` at rest."""
     return (*gains, 0.0, 0.0, 0.0, 0)
 
 
@@ -166,7 +166,7 @@ def cached_share(cache, corner, h):
     """`low_pass_share`, worked out where corner or period are not those of the call before.
 
     Args:
-        cache: a record of `LOW_PASS`; at first 0.
+        cache: a record of `LOW_PASS_RECORD`; at first 0.
     """
     if cache.corner != corner or cache.h != h:
         cache.corner, cache.h, cache.share = corner, h, low_pass_share(corner, h)
@@ -196,6 +196,6 @@ def accept(pid, integral):
 
 
 @njit(cache=True)
-def rest(pid):
+def reset_loop(pid):
     """Forget every error so far."""
     pid.integral, pid.derivative, pid.error, pid.started = 0.0, 0.0, 0.0, 0

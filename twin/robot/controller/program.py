@@ -97,7 +97,7 @@ class Phase(NamedTuple):
     times: int = 1
 
 
-PHASE = record_of(Phase)
+PHASE_RECORD = record_of(Phase)
 
 
 Point = tuple[float, float]
@@ -172,7 +172,7 @@ class Push(TaskOnPoint):
 
 
 Task = Press | Tap | Roll | Push
-TASKS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
+TASK_KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
 """By the key `kind` of their tables."""
 
 
@@ -186,11 +186,11 @@ def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> 
     """
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):
-        phases += _of_task(approach, contact_force, task, number, len(phases))
+        phases += _task_phases(approach, contact_force, task, number, len(phases))
     return [*phases, Phase(PhaseKind.DONE, len(tasks), duration=math.inf, next=len(phases))]
 
 
-def _of_task(approach: Approach, contact_force: float, task: Task, number: int, first: int) -> list[Phase]:
+def _task_phases(approach: Approach, contact_force: float, task: Task, number: int, first: int) -> list[Phase]:
     travel = Phase(
         PhaseKind.TRAVEL, number, (*task.point, approach.height), speed=approach.speed,
         ramp_in=approach.ramp, ramp_out=approach.ramp,
@@ -204,7 +204,9 @@ def _of_task(approach: Approach, contact_force: float, task: Task, number: int, 
         ramp_in=approach.ramp, ramp_out=approach.ramp,
     )  # fmt: skip
     work = (
-        _taps(approach, task, number) if isinstance(task, Tap) else _under_force(approach, contact_force, task, number)
+        _tap_phases(approach, task, number)
+        if isinstance(task, Tap)
+        else _force_phases(approach, contact_force, task, number)
     )
     chain = [travel, descend, *work, retract]
     last = first + len(chain) - 1
@@ -215,7 +217,7 @@ def _of_task(approach: Approach, contact_force: float, task: Task, number: int, 
     return linked
 
 
-def _under_force(approach: Approach, contact_force: float, task: Press | Roll | Push, number: int) -> Iterable[Phase]:
+def _force_phases(approach: Approach, contact_force: float, task: Press | Roll | Push, number: int) -> Iterable[Phase]:
     pressing = Phase(PhaseKind.BUILD_UP, number, force_on=True, F_end=task.force)
     yield pressing._replace(duration=task.build_up)
     match task:
@@ -231,7 +233,7 @@ def _under_force(approach: Approach, contact_force: float, task: Press | Roll | 
     yield pressing._replace(kind=PhaseKind.RELEASE, F_end=contact_force, duration=approach.release)
 
 
-def _taps(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
+def _tap_phases(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
     # a gentle touch first: where the force is reached is what the taps then aim at
     yield down._replace(speed=approach.descent, until=PhaseEnd.FELT)

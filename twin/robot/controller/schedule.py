@@ -15,34 +15,36 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.port import record_of, state, states
-from twin.kernel.settings import Values, taken
+from twin.kernel.settings import Values, setting_fields
 from twin.robot.controller.pid import ForceLoop, ScheduledGains
 from twin.robot.controller.tissue import Tissue
 
 
-class SchedulePoint(Values, parts=(taken(ScheduledGains),)):
+class SchedulePoint(Values, parts=(setting_fields(ScheduledGains),)):
     """Gains at a stiffness, SI."""
 
 
 class Scheduling(
-    Values, parts=(taken(Tissue, "tolerance"), taken(ForceLoop, "rate", "follow", "kp", "ki")), first="tolerance"
+    Values,
+    parts=(setting_fields(Tissue, "tolerance"), setting_fields(ForceLoop, "rate", "follow", "kp", "ki")),
+    first="tolerance",
 ):
     """Settings, SI: up to which standard error over k_hat the estimate is trusted, and how gains follow; kp and ki are
     the safe set."""
 
 
-POINT = record_of(SchedulePoint)
-SCHEDULE = record_of(
+POINT_RECORD = record_of(SchedulePoint)
+SCHEDULE_RECORD = record_of(
     Scheduling, count="i8", segment=state("i8", below="count"), **states(at="f8", share="f8", F_ref="f8")
 )
 """Settings and state: number of points, the segment last used, stiffness that the gains are taken at, share of the
 table, last reference."""
-_points_at = pointer_to(POINT)
+_points_at = pointer_to(POINT_RECORD)
 
 
-def table_of(points: Sequence[SchedulePoint]) -> np.ndarray:
+def schedule_table(points: Sequence[SchedulePoint]) -> np.ndarray:
     """The points as the compiled code takes them."""
-    return np.array([tuple(point) for point in points], dtype=POINT)
+    return np.array([tuple(point) for point in points], dtype=POINT_RECORD)
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,58 +17,68 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, states
 from twin.kernel.cosim.system import System
 from twin.kernel.settings import Settings, numbers, setting
-from twin.robot.controller.adaptive import Adapting, adapt, tell, with_adaptive
+from twin.robot.controller.adaptive import AdaptiveOptions, adapt, with_adaptive, write_outputs
 from twin.robot.controller.breath import Breath
 from twin.robot.controller.compliance import (
-    DAMPER,
-    FEED_FORWARD,
-    Believed,
+    DAMPER_RECORD,
+    FEED_FORWARD_RECORD,
     Damping,
     FeedForward,
+    FeedForwardModel,
     damp,
     damper,
     friction_force,
     load_torques,
 )
-from twin.robot.controller.controller import INPUTS as ESTIMATES
+from twin.robot.controller.controller import LAW_INPUTS as ESTIMATES
 from twin.robot.controller.controller import (
-    LAW,
-    OUTPUTS,
+    LAW_OUTPUTS,
+    LAW_RECORD,
     Controller,
     Law,
     WayPointReference,
-    follow_passed,
+    controller_ports,
     force_correction,
     motor_speeds,
-    ports,
+    unwind_integral,
 )
 from twin.robot.controller.energy_tank import EnergyTank
-from twin.robot.controller.machine import MACHINE, motion, walk
-from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, PositionLoop, Processor, cached_share, loop, rest
-from twin.robot.controller.program import PHASE, Phase
+from twin.robot.controller.machine import MACHINE_RECORD, advance_machine, motion
+from twin.robot.controller.pid import (
+    LOW_PASS_RECORD,
+    PID_RECORD,
+    ForceLoop,
+    Gains,
+    PositionLoop,
+    Processor,
+    cached_share,
+    loop_record,
+    reset_loop,
+)
+from twin.robot.controller.program import PHASE_RECORD, Phase
 from twin.robot.controller.taps import learn_taps
 from twin.robot.controller.tissue import Tissue
 from twin.robot.mechanism.geometry import Model
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
 TASK_OUTPUTS = (
-    *OUTPUTS,
+    *LAW_OUTPUTS,
     Port("v_ref_B", 3, "m/s", "velocity of the reference, fed forward"),
     Port("task", 1, "1", "task of the sequence that is on, counted from 1", "int"),
     Port("phase", 1, "1", "what it is doing, see the recording's metadata 'phases'", "int"),
 )
-MEMORY = record(
-    law=LAW,
-    forward=FEED_FORWARD,
-    damper=DAMPER,
-    force=PID,
-    position=(PID, (3,)),
-    machine=MACHINE,
+TASK_MEMORY = record(
+    law=LAW_RECORD,
+    forward=FEED_FORWARD_RECORD,
+    damper=DAMPER_RECORD,
+    force=PID_RECORD,
+    position=(PID_RECORD, (3,)),
+    machine=MACHINE_RECORD,
     phases="i8",
     count="i8",
-    **states(low=LOW_PASS, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
+    **states(low=LOW_PASS_RECORD, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
 )
-ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+ADAPTIVE_TASK_MEMORY = with_adaptive(TASK_MEMORY)
 
 
 class Touch(Settings):
@@ -92,11 +102,11 @@ class Touch(Settings):
     )
 
 
-_phases_at = pointer_to(PHASE)
+_phases_at = pointer_to(PHASE_RECORD)
 
 
 @njit(cache=True)
-def fed_forward(m, phase, J, t, h, v_shift):
+def write_feed_forward(m, phase, J, t, h, v_shift):
     """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' deflection, ahead of `t` by `lag`,
     and for a velocity `v_shift` (m/s) in z besides.
     """
@@ -129,14 +139,14 @@ def control(m, t, h, u, y, shift, v_shift):
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
     # a first-order low-pass lags a ramp by its time constant
     lag = h * (1.0 - share) / share
-    walk(machine, phases, t, h, u.p_B[2], -u.F_ee_B[2], m.F_z, m.F_rate, lag, m.dp_z)
+    advance_machine(machine, phases, t, h, u.p_B[2], -u.F_ee_B[2], m.F_z, m.F_rate, lag, m.dp_z)
     phase = phases[machine.index]
     if phase.force_on:
         m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)
     else:
         m.dp_z = 0.0
-        rest(m.force)
-    fed_forward(m, phase, u.J, t, h, v_shift)
+        reset_loop(m.force)
+    write_feed_forward(m, phase, u.J, t, h, v_shift)
     damp(m.damper, m.law.N * m.forward.eta, u.tau_l, h, m.lead)
     for i in range(3):
         y.p_ref_B[i], y.v_ref_B[i], y.p_cmd_B[i] = machine.p[i], machine.v[i], machine.p[i]
@@ -148,14 +158,16 @@ def control(m, t, h, u, y, shift, v_shift):
 
 
 @cache
-def step_over(adaptive, tank):
+def make_step(adaptive, tank):
     """As that of the law alone."""
 
-    @step_function(ADAPTIVE_MEMORY if adaptive else MEMORY, *ports(TASK_INPUTS, TASK_OUTPUTS, adaptive, tank))
+    @step_function(
+        ADAPTIVE_TASK_MEMORY if adaptive else TASK_MEMORY, *controller_ports(TASK_INPUTS, TASK_OUTPUTS, adaptive, tank)
+    )
     def step(m, t, h, u, y):
         shift = v_shift = 0.0
         if tank:
-            follow_passed(m.force, m.position[2].error, u.share, h)
+            unwind_integral(m.force, m.position[2].error, u.share, h)
         if adaptive:
             known, machine, z, F = m.adaptive, m.machine, u.p_B[2], -u.F_ee_B[2]
             adapt(known, m.gain_table, m.force, h, z, F, u.J, machine.F_ref)
@@ -165,7 +177,7 @@ def step_over(adaptive, tank):
             shift, v_shift = known.shift, known.v_shift
         control(m, t, h, u, y, shift, v_shift)
         if adaptive:
-            tell(m.adaptive, m.force, y.triggered, y)
+            write_outputs(m.adaptive, m.force, y.triggered, y)
         return 0
 
     return step
@@ -190,18 +202,21 @@ class TaskController(NativeComponent):
         law: Law,
         position: Gains,
         force: Gains,
-        feed_forward: Believed,
+        feed_forward: FeedForwardModel,
         damping: Damping,
         touch: Touch,
         phases: Sequence[Phase],
         start: Sequence[float],
         period: int = 1,
-        adapting: Adapting | None = None,
+        adapting: AdaptiveOptions | None = None,
         tank: bool = False,
     ):
-        table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
+        table = np.array([tuple(phase) for phase in phases], dtype=PHASE_RECORD)
         memory = memory_of(
-            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+            ADAPTIVE_TASK_MEMORY if adapting else TASK_MEMORY,
+            law=tuple(law),
+            force=loop_record(force),
+            position=[loop_record(position)] * 3,
         )
         memory["forward"][0], memory["damper"][0] = tuple(feed_forward), damper(damping)
         memory["count"] = len(table)
@@ -213,8 +228,8 @@ class TaskController(NativeComponent):
         if adapting:
             arrays |= adapting.fill(memory["adaptive"][0])
         variant = adapting is not None, tank
-        sides = ports(TASK_INPUTS, TASK_OUTPUTS, *variant)
-        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
+        sides = controller_ports(TASK_INPUTS, TASK_OUTPUTS, *variant)
+        super().__init__("controller", *sides, True, make_step(*variant), memory, period=period, pointers=arrays)
 
 
 class Computer(Processor):
@@ -231,7 +246,7 @@ class Computer(Processor):
     model: Model
 
 
-def hold_at(system: System, p_B: Sequence[float]) -> None:
+def set_hold_point(system: System, p_B: Sequence[float]) -> None:
     """From now on the last way point, and the phase that goes on, are at `p_B` (3,), m."""
     for component in system.components:
         if isinstance(component, (Controller, WayPointReference)):

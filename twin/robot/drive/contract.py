@@ -7,14 +7,14 @@ import numpy as np
 
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, state
-from twin.kernel.fmi.variable import SPEED
+from twin.kernel.fmi.variable import SPEED_DIMENSION
 from twin.kernel.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 Command = Literal["velocity", "torque", "current", "voltage", "position"]
 
 ROTOR_MEMORY = record(J="f8", b="f8", theta=state("f8"), omega=state("f8"))
-UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
-UNWRAPPED_MEMORY = record(turn="f8", theta=state("f8"))
+UNWRAP_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
+UNWRAP_MEMORY = record(turn="f8", theta=state("f8"))
 
 
 class Role(NamedTuple):
@@ -38,9 +38,9 @@ class Role(NamedTuple):
     mechanical: Literal[-1, 0, 1] = 0
 
 
-COMMANDS: dict[Command, Role] = {
+COMMAND_ROLES: dict[Command, Role] = {
     "velocity": Role(
-        Port("omega_ref", 1, "rad/s", "commanded motor speed"), "input", SPEED, True,
+        Port("omega_ref", 1, "rad/s", "commanded motor speed"), "input", SPEED_DIMENSION, True,
         ("omega_ref", "speed_ref", "n_cmd", "velocity", "goal", "target", "setpoint", "cmd", "ref"), 1,
     ),
     "torque": Role(
@@ -62,27 +62,27 @@ COMMANDS: dict[Command, Role] = {
 }  # fmt: skip
 """The one command role, by what the drive is commanded with."""
 
-LOAD = Role(
+LOAD_ROLE = Role(
     Port("tau_load", 1, "N m", "load on the motor shaft, positive opposes +omega_m"), "input", TORQUE, True,
     ("tau_load", "load", "m_load", "torque_load", "load_torque", "disturbance", "external"), -1,
 )  # fmt: skip
 
-THETA_M = Role(
+THETA_M_ROLE = Role(
     Port("theta_m", 1, "rad", "motor angle"), "output", NUMBER, True,
     ("theta_m", "phi", "angle", "position", "theta", "q"), 1,
 )  # fmt: skip
-OMEGA_M = Role(
-    Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED, True,
+OMEGA_M_ROLE = Role(
+    Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED_DIMENSION, True,
     ("omega_m", "speed", "velocity", "omega", "n", "w"), 1,
 )  # fmt: skip
-TAU_MOTOR = Role(
+TAU_MOTOR_ROLE = Role(
     Port("tau_motor", 1, "N m", "torque the machine produces"), "output", TORQUE, False,
     ("tau_motor", "motor_torque", "torque", "tau_m", "tau", "m_mot"), -1,
 )  # fmt: skip
-OUTPUTS = (
-    THETA_M,
-    OMEGA_M,
-    TAU_MOTOR,
+OUTPUT_ROLES = (
+    THETA_M_ROLE,
+    OMEGA_M_ROLE,
+    TAU_MOTOR_ROLE,
     Role(Port("current", 1, "A", "motor current"), "output", CURRENT, False, ("current", "i_q", "iq", "i_a", "i")),
     Role(Port("power", 1, "W", "electrical power drawn"), "output", POWER, False, ("power", "p_el", "p")),
     Role(
@@ -92,17 +92,17 @@ OUTPUTS = (
     Role(Port("status", 1, "1", "status code of the drive"), "output", NUMBER, False, ("status", "state", "error")),
 )  # fmt: skip
 
-OPTIONAL_INPUTS = (
+OPTIONAL_INPUT_ROLES = (
     Role(Port("enable", 1, "1", "drive enabled"), "input", NUMBER, False, ("enable", "enabled", "on")),
     Role(Port("v_bus", 1, "V", "voltage of the supply"), "input", VOLTAGE, False, ("v_bus", "v_dc", "u_bus", "supply")),
 )
 """What some drives also want; a value in [drive.parameters] sets it, else its own start value stands."""
 
-SHAFT = tuple(role._replace(causality="input", required=False) for role in (OMEGA_M, THETA_M))
+SHAFT_INPUT_ROLES = tuple(role._replace(causality="input", required=False) for role in (OMEGA_M_ROLE, THETA_M_ROLE))
 """The inputs by which a drive with a simulated rotor learns how its shaft moves."""
 
 
-def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
+def drive_roles(command: Command, rotor: bool = False) -> tuple[Role, ...]:
     """Every role of a drive, inputs first.
 
     Args:
@@ -110,13 +110,19 @@ def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
         rotor: whether the shaft is ours: the FMU gives a torque then, and may have an input for how the shaft moves.
     """
     if not rotor:
-        return (COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
-    moved = tuple(role for role in OUTPUTS if role not in (THETA_M, OMEGA_M, TAU_MOTOR))
-    return (COMMANDS[command], *SHAFT, *OPTIONAL_INPUTS, TAU_MOTOR._replace(required=True), *moved)
+        return (COMMAND_ROLES[command], LOAD_ROLE, *OPTIONAL_INPUT_ROLES, *OUTPUT_ROLES)
+    moved = tuple(role for role in OUTPUT_ROLES if role not in (THETA_M_ROLE, OMEGA_M_ROLE, TAU_MOTOR_ROLE))
+    return (
+        COMMAND_ROLES[command],
+        *SHAFT_INPUT_ROLES,
+        *OPTIONAL_INPUT_ROLES,
+        TAU_MOTOR_ROLE._replace(required=True),
+        *moved,
+    )
 
 
-ROTOR_INPUTS = (TAU_MOTOR.port, LOAD.port)
-ROTOR_OUTPUTS = (THETA_M.port, OMEGA_M.port)
+ROTOR_INPUTS = (TAU_MOTOR_ROLE.port, LOAD_ROLE.port)
+ROTOR_OUTPUTS = (THETA_M_ROLE.port, OMEGA_M_ROLE.port)
 
 
 @step_function(ROTOR_MEMORY, ROTOR_INPUTS, ROTOR_OUTPUTS)
@@ -147,18 +153,18 @@ class DriveRotor(NativeComponent):
         super().__init__("rotor", ROTOR_INPUTS, ROTOR_OUTPUTS, False, rotor_step, memory, np.array([theta_m, 0.0]))
 
 
-UNWRAPPED_OUTPUTS = (THETA_M.port,)
+UNWRAP_OUTPUTS = (THETA_M_ROLE.port,)
 
 
-@step_function(UNWRAPPED_MEMORY, UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS)
-def unwrapped_step(m, t, h, u, y):
+@step_function(UNWRAP_MEMORY, UNWRAP_INPUTS, UNWRAP_OUTPUTS)
+def unwrap_step(m, t, h, u, y):
     # no shaft turns by half a turn within a step
     m.theta = u.wrapped - m.turn * round((u.wrapped - m.theta) / m.turn)
     y.theta_m = m.theta
     return 0
 
 
-class Unwrapped(NativeComponent):
+class AngleUnwrapper(NativeComponent):
     """Continuous component behind the drive's FMU: its angle in, the same without jumps by whole turns out.
 
     Args:
@@ -167,7 +173,5 @@ class Unwrapped(NativeComponent):
     """
 
     def __init__(self, turn: float, theta_m: float):
-        memory = memory_of(UNWRAPPED_MEMORY, turn=turn, theta=theta_m)
-        super().__init__(
-            "unwrapped", UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS, False, unwrapped_step, memory, np.array([theta_m])
-        )
+        memory = memory_of(UNWRAP_MEMORY, turn=turn, theta=theta_m)
+        super().__init__("unwrapped", UNWRAP_INPUTS, UNWRAP_OUTPUTS, False, unwrap_step, memory, np.array([theta_m]))

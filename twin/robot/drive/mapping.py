@@ -13,20 +13,29 @@ from typing import Any, Literal, NamedTuple
 
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.variable import TURN, Conversion, Variable, meant
+from twin.kernel.fmi.variable import RAD_PER_TURN, Conversion, Variable, si_conversion
 from twin.kernel.units import NUMBER, known_unit, weight_hint
-from twin.robot.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, TAU_MOTOR, THETA_M, Command, Role, contract
+from twin.robot.drive.contract import (
+    COMMAND_ROLES,
+    LOAD_ROLE,
+    OPTIONAL_INPUT_ROLES,
+    TAU_MOTOR_ROLE,
+    THETA_M_ROLE,
+    Command,
+    Role,
+    drive_roles,
+)
 
-ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
+ANGLE_FACTORS = (1.0, RAD_PER_TURN / 360.0, RAD_PER_TURN)
 """rad, degree, turn: what tells an angle from any other pure number."""
 _IN_UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*[^\[\]\d][^\[\]]*)\]")
-ASKED_FOR = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
+FED_INPUT_WORDS = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
 """In names of inputs that are the robot's to feed."""
-SUPPLIES = {word for role in OPTIONAL_INPUTS for word in (role.port.name, *role.synonyms)}
-COMMANDED = [role.dimension for role in COMMANDS.values()]
+SUPPLY_WORDS = {word for role in OPTIONAL_INPUT_ROLES for word in (role.port.name, *role.synonyms)}
+COMMAND_DIMENSIONS = [role.dimension for role in COMMAND_ROLES.values()]
 
 
-def measures(variable: Variable, role: Role) -> bool:
+def unit_allows(variable: Variable, role: Role) -> bool:
     """Whether the variable's unit allows the role; no stated unit does."""
     if not variable.unit:
         return True
@@ -37,15 +46,15 @@ def measures(variable: Variable, role: Role) -> bool:
     )
 
 
-def plays(variable: Variable, role: Role) -> bool:
+def can_play(variable: Variable, role: Role) -> bool:
     """Whether causality, type and unit allow the role."""
-    return variable.causality == role.causality and _can_be(variable, role)
+    return variable.causality == role.causality and _type_allows(variable, role)
 
 
-def _can_be(variable: Variable, role: Role) -> bool:
+def _type_allows(variable: Variable, role: Role) -> bool:
     """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
     counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
-    return counted and measures(variable, role)
+    return counted and unit_allows(variable, role)
 
 
 def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
@@ -55,7 +64,7 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
     """
     causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
     offered = [
-        [n for n, v in variables.items() if n not in taken and v.causality == causality and _can_be(v, role)]
+        [n for n, v in variables.items() if n not in taken and v.causality == causality and _type_allows(v, role)]
         for causality in causalities
     ]
     fitting = next((found for found in offered if found), [])
@@ -67,27 +76,29 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
     """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others, of
     these one that is called like a command."""
-    free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
+    free = {command: candidates(variables, role, taken) for command, role in COMMAND_ROLES.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
     called = [
-        command for command in stated if any(score(n, variables[n], COMMANDS[command]) > 0 for n in free[command])
+        command
+        for command in stated
+        if any(name_score(n, variables[n], COMMAND_ROLES[command]) > 0 for n in free[command])
     ]
     return next(iter([*called, *stated, *(command for command, names in free.items() if names)]), "velocity")
 
 
-def proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
+def best_candidates(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
     """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
     # a command in "1" is a share of something, hardly an angle
     unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
-    fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and plays(v, role)]
+    fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and can_play(v, role)]
     if role.dimension == NUMBER and not role.required:
-        fitting = [n for n, v in variables.items() if n not in taken and plays(v, role)]
-    scores = {name: score(name, variables[name], role) for name in fitting}
+        fitting = [n for n, v in variables.items() if n not in taken and can_play(v, role)]
+    scores = {name: name_score(name, variables[name], role) for name in fitting}
     best = max(scores.values(), default=0)
     return [name for name, score in scores.items() if score == best]
 
 
-def score(name: str, variable: Variable, role: Role) -> int:
+def name_score(name: str, variable: Variable, role: Role) -> int:
     """How well name and description fit: 3 a synonym itself, 2 contains one, 1 described by one."""
     lower = name.lower().rpartition(".")[2]
     words = re.split(r"[^a-z0-9]+", lower)
@@ -99,11 +110,11 @@ def score(name: str, variable: Variable, role: Role) -> int:
     return int(any(len(synonym) > 3 and synonym in described for synonym in role.synonyms))
 
 
-class RolesUnclear(InputRefused):
+class AmbiguousRoles(InputRefused):
     """A required role has no or several answers; the sentence says which."""
 
 
-def to_paste(
+def ambiguity_message(
     file: str,
     variables: Mapping[str, Variable],
     roles: tuple[Role, ...],
@@ -122,22 +133,24 @@ def to_paste(
         rotor: whether its shaft is ours.
     """
     lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
-    likely = likely_command(variables, set(chosen.values())) if COMMANDS["velocity"] in unsure else "velocity"
+    likely = likely_command(variables, set(chosen.values())) if COMMAND_ROLES["velocity"] in unsure else "velocity"
     other = likely if likely != "velocity" else None
     if other:
         loop = "" if other == "position" else ", which needs a velocity loop of ours in front of it"
         lines.append(f"It seems to be commanded with a {other}{loop}.")
-        roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
-        unsure = [*unsure, COMMANDS[other]]
-    still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
-    if still and not rotor and proposals(variables, TAU_MOTOR, set()):
+        roles = (COMMAND_ROLES[other], *(role for role in roles if role is not COMMAND_ROLES["velocity"]))
+        unsure = [*unsure, COMMAND_ROLES[other]]
+    still = not any(
+        v.causality in ("output", "local") and unit_allows(v, THETA_M_ROLE) for v in variables.values() if v.unit
+    )
+    if still and not rotor and best_candidates(variables, TAU_MOTOR_ROLE, set()):
         lines.append("It gives a torque and no angle: to simulate its shaft here, add [drive.rotor] J_kg_m2 = 1e-4.")
     lines.append("Complete this in the experiment, or without 'drive.' in the mapping.toml beside the FMU:")
     if other:
         lines += ["[drive]", f'command = "{other}"']
     if other and other != "position":
         lines.append("[drive.velocity_loop]")
-        unit = COMMANDS[other].port.unit
+        unit = COMMAND_ROLES[other].port.unit
         lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
         lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
     for table, causality in (("inputs", "input"), ("outputs", "output")):
@@ -210,7 +223,7 @@ class Binding:
         return f"{self.port.name} {arrow} {self.mapped_name}{unit}"
 
 
-def split_mapped(text: str) -> tuple[str, str]:
+def split_unit(text: str) -> tuple[str, str]:
     """Split `speed_cmd[rpm]` of a mapping into the variable's name and its unit, "" without one."""
     found = _IN_UNIT.fullmatch(text)
     return (found["name"], found["unit"]) if found else (text, "")
@@ -231,13 +244,13 @@ def with_units(
     def bare(text: str) -> str:
         sign = "-" * (text.startswith("-") and text not in known)
         plain = text[len(sign) :].strip()
-        name, spelled = split_mapped(plain)
+        name, spelled = split_unit(plain)
         alike = [n for n in known if n == name or n.startswith(f"{name}[")]
         if not spelled or plain in known or not alike:
             return text
         # what the contract has no name for may be a unit of a log
         other = known_unit(spelled)
-        read = meant(spelled) or (Conversion(other.dimension._replace(rad=0), other.scale) if other else None)
+        read = si_conversion(spelled) or (Conversion(other.dimension._replace(rad=0), other.scale) if other else None)
         if read is None:
             raise InputRefused(
                 f"{file}: '{text}': the unit '{spelled}' is unknown; expected one such as rad/s, rpm or N.m"
@@ -254,7 +267,7 @@ def with_units(
     return known, [{role: entry(of) for role, of in one.items()} for one in mappings]
 
 
-class Choice(NamedTuple):
+class RoleChoice(NamedTuple):
     """Who plays which role.
 
     Attributes:
@@ -281,12 +294,12 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     """
     variables, (inputs, outputs) = with_units(file, variables, (wiring.inputs, wiring.outputs))
     wiring = replace(wiring, inputs=inputs, outputs=outputs)
-    roles = contract(wiring.command, wiring.rotor)
+    roles = drive_roles(wiring.command, wiring.rotor)
     _refuse_unknown_roles(file, wiring, roles, "drive")
-    chosen, turned, unsure = choice(file, variables, wiring, roles)
+    chosen, turned, unsure = choose_variables(file, variables, wiring, roles)
     if unsure:
-        raise RolesUnclear(to_paste(file, variables, roles, chosen, unsure, wiring.rotor))
-    found = _all_bound(variables, wiring, roles, chosen, turned)
+        raise AmbiguousRoles(ambiguity_message(file, variables, roles, chosen, unsure, wiring.rotor))
+    found = _bind_roles(variables, wiring, roles, chosen, turned)
     widths = {b.port.name: b.port.size for b in found if b.role.required}
     if len(set(widths.values())) > 1 or not set(widths.values()) <= {1, 3}:
         listed = ", ".join(f"{name} has {size}" for name, size in widths.items())
@@ -294,7 +307,7 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     return found
 
 
-def filled(
+def fill_roles(
     file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
 ) -> tuple[Binding, ...]:
     """Those of `roles`, none of them required, that variables play, in their order.
@@ -310,11 +323,11 @@ def filled(
         InputRefused: see `bindings`.
     """
     _refuse_unknown_roles(file, wiring, roles, table)
-    chosen, turned, _ = choice(file, variables, wiring, roles)
-    return _all_bound(variables, wiring, roles, chosen, turned)
+    chosen, turned, _ = choose_variables(file, variables, wiring, roles)
+    return _bind_roles(variables, wiring, roles, chosen, turned)
 
 
-def _all_bound(
+def _bind_roles(
     variables: Mapping[str, Variable],
     wiring: Wiring,
     roles: Sequence[Role],
@@ -327,14 +340,14 @@ def _all_bound(
         _, factor, offset = variables[name].conversion or Conversion(role.dimension)
         ratio = wiring.sign * wiring.gear_ratio
         # no gear changes a voltage or a current, but the shaft turns with its sign
-        electrical = float(wiring.sign) if role in COMMANDS.values() else 1.0
+        electrical = float(wiring.sign) if role in COMMAND_ROLES.values() else 1.0
         alone = role.port.name in turned
         mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if alone else 1.0)
         found.append(Binding(role, variables[name], name, factor * mechanical, offset * mechanical, alone))
     return tuple(found)
 
 
-def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> Choice:
+def choose_variables(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> RoleChoice:
     """What the user says, and of the other `roles` those that have one answer.
 
     Raises:
@@ -348,8 +361,8 @@ def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: 
             if named.startswith("-") and named not in variables:
                 turned.add(role.port.name)
                 named = named.removeprefix("-").strip()
-            chosen[role.port.name] = _checked(file, variables, role, named)
-        elif role.port.name in variables and plays(variables[role.port.name], role):
+            chosen[role.port.name] = _check_variable(file, variables, role, named)
+        elif role.port.name in variables and can_play(variables[role.port.name], role):
             chosen[role.port.name] = role.port.name
     for name in set(chosen.values()):
         played = [role for role, variable in chosen.items() if variable == name]
@@ -358,12 +371,12 @@ def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: 
     unsure: list[Role] = []
     for role in roles:
         if role.port.name not in chosen:
-            best = proposals(variables, role, set(chosen.values()))
-            if len(best) == 1 and (role.required or score(best[0], variables[best[0]], role) >= 2):
+            best = best_candidates(variables, role, set(chosen.values()))
+            if len(best) == 1 and (role.required or name_score(best[0], variables[best[0]], role) >= 2):
                 chosen[role.port.name] = best[0]
             elif role.required:
                 unsure.append(role)
-    return Choice(chosen, turned, unsure)
+    return RoleChoice(chosen, turned, unsure)
 
 
 def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owner: str) -> None:
@@ -377,7 +390,7 @@ def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owne
                 )
 
 
-def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str) -> str:
+def _check_variable(file: str, variables: Mapping[str, Variable], role: Role, name: str) -> str:
     """`name`, if the variable the user gave to `role` can play it."""
     if name not in variables:
         offered = [n for n, v in variables.items() if v.causality == role.causality]
@@ -392,7 +405,7 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
         )
     if variable.kind < 0:
         raise InputRefused(f"{file}: '{name}' has type {variable.type}; {role.port.name} needs a number")
-    if not measures(variable, role):
+    if not unit_allows(variable, role):
         raise InputRefused(
             f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; "
             f"{role.port.name} needs one like {role.port.unit}"
@@ -401,7 +414,7 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
     return name
 
 
-class Join(NamedTuple):
+class WireProposal(NamedTuple):
     """A wire that may be: from output `source` to input `target`, "part.variable" each; `sure`: nothing else may."""
 
     source: str
@@ -409,12 +422,12 @@ class Join(NamedTuple):
     sure: bool = True
 
 
-def part_of(name: str) -> str:
+def part_name(name: str) -> str:
     """The part of a variable that is called "part.variable"."""
     return name.partition(".")[0]
 
 
-def objection(variables: Mapping[str, Variable], source: str, target: str) -> str:
+def wire_error(variables: Mapping[str, Variable], source: str, target: str) -> str:
     """Why no wire can lead from `source` to `target`; "" if one can."""
     for end, causalities in ((source, ("output", "local")), (target, ("input",))):
         if end not in variables:
@@ -427,7 +440,7 @@ def objection(variables: Mapping[str, Variable], source: str, target: str) -> st
     return ""
 
 
-def joins(variables: Mapping[str, Variable]) -> list[Join]:
+def propose_wires(variables: Mapping[str, Variable]) -> list[WireProposal]:
     """A wire for each input that an output of another part is called like, or alone measures what it does.
 
     What is left to feed has to include a load and a command, so by its unit alone no input is wired that is called like
@@ -437,25 +450,25 @@ def joins(variables: Mapping[str, Variable]) -> list[Join]:
         variables: of all parts, as "part.variable".
     """
     inputs = [name for name, v in variables.items() if v.causality == "input" and v.kind >= 0]
-    found: list[Join] = []
+    found: list[WireProposal] = []
     for target in inputs:
-        alike = [name for name in _sources(variables, target) if _last(name) == _last(target)]
-        found += [Join(alike[0], target)] if len(alike) == 1 else []
+        alike = [name for name in _sources(variables, target) if _variable_name(name) == _variable_name(target)]
+        found += [WireProposal(alike[0], target)] if len(alike) == 1 else []
     rest = [name for name in inputs if name not in {join.target for join in found}]
-    measured = {name: [] if _is_asked_for(name) else _sources(variables, name, measured=True) for name in rest}
+    measured = {name: [] if _is_robot_input(name) else _sources(variables, name, measured=True) for name in rest}
     free = [_dimension(variables, name) for name, sources in measured.items() if len(sources) != 1]
-    loads, commands = free.count(LOAD.dimension), len([d for d in free if d in COMMANDED])
+    loads, commands = free.count(LOAD_ROLE.dimension), len([d for d in free if d in COMMAND_DIMENSIONS])
     left = loads > 0 and commands > (loads == 1)
     for target, sources in measured.items():
         rivals = [other for other, theirs in measured.items() if set(theirs) & set(sources)]
         sure = left and len(sources) == len(rivals) == 1
-        found += [Join(source, target, sure) for source in sources]
+        found += [WireProposal(source, target, sure) for source in sources]
     return sorted(found, key=lambda join: inputs.index(join.target))
 
 
-def _is_asked_for(name: str) -> bool:
+def _is_robot_input(name: str) -> bool:
     """Whether an input has the name of one that the robot feeds, or has no source."""
-    return any(word in _last(name) for word in ASKED_FOR) or _last(name) in SUPPLIES
+    return any(word in _variable_name(name) for word in FED_INPUT_WORDS) or _variable_name(name) in SUPPLY_WORDS
 
 
 def _sources(variables: Mapping[str, Variable], target: str, measured: bool = False) -> Sequence[str]:
@@ -464,8 +477,8 @@ def _sources(variables: Mapping[str, Variable], target: str, measured: bool = Fa
         name
         for name, v in variables.items()
         if v.causality == "output"
-        and part_of(name) != part_of(target)
-        and not objection(variables, name, target)
+        and part_name(name) != part_name(target)
+        and not wire_error(variables, name, target)
         and v.size == variables[target].size
         and (not measured or _dimension(variables, name) == _dimension(variables, target) is not None)
     ]
@@ -476,5 +489,5 @@ def _dimension(variables: Mapping[str, Variable], name: str) -> object:
     return conversion.dimension if conversion else None
 
 
-def _last(name: str) -> str:
+def _variable_name(name: str) -> str:
     return name.partition(".")[2].lower()

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.robot.experiment.differences import flat
+from twin.robot.experiment.differences import flatten
 from twin.robot.experiment.source import COMMAND_LINE, toml_value
 
-WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}
+OPTION_KEYS = {"drive.fmu": "--drive", "contact.body": "--body"}
 """Keys with an option of their own."""
 
 
@@ -20,8 +20,8 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
         origins: by dotted key.
     """
     words: list[str] = []
-    stated, whole = dict(flat(values)), set()
-    for key, option in WHOLE.items():
+    stated, whole = dict(flatten(values)), set()
+    for key, option in OPTION_KEYS.items():
         if origins.get(key) == COMMAND_LINE and key in stated:
             words += [option, str(stated[key])]
             whole.add(key)

@@ -8,36 +8,36 @@ from typing import Any
 
 from twin.kernel.settings import Settings
 from twin.robot.experiment import schema
-from twin.robot.experiment.fault import CATALOGUE, FaultTable
+from twin.robot.experiment.fault import FAULT_KINDS, FaultTable
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_values
-from twin.robot.experiment.schema import Declared, nested
+from twin.robot.experiment.schema import DeclaredTables, nested_tables
 from twin.robot.experiment.source import read_source
-from twin.robot.experiment.template import ROBOT
-from twin.robot.places import HOME
+from twin.robot.experiment.template import ROBOT_FILE
+from twin.robot.paths import PROJECT_FOLDER
 
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that hold the robot's own values wherever they do not say otherwise."""
-SHORT = 12
+HASH_LENGTH = 12
 """Characters of a hash by which files are distinguished."""
 
-Facts = Mapping[str, str]
+ComparableValues = Mapping[str, str]
 """Everything by which experiments may differ, as text, by dotted key."""
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """(dotted key, value) of nested tables; items of arrays of tables by their number from 1."""
     for key, value in values.items():
         if isinstance(value, Mapping):
-            yield from flat(value, f"{prefix}{key}.")
+            yield from flatten(value, f"{prefix}{key}.")
         elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
             for number, item in enumerate(value, start=1):
-                yield from flat(item, f"{prefix}{key}.{number}.")
+                yield from flatten(item, f"{prefix}{key}.{number}.")
         else:
             yield f"{prefix}{key}", value
 
 
 @cache
-def _names(declared: Declared) -> dict[str, str]:
+def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
     """Key of an experiment file -> its name without the unit, of every key that has one."""
     tables: dict[str, type[Settings]] = {
         **declared.tables,
@@ -45,16 +45,16 @@ def _names(declared: Declared) -> dict[str, str]:
         "fault": FaultTable,
         **declared.tasks,
     }
-    models = [model for name, table in tables.items() for model in nested(table, name).values()]
+    models = [model for name, table in tables.items() for model in nested_tables(table, name).values()]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
-    magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
+    magnitudes = {kind.magnitude_key: "magnitude" for kind in FAULT_KINDS.values() if kind.magnitude_key}
     return fields | magnitudes
 
 
-def name_and_unit(declared: Declared, key: str) -> tuple[str, str]:
+def name_and_unit(declared: DeclaredTables, key: str) -> tuple[str, str]:
     """`controller.force.kp_mm_per_N` as `controller.force.kp`, `mm/N`; a drive's parameters keep names of their own."""
     tables, dot, last = key.rpartition(".")
-    name = _names(declared).get(last, last) if ".parameters" not in tables else last
+    name = _names_by_key(declared).get(last, last) if ".parameters" not in tables else last
     words = last.removeprefix(f"{name}_").split("_") if name != last else []
     above, below = words, []
     if "per" in words:
@@ -71,25 +71,25 @@ def toml_text(value: Any) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def recorded_facts(declared: Declared, metadata: Metadata, where: Path) -> dict[str, str]:
+def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, str]:
     """Of the experiment that a recording was made of: its values, and the SHA-256 of every FMU's file.
 
     Raises:
         InputRefused: as `recorded_values` and `recorded_fmus`.
     """
     fmus = recorded_fmus(metadata, where)
-    return experiment_facts(
+    return comparable_values(
         recorded_values(declared, metadata, where), {fmu["file"]: fmu["sha256"] for fmu in fmus.values()}
     )
 
 
-def experiment_facts(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
+def comparable_values(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
     """The same of checked values and of hashes by file name."""
-    stated = {key: toml_text(value) for key, value in flat(values) if key != "title"}
-    return stated | {f"sha256 of {file}": sha256[:SHORT] for file, sha256 in hashes.items()}
+    stated = {key: toml_text(value) for key, value in flatten(values) if key != "title"}
+    return stated | {f"sha256 of {file}": sha256[:HASH_LENGTH] for file, sha256 in hashes.items()}
 
 
-def differing(facts: Sequence[Facts]) -> dict[str, tuple[str, ...]]:
+def differing_values(facts: Sequence[ComparableValues]) -> dict[str, tuple[str, ...]]:
     """What is not the same in all of `facts`: its value in each, "-" where there is none, by key.
 
     What follows from the robot's own values is listed once, and no hash of a file that only one has.
@@ -103,7 +103,7 @@ def differing(facts: Sequence[Facts]) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def _follows(key: str, facts: Sequence[Facts]) -> bool:
+def _follows(key: str, facts: Sequence[ComparableValues]) -> bool:
     """Whether a value differs only because the robot's own does, which is listed once."""
     for filled in FROM_ROBOT:
         own = f"robot{key.removeprefix(filled)}"
@@ -122,7 +122,7 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
         values: of the experiment, keys with units.
         origins: by dotted key; an assumption begins with "assumed".
     """
-    shipped = read_source(HOME / "experiments" / ROBOT)
+    shipped = read_source(PROJECT_FOLDER / "experiments" / ROBOT_FILE)
     found = {key: value for key, value in values.get("robot", {}).items() if key != "name"}
     inherited = [
         origins[f"robot.{key}"]

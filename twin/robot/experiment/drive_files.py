@@ -8,17 +8,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.files import meant
+from twin.kernel.files import suggestion
 from twin.robot.experiment import schema
-from twin.robot.experiment.mistakes import sentences
-from twin.robot.experiment.source import laid_over, read_source, rules_for
-from twin.robot.places import located
+from twin.robot.experiment.mistakes import error_messages
+from twin.robot.experiment.source import merge_tables, read_source, rules_for
+from twin.robot.paths import locate_file
 
-MAPPING = "mapping.toml"
-JOINTS = ("joint_1", "joint_2", "joint_3")
-FILE = "file:"
+MAPPING_FILE = "mapping.toml"
+JOINT_TABLES = ("joint_1", "joint_2", "joint_3")
+FILE_PREFIX = "file:"
 """Before the name of a file that is a parameter of a drive, as seen from the file that says it."""
-MOST_MAPPINGS = 8
+MAX_MAPPINGS = 8
 """Mappings that name another mapping as their drive."""
 
 
@@ -34,17 +34,17 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputRefused: no such drive, or a mapping that is not TOML.
     """
-    common = {key: value for key, value in drive.items() if key not in JOINTS}
+    common = {key: value for key, value in drive.items() if key not in JOINT_TABLES}
     tables = []
-    for joint in JOINTS:
+    for joint in JOINT_TABLES:
         own = drive.get(joint, {})
         if not isinstance(own, dict):
             raise InputRefused(f"[drive.{joint}] = {own!r}: expected a table")
-        tables.append(completed(own if rules_for("drive", own) else laid_over(common, own), folder))
+        tables.append(complete_drive(own if rules_for("drive", own) else merge_tables(common, own), folder))
     return tables
 
 
-def lone_drive(fmu: str, folder: Path) -> schema.Drive:
+def load_drive(fmu: str, folder: Path) -> schema.Drive:
     """The drive that a user names on the command line: an .fmu, a mapping, a folder, or a name in fmus/.
 
     Args:
@@ -53,70 +53,70 @@ def lone_drive(fmu: str, folder: Path) -> schema.Drive:
     Raises:
         InputRefused: no such drive, or its mapping has mistakes.
     """
-    table = joint_tables({"fmu": shelved(fmu, folder)}, folder)[0]
+    table = joint_tables({"fmu": locate_drive(fmu, folder)}, folder)[0]
     try:
         return schema.Drive.model_validate(table)
     except ValidationError as error:
-        raise InputRefused(f"{fmu}: " + "; ".join(sentences(error, schema.Drive, "drive"))) from None
+        raise InputRefused(f"{fmu}: " + "; ".join(error_messages(error, schema.Drive, "drive"))) from None
 
 
-def drives_in(shelf: Path) -> list[str]:
+def drive_names(shelf: Path) -> list[str]:
     """The names of the folders in `shelf` that hold a drive, sorted."""
-    return sorted(f.name for f in shelf.glob("*") if (f / MAPPING).is_file() or any(f.glob("*.fmu")))
+    return sorted(f.name for f in shelf.glob("*") if (f / MAPPING_FILE).is_file() or any(f.glob("*.fmu")))
 
 
-def shelved(fmu: str, folder: Path) -> str:
+def locate_drive(fmu: str, folder: Path) -> str:
     """`fmu` as an absolute path: as seen from the current folder, else in fmus/ as seen from `folder` upwards."""
     path = Path(fmu)
     # not Path.exists, which raises for a name that is too long
     if not os.path.exists(path):
-        on_shelf = located(f"fmus/{fmu}", folder)
+        on_shelf = locate_file(f"fmus/{fmu}", folder)
         path = on_shelf if os.path.exists(on_shelf) else path
     return str(path.absolute())
 
 
-def completed(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS) -> dict[str, Any]:
+def complete_drive(table: dict[str, Any], folder: Path, mappings: int = MAX_MAPPINGS) -> dict[str, Any]:
     """`table` of a drive, or of another part, with its mapping file, which may name another, and absolute paths."""
     table = copy.deepcopy(table)
     if isinstance(table.get("fmu"), str):
-        path = located(table["fmu"], folder)
-        mapping = path / MAPPING if os.path.isdir(path) else path
+        path = locate_file(table["fmu"], folder)
+        mapping = path / MAPPING_FILE if os.path.isdir(path) else path
         if mapping.suffix == ".toml" and os.path.isfile(mapping):
             if not mappings:
-                raise InputRefused(f"{mapping}: more than {MOST_MAPPINGS} mappings name one another; expected an .fmu")
+                raise InputRefused(f"{mapping}: more than {MAX_MAPPINGS} mappings name one another; expected an .fmu")
             del table["fmu"]
-            named = completed(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
-            table = laid_over(named, _by_part(table, named.get("parts")))
+            named = complete_drive(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
+            table = merge_tables(named, _distribute_parameters(table, named.get("parts")))
         else:
-            table["fmu"] = str(_archive(path, folder))
-    _find_files(table, folder)
+            table["fmu"] = str(_fmu_file(path, folder))
+    _locate_parameter_files(table, folder)
     parts = table.get("parts")
     if isinstance(parts, dict):
-        table = _by_part(table, parts)
+        table = _distribute_parameters(table, parts)
         for part in table["parts"].values():
-            _find_files(part, folder)
+            _locate_parameter_files(part, folder)
             if isinstance(part, dict) and isinstance(part.get("fmu"), str):
-                part["fmu"] = str(_archive(located(part["fmu"], folder), folder))
+                part["fmu"] = str(_fmu_file(locate_file(part["fmu"], folder), folder))
     return table
 
 
-def _find_files(table: Any, folder: Path) -> None:
+def _locate_parameter_files(table: Any, folder: Path) -> None:
     """Make the paths of files among the parameters of `table` absolute."""
     given = table.get("parameters") if isinstance(table, dict) else None
     if not isinstance(given, dict):
         return
     for name, value in given.items():
         many = isinstance(value, (list, tuple))
-        given[name] = [_found(text, folder) for text in value] if many else _found(value, folder)
+        given[name] = [_file_parameter(text, folder) for text in value] if many else _file_parameter(value, folder)
 
 
-def _found(value: Any, folder: Path) -> Any:
-    if not (isinstance(value, str) and value.startswith(FILE)):
+def _file_parameter(value: Any, folder: Path) -> Any:
+    if not (isinstance(value, str) and value.startswith(FILE_PREFIX)):
         return value
-    return FILE + str(located(value.removeprefix(FILE), folder))
+    return FILE_PREFIX + str(locate_file(value.removeprefix(FILE_PREFIX), folder))
 
 
-def _by_part(table: dict[str, Any], parts: Any) -> dict[str, Any]:
+def _distribute_parameters(table: dict[str, Any], parts: Any) -> dict[str, Any]:
     """`table` with the parameters "part.name" of a drive made of `parts` where those of the part stand.
 
     Raises:
@@ -136,7 +136,7 @@ def _by_part(table: dict[str, Any], parts: Any) -> dict[str, Any]:
             raise InputRefused(f"[drive.parameters] {name} and [drive.parts.{part}.parameters] {inner}: keep one")
         moved.setdefault(part, {"parameters": {}})["parameters"][inner] = value
     rest = {key: value for key, value in table.items() if key != "parameters"}
-    return laid_over(rest, {"parts": moved}) if moved else rest
+    return merge_tables(rest, {"parts": moved}) if moved else rest
 
 
 def _are_tables(parts: Any) -> bool:
@@ -144,19 +144,19 @@ def _are_tables(parts: Any) -> bool:
     return all(isinstance(table, dict) and isinstance(table.get("parameters", {}), dict) for table in tables)
 
 
-def _archive(path: Path, folder: Path) -> Path:
+def _fmu_file(path: Path, folder: Path) -> Path:
     """The .fmu file meant by `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder."""
     if os.path.isdir(path):
         inside = path / f"{path.name}.fmu"
         if os.path.isfile(inside):
             return inside
-        raise InputRefused(f"{path}: a folder without {inside.name} or {MAPPING}; name the .fmu file itself")
+        raise InputRefused(f"{path}: a folder without {inside.name} or {MAPPING_FILE}; name the .fmu file itself")
     if not os.path.isfile(path) and path.suffix in (".fmu", ".ssp"):
-        raise InputRefused(f"{path}: no such {path.suffix[1:].upper()}{meant(path)}")
+        raise InputRefused(f"{path}: no such {path.suffix[1:].upper()}{suggestion(path)}")
     if not os.path.isfile(path):
-        shelf = located("fmus", folder)
-        beside = meant(path).removeprefix("; ")
-        hint = nearest(path.stem, drives_in(shelf), beside or "expected an .fmu file or a folder of fmus/")
+        shelf = locate_file("fmus", folder)
+        beside = suggestion(path).removeprefix("; ")
+        hint = nearest(path.stem, drive_names(shelf), beside or "expected an .fmu file or a folder of fmus/")
         # a name without folders became a path here; its user looks for the name
         shown = path.name if path.parent == Path.cwd() else path
         raise InputRefused(f"{shown}: no such drive; {hint}")

@@ -19,46 +19,46 @@ from twin.robot.experiment.drive_files import joint_tables
 from twin.robot.experiment.experiment_files import fill_from_body
 from twin.robot.experiment.fault import Fault, checked_faults
 from twin.robot.experiment.measure import Measure, checked_measures
-from twin.robot.experiment.mistakes import checked, keys, unknown
+from twin.robot.experiment.mistakes import check_table, toml_keys, unknown_key
 from twin.robot.experiment.schema import (
-    MOST_TICKS,
+    MAX_TICKS,
     Change,
-    Declared,
+    DeclaredTables,
     Reference,
     WayPoints,
     checked_changes,
     checked_tasks,
     whole_ticks,
 )
-from twin.robot.experiment.source import RETAINED, Source, with_numbers
-from twin.robot.experiment.stand_in import StandIn, checked_apart, role_named
+from twin.robot.experiment.source import RETAINED_KEYS, Source, with_numbers
+from twin.robot.experiment.stand_in import StandIn, check_third_party_table, find_stand_in_table
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone
     from twin.robot.controller.program import Approach, Task
     from twin.robot.controller.task_controller import Computer
-    from twin.robot.monitor.checks import Monitor
+    from twin.robot.monitor.limits import Monitor
     from twin.robot.plant.contact_law import Contact
     from twin.robot.plant.dynamics import Robot, TrueRobot
     from twin.robot.plant.encoder import Display
 
-NEEDED: dict[str, type[Settings]] = {"cosim": schema.Cosim}
-OPTIONAL: dict[str, type[Settings]] = {
+NEEDED_TABLES: dict[str, type[Settings]] = {"cosim": schema.Cosim}
+OPTIONAL_TABLES: dict[str, type[Settings]] = {
     "reference": Reference,
-    "recording": schema.Recorded,
+    "recording": schema.RecordingSettings,
     "estimator": StandIn,
     "body": StandIn,
 }
 """Tables that are no part's: an experiment needs the first ones."""
-ARRAYS = ("task", "fault", "change", "measure")
+TABLE_ARRAYS = ("task", "fault", "change", "measure")
 """Arrays of tables."""
-OTHERS = ("drive", *ARRAYS)
+SEPARATE_TABLES = ("drive", *TABLE_ARRAYS)
 """What is checked elsewhere than the tables that are declared."""
-EXACT = 2**40
+EXACT_COUNTS = 2**40
 """Counts per turn of an encoder that might as well not be there: a count is 6e-12 rad."""
 
 
-class Head(Settings):
+class TopLevelKeys(Settings):
     """The keys of an experiment that stand in no table."""
 
     title: str = setting(min_length=1, help="for people")
@@ -113,7 +113,7 @@ class Experiment:
     changes: tuple[Change, ...]
     measures: tuple[Measure, ...]
     drives: tuple[schema.Drive, schema.Drive, schema.Drive]
-    recording: schema.Recorded
+    recording: schema.RecordingSettings
     values: dict[str, Any]
     origins: dict[str, str]
     stand_ins: dict[str, StandIn] = field(default_factory=dict)
@@ -151,7 +151,7 @@ class Tables:
     stand_ins: dict[str, StandIn]
 
 
-def checked_tables(declared: Declared, source: Source, folder: Path, mistakes: list[str]) -> Tables:
+def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mistakes: list[str]) -> Tables:
     """The tables of `source`, which is completed in place.
 
     Args:
@@ -168,7 +168,7 @@ def checked_tables(declared: Declared, source: Source, folder: Path, mistakes: l
         mistakes.append(str(problem))
         # all that the body would have said is missing now, and that is no second mistake
         values = {**values, "contact": None}
-    by_name, stand_ins = _by_name(declared, values, folder, mistakes)
+    by_name, stand_ins = _check_tables(declared, values, folder, mistakes)
     tasks = checked_tasks(declared.tasks, source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(by_name, mistakes)
@@ -209,14 +209,14 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
         changes=tables.changes,
         measures=tables.measures,
         drives=(one, two, three),
-        recording=found.get("recording", schema.Recorded()),
+        recording=found.get("recording", schema.RecordingSettings()),
         values=source.values,
         origins=source.origins,
         stand_ins=tables.stand_ins,
     )
 
 
-def _fill_from_robot(declared: Declared, values: dict[str, Any]) -> None:
+def _fill_from_robot(declared: DeclaredTables, values: dict[str, Any]) -> None:
     """[plant] and [controller.model] are the robot's own values wherever they do not say otherwise."""
     robot = values.get("robot")
     if not isinstance(robot, dict):
@@ -225,16 +225,16 @@ def _fill_from_robot(declared: Declared, values: dict[str, Any]) -> None:
     whole = {str(field.alias): field.default for field in fields if isinstance(field.default, tuple)} | robot
     plant, controller = values.setdefault("plant", {}), values.setdefault("controller", {})
     if isinstance(plant, dict):
-        values["plant"] = {**robot, **_whole(whole, plant, "plant")}
+        values["plant"] = {**robot, **_with_numbered_values(whole, plant, "plant")}
     if isinstance(controller, dict):
         model = controller.get("model", {})
         if isinstance(model, dict):
             known = declared.model_keys()
             believed = {k: v for k, v in robot.items() if k in known}
-            controller["model"] = {**believed, **_whole(whole, model, "controller.model")}
+            controller["model"] = {**believed, **_with_numbered_values(whole, model, "controller.model")}
 
 
-def _whole(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
+def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
     """A table's `own` values, of which single numbers of three may be named: `joint_zero_deg.2`, of those `known`."""
     numbered = {
         key: with_numbers(value, known[key], f"{table}.{key}")
@@ -244,19 +244,19 @@ def _whole(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, 
     return {**own, **numbered}
 
 
-def _by_name(
-    declared: Declared, values: dict[str, Any], folder: Path, mistakes: list[str]
+def _check_tables(
+    declared: DeclaredTables, values: dict[str, Any], folder: Path, mistakes: list[str]
 ) -> tuple[dict[str, Any], dict[str, StandIn]]:
     """The tables that are right, and third-party parts; what is wrong with the others goes to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
     known = declared.tables
-    head = {key: value for key, value in values.items() if key not in known and key not in OTHERS}
+    head = {key: value for key, value in values.items() if key not in known and key not in SEPARATE_TABLES}
     for key in list(head):
-        if key not in keys(Head):
-            mistakes.append(unknown(key, [*keys(Head), *known, *OTHERS]))
+        if key not in toml_keys(TopLevelKeys):
+            mistakes.append(unknown_key(key, [*toml_keys(TopLevelKeys), *known, *SEPARATE_TABLES]))
             del head[key]
-    models: dict[str, type[Settings]] = {"head": Head, **known}
+    models: dict[str, type[Settings]] = {"head": TopLevelKeys, **known}
     for name, model in models.items():
         table = head if name == "head" else values.get(name)
         if table is None:
@@ -264,13 +264,13 @@ def _by_name(
                 mistakes.append(f"missing table [{name}]")
             continue
         found: list[str] = []
-        if name in RETAINED and (table_of_other := role_named(values, name)) is not None:
-            stand_in, section = checked_apart(declared, name, table_of_other, folder, found)
+        if name in RETAINED_KEYS and (table_of_other := find_stand_in_table(values, name)) is not None:
+            stand_in, section = check_third_party_table(declared, name, table_of_other, folder, found)
             if stand_in is not None:
                 stand_ins[name] = stand_in
             if section is not None:
                 right[name] = section
-        elif (section := checked(model, table, name, found)) is not None:
+        elif (section := check_table(model, table, name, found)) is not None:
             right[name] = section
         # a mistake in [robot] is reported once, not again for each table that is filled from it
         reported = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
@@ -301,8 +301,8 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
                 # no latency; of all others 0 is refused already
                 continue
             ticks[name] = whole_ticks(length, tick) or 0
-            if length / tick > MOST_TICKS:
-                mistakes.append(f"{key}: {length:g} s are more than {MOST_TICKS:g} ticks of {tick:g} s; expected fewer")
+            if length / tick > MAX_TICKS:
+                mistakes.append(f"{key}: {length:g} s are more than {MAX_TICKS:g} ticks of {tick:g} s; expected fewer")
             elif not ticks[name]:
                 mistakes.append(f"{key}: {length:g} s is not a whole number of ticks of {tick:g} s")
     return ticks
@@ -319,7 +319,7 @@ def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.
         mistakes.append(f"[drive] {problem}")
         return []
     found: list[str] = []
-    drives = [checked(schema.Drive, table, "drive", found) for table in tables]
+    drives = [check_table(schema.Drive, table, "drive", found) for table in tables]
     mistakes += [mistake for mistake in dict.fromkeys(found) if mistake not in mistakes]
     return [drive for drive in drives if drive is not None]
 
@@ -372,13 +372,13 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
     return replace(experiment, cosim=cosim, controller=computer, changes=changes, **counts)
 
 
-def exactly_measured(experiment: Experiment) -> Experiment:
+def with_exact_encoders(experiment: Experiment) -> Experiment:
     """With encoders that neither round nor add noise, and a controller that knows them."""
-    counts = {"motor_counts_per_turn": EXACT, "joint_counts_per_turn": EXACT}
+    counts = {"motor_counts_per_turn": EXACT_COUNTS, "joint_counts_per_turn": EXACT_COUNTS}
     return with_model(with_plant(experiment, motor_noise=0.0, joint_noise=0.0, **counts), **counts)
 
 
-def shortened(experiment: Experiment, duration: float) -> Experiment:
+def shorten(experiment: Experiment, duration: float) -> Experiment:
     """The first `duration` seconds of it, to whole periods of the controller; all of it if it is shorter."""
     period = experiment.controller_ticks
     ticks = max(1, round(duration / (period * experiment.cosim.tick))) * period

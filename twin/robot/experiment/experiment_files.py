@@ -5,16 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.robot.experiment.source import Source, laid_over, read_source
-from twin.robot.places import HOME, located
+from twin.robot.experiment.source import Source, merge_tables, read_source
+from twin.robot.paths import PROJECT_FOLDER, locate_file
 
-SWEEPS = "experiments/sweeps"
-FOLDERS = ("bodies", "experiments/bodies")
+SWEEP_FOLDER = "experiments/sweeps"
+BODY_FOLDERS = ("bodies", "experiments/bodies")
 
 
 def known_experiments() -> dict[str, Path]:
     """The files of the experiments that come with twin, by name."""
-    return {path.stem: path for path in sorted(HOME.glob("experiments/*.toml"))}
+    return {path.stem: path for path in sorted(PROJECT_FOLDER.glob("experiments/*.toml"))}
 
 
 def experiment_file(experiment: str | Path) -> Path:
@@ -42,10 +42,10 @@ def sweep_file(sweep: Path) -> Path:
     Raises:
         InputRefused: nothing has that name. Else a path that leads nowhere is returned, to be refused when it is read.
     """
-    found = _experiment_file(sweep, SWEEPS)
+    found = _experiment_file(sweep, SWEEP_FOLDER)
     if found:
         return found
-    known = [path.stem for path in sorted(HOME.glob(f"{SWEEPS}/*.toml"))]
+    known = [path.stem for path in sorted(PROJECT_FOLDER.glob(f"{SWEEP_FOLDER}/*.toml"))]
     raise InputRefused(f"{sweep}: no such sweep file; {nearest(sweep.name, known)}")
 
 
@@ -55,8 +55,8 @@ def _experiment_file(path: Path, shelf: str) -> Path | None:
     if os.path.isfile(path):
         return path
     if path.suffix == ".toml" or len(path.parts) > 1:
-        return HOME / path if os.path.isfile(HOME / path) else path
-    candidates = (Path(f"{path}.toml"), located(f"{shelf}/{path}.toml", Path.cwd()))
+        return PROJECT_FOLDER / path if os.path.isfile(PROJECT_FOLDER / path) else path
+    candidates = (Path(f"{path}.toml"), locate_file(f"{shelf}/{path}.toml", Path.cwd()))
     return next((candidate for candidate in candidates if os.path.isfile(candidate)), None)
 
 
@@ -79,7 +79,7 @@ def fill_from_body(source: Source, folder: Path) -> None:
     filling = body.values.get("contact")
     if body.values.keys() != {"contact"} or not isinstance(filling, dict) or "body" in filling:
         raise InputRefused(f"{path}: expected one table [contact], without 'body'")
-    source.values["contact"] = laid_over(filling, contact)
+    source.values["contact"] = merge_tables(filling, contact)
     source.origins = {**body.origins, **source.origins}
 
 
@@ -87,8 +87,8 @@ def _body_file(name: Any, folder: Path) -> Path:
     if not isinstance(name, str):
         raise InputRefused(f"[contact] body = {name!r}: expected the name of a body in quotes")
     if name.endswith(".toml"):
-        return located(name, folder)
-    shelves = [located(shelf, folder) for shelf in FOLDERS]
+        return locate_file(name, folder)
+    shelves = [locate_file(shelf, folder) for shelf in BODY_FOLDERS]
     known = sorted({path.stem for shelf in shelves for path in shelf.glob("*.toml")})
     for shelf in shelves:
         # not Path.is_file, which raises for a name that is too long

@@ -14,7 +14,7 @@ from pydantic import create_model
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.settings import Settings, optional, setting
-from twin.robot.experiment.mistakes import checked, numbered
+from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.schema import whole_ticks
 
 Mechanism = Literal["counts", "message", "command", "drive", "parameter", "body"]
@@ -25,21 +25,21 @@ Detection = Literal["yes", "if large", "no"]
 
 GLITCH_SHARE = 0.02
 """Share of the samples that is hit where none is given, by kinds with a magnitude besides: ten a second at 2 ms."""
-EVERY = 0.0
+ANY_MAGNITUDE = 0.0
 """Said of a magnitude: every one of them, and kinds that have none."""
-POSITIVE = {"gt": 0.0}
-SHARE = {"gt": 0.0, "le": 1.0}
-MANY = 10
+POSITIVE_BOUNDS = {"gt": 0.0}
+SHARE_BOUNDS = {"gt": 0.0, "le": 1.0}
+MAX_LISTED_NAMES = 10
 """So many names are not listed in a sentence."""
-_JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
-_DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
-_ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
-GROUPS: dict[str, tuple[str, ...]] = {
-    "all drives": _DRIVES,
-    "all encoders": _ENCODERS,
-    "all joint encoders": _ENCODERS[:3],
-    "all motor encoders": _ENCODERS[3:],
-    "all joints": _JOINTS,
+_JOINT_TARGETS = tuple(f"joint_{i}" for i in (1, 2, 3))
+_DRIVE_TARGETS = tuple(f"drive_{i}" for i in (1, 2, 3))
+_ENCODER_TARGETS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
+TARGET_GROUPS: dict[str, tuple[str, ...]] = {
+    "all drives": _DRIVE_TARGETS,
+    "all encoders": _ENCODER_TARGETS,
+    "all joint encoders": _ENCODER_TARGETS[:3],
+    "all motor encoders": _ENCODER_TARGETS[3:],
+    "all joints": _JOINT_TARGETS,
     "power": ("drives",),
 }
 """What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
@@ -47,12 +47,12 @@ _SAME_ENCODER = "force and pose are estimated from the same encoder"
 _BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
 _NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
 _DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
-_JUMP = "the deflection jumps faster than shaft and link can move"
-NEVER = 1 << 62
+_DEFLECTION_JUMP = "the deflection jumps faster than shaft and link can move"
+NO_END_TICK = 1 << 62
 """The end, in ticks, of a fault that stays."""
 
 
-class Seen(NamedTuple):
+class DetectionThreshold(NamedTuple):
     """What is said, before any run, of the safety monitor: from which magnitude on it sees a fault that stays.
 
     Attributes:
@@ -64,11 +64,11 @@ class Seen(NamedTuple):
     contact: float | None = None
 
 
-ALWAYS, UNSEEN = Seen(EVERY, EVERY), Seen()
+ALWAYS_DETECTED, NEVER_DETECTED = DetectionThreshold(ANY_MAGNITUDE, ANY_MAGNITUDE), DetectionThreshold()
 
 
 @dataclass(frozen=True)
-class Kind:
+class FaultKind:
     """One kind of fault.
 
     Attributes:
@@ -89,29 +89,29 @@ class Kind:
     mechanism: Mechanism
     targets: tuple[str, ...]
     meaning: str
-    seen: Seen
+    threshold: DetectionThreshold
     reason: str
     unit: str | None = None
     magnitudes: tuple[float, float, float] | None = None
     bounds: Mapping[str, float] = field(default_factory=dict, hash=False)
     has_share: bool = False
-    beyond: float | None = None
+    excess_from: float | None = None
 
     @property
     def detection(self) -> Detection:
         """Whether it is said to be seen: always, at some magnitudes or in some places, or never."""
-        return "yes" if self.seen == ALWAYS else "no" if self.seen == UNSEEN else "if large"
+        return "yes" if self.threshold == ALWAYS_DETECTED else "no" if self.threshold == NEVER_DETECTED else "if large"
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
         """Whether a fault of one of `magnitudes` is."""
-        return self._reached(magnitude, self.seen.contact if in_contact else self.seen.free)
+        return self._is_reached_by(magnitude, self.threshold.contact if in_contact else self.threshold.free)
 
     def expects_excess(self, magnitude: float | None) -> bool:
         """Whether the force may, with a fault of one of `magnitudes`."""
-        return self._reached(magnitude, self.beyond)
+        return self._is_reached_by(magnitude, self.excess_from)
 
-    def _reached(self, magnitude: float | None, start: float | None) -> bool:
-        if start is None or start == EVERY or self.magnitudes is None or magnitude is None:
+    def _is_reached_by(self, magnitude: float | None, start: float | None) -> bool:
+        if start is None or start == ANY_MAGNITUDE or self.magnitudes is None or magnitude is None:
             return start is not None
         # some kinds are larger the smaller their number is
         return self.magnitudes.index(magnitude) >= self.magnitudes.index(start)
@@ -123,209 +123,215 @@ class Kind:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Keys of `GROUPS` that it can break at once."""
-        return tuple(group for group, members in GROUPS.items() if set(members) <= set(self.targets))
+        """Keys of `TARGET_GROUPS` that it can break at once."""
+        return tuple(group for group, members in TARGET_GROUPS.items() if set(members) <= set(self.targets))
 
     def members(self, target: str) -> tuple[str, ...]:
         """The targets that `target`, one of them or a group, is."""
-        return GROUPS[target] if target in self.groups else (target,)
+        return TARGET_GROUPS[target] if target in self.groups else (target,)
 
 
 _ENCODER_KINDS = {
-    "encoder_bias": Kind(
-        "counts", _ENCODERS, "the count is off by a constant angle", Seen(2.0, 2.0),
-        f"{_JUMP} at the onset; afterwards {_SAME_ENCODER}",
+    "encoder_bias": FaultKind(
+        "counts", _ENCODER_TARGETS, "the count is off by a constant angle", DetectionThreshold(2.0, 2.0),
+        f"{_DEFLECTION_JUMP} at the onset; afterwards {_SAME_ENCODER}",
         "deg", (0.1, 0.5, 2.0),
     ),
-    "encoder_drift": Kind(
-        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", Seen(2.0, 2.0),
+    "encoder_drift": FaultKind(
+        "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0, 2.0),
         f"{_SAME_ENCODER}, and the force loop corrects what it believes; motors that lose speed under load show the "
         "force, behind others only the limits of deflection, depth or workspace end it",
-        "deg_per_s", (0.1, 0.5, 2.0), beyond=2.0,
+        "deg_per_s", (0.1, 0.5, 2.0), excess_from=2.0,
     ),
-    "encoder_quantisation": Kind(
-        "counts", _ENCODERS, "steps of the count are coarser", Seen(2.0, 2.0),
-        f"{_JUMP} from step to step; fine steps look like a healthy encoder of less resolution",
-        "deg", (0.2, 0.5, 2.0), POSITIVE,
+    "encoder_quantisation": FaultKind(
+        "counts", _ENCODER_TARGETS, "steps of the count are coarser", DetectionThreshold(2.0, 2.0),
+        f"{_DEFLECTION_JUMP} from step to step; fine steps look like a healthy encoder of less resolution",
+        "deg", (0.2, 0.5, 2.0), POSITIVE_BOUNDS,
     ),
-    "encoder_dropout_hold": Kind(
-        "counts", _ENCODERS, "samples are lost at random, the last good count is repeated", Seen(1.0, 1.0),
+    "encoder_dropout_hold": FaultKind(
+        "counts", _ENCODER_TARGETS, "samples are lost at random, the last good count is repeated", DetectionThreshold(1.0, 1.0),
         "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
-        "share", (0.02, 0.2, 1.0), SHARE,
+        "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
-    "encoder_dropout_zero": Kind(
-        "counts", _ENCODERS, "samples are lost at random and read 0", ALWAYS,
-        f"{_JUMP}, unless the shaft is near 0",
-        "share", (0.001, 0.02, 1.0), SHARE,
+    "encoder_dropout_zero": FaultKind(
+        "counts", _ENCODER_TARGETS, "samples are lost at random and read 0", ALWAYS_DETECTED,
+        f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
+        "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
-    "encoder_dropout_nan": Kind(
-        "counts", _ENCODERS, "samples are lost at random and read NaN", ALWAYS, "a count that is no number",
-        "share", (0.001, 0.02, 1.0), SHARE,
+    "encoder_dropout_nan": FaultKind(
+        "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED, "a count that is no number",
+        "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
-    "encoder_stuck": Kind(
-        "counts", _ENCODERS, "the count stays where it is", ALWAYS,
+    "encoder_stuck": FaultKind(
+        "counts", _ENCODER_TARGETS, "the count stays where it is", ALWAYS_DETECTED,
         "the count stands still although the command moves the shaft; at rest there is nothing to see",
     ),
-    "encoder_glitch": Kind(
-        "counts", _ENCODERS, "a share of the samples, single ones at random, is off by an angle", Seen(5.0, 5.0), _JUMP,
+    "encoder_glitch": FaultKind(
+        "counts", _ENCODER_TARGETS, "a share of the samples, single ones at random, is off by an angle", DetectionThreshold(5.0, 5.0), _DEFLECTION_JUMP,
         "deg", (0.5, 5.0, 90.0), has_share=True,
     ),
-    "encoder_flip": Kind(
-        "counts", _ENCODERS, "the count has the other sign", ALWAYS, f"{_JUMP}, unless the shaft is near 0",
+    "encoder_flip": FaultKind(
+        "counts", _ENCODER_TARGETS, "the count has the other sign", ALWAYS_DETECTED, f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
     ),
-    "encoder_swap": Kind(
-        "counts", _ENCODERS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", UNSEEN,
-        f"in a symmetric pose nothing jumps, and the matrix may well hit one; where the two angles differ, {_JUMP}",
+    "encoder_swap": FaultKind(
+        "counts", _ENCODER_TARGETS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", NEVER_DETECTED,
+        f"in a symmetric pose nothing jumps, and the matrix may well hit one; where the two angles differ, {_DEFLECTION_JUMP}",
     ),
 }  # fmt: skip
 
 _MESSAGE_KINDS = {
-    "sample_delay": Kind(
-        "message", ("encoder",), "both encoders' messages arrive late", Seen(10.0, 10.0),
+    "sample_delay": FaultKind(
+        "message", ("encoder",), "both encoders' messages arrive late", DetectionThreshold(10.0, 10.0),
         "the counter stands still for the delay at the onset; later it runs evenly and only a common clock could tell",
-        "ms", (2.0, 10.0, 50.0), POSITIVE,
+        "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
-    "sample_jitter": Kind(
-        "message", ("encoder",), "messages arrive after a random time up to the magnitude", Seen(10.0, 10.0),
+    "sample_jitter": FaultKind(
+        "message", ("encoder",), "messages arrive after a random time up to the magnitude", DetectionThreshold(10.0, 10.0),
         "the counter stands still and then jumps",
-        "ms", (2.0, 10.0, 50.0), POSITIVE,
+        "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
-    "sample_loss": Kind(
-        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", Seen(0.2, 0.2),
+    "sample_loss": FaultKind(
+        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", DetectionThreshold(0.2, 0.2),
         "the counter stands still",
-        "share", (0.02, 0.2, 1.0), SHARE,
+        "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
-    "controller_overrun": Kind(
-        "message", ("controller",), "commands leave the controller late", UNSEEN,
+    "controller_overrun": FaultKind(
+        "message", ("controller",), "commands leave the controller late", NEVER_DETECTED,
         "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
-        "ms", (2.0, 10.0, 50.0), POSITIVE,
+        "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
-    "command_held": Kind(
+    "command_held": FaultKind(
         "message", ("controller", "bus"), "commands are lost at random; who takes them keeps the last one",
-        Seen(1.0, None),
+        DetectionThreshold(1.0, None),
         "from the controller it is a command like any other, until it has led to a limit of force; on the bus the "
         "motors keep the speed that they had, and are off their command as soon as that is another one",
-        "share", (0.2, 0.8, 1.0), SHARE,
+        "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
-    "command_lost": Kind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed", UNSEEN,
+    "command_lost": FaultKind(
+        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed", NEVER_DETECTED,
         "the robot stands still, or moves more slowly than asked",
-        "share", (0.2, 0.8, 1.0), SHARE,
+        "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
 }  # fmt: skip
 
 _PARAMETER_KINDS = {
-    "spring_softened": Kind(
-        "parameter", _JOINTS, "the spring of the joint has this factor of its stiffness", UNSEEN, _BELIEVED_SPRING,
-        "factor", (0.9, 0.7, 0.4), POSITIVE,
+    "spring_softened": FaultKind(
+        "parameter", _JOINT_TARGETS, "the spring of the joint has this factor of its stiffness", NEVER_DETECTED, _BELIEVED_SPRING,
+        "factor", (0.9, 0.7, 0.4), POSITIVE_BOUNDS,
     ),
-    "spring_broken": Kind(
-        "parameter", _JOINTS, "the spring of the joint carries nothing", ALWAYS,
+    "spring_broken": FaultKind(
+        "parameter", _JOINT_TARGETS, "the spring of the joint carries nothing", ALWAYS_DETECTED,
         "in free air the link runs away from the motor at once and the deflection leaves the range of the force limit; "
         "in contact friction may hold the platform for seconds while the true force grows",
     ),
-    "stiffness_change": Kind(
-        "parameter", ("contact",), "the surface has this factor of its stiffness", UNSEEN,
+    "stiffness_change": FaultKind(
+        "parameter", ("contact",), "the surface has this factor of its stiffness", NEVER_DETECTED,
         "where the robot presses, the force is there in the same tick, before the springs have deflected by it; it is "
         "seen when the worst is over. A body that takes 20 ms to stiffen trips the force rate in time",
-        "factor", (1.5, 3.0, 10.0), POSITIVE, beyond=3.0,
+        "factor", (1.5, 3.0, 10.0), POSITIVE_BOUNDS, excess_from=3.0,
     ),
-    "backlash_growth": Kind(
-        "parameter", _JOINTS, "the half width of the dead zone grows by this angle of the motor shaft", UNSEEN,
+    "backlash_growth": FaultKind(
+        "parameter", _JOINT_TARGETS, "the half width of the dead zone grows by this angle of the motor shaft", NEVER_DETECTED,
         "the estimator takes the way through the dead zone for deflection",
         "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
     ),
-    "joint_friction": Kind(
-        "parameter", _JOINTS, "viscous friction is added to the joint", UNSEEN,
+    "joint_friction": FaultKind(
+        "parameter", _JOINT_TARGETS, "viscous friction is added to the joint", NEVER_DETECTED,
         "it acts between spring and platform: the spring's torque is right, the force at rest too",
         # the plant's explicit integration is stable up to 0.81 at the rim of the workspace, tick 1 ms, one substep
         "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 0.8},
     ),
-    "belt_slip": Kind(
-        "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", Seen(-10.0, -30.0),
+    "belt_slip": FaultKind(
+        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft and stays there", DetectionThreshold(-10.0, -30.0),
         f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
         f"{_SAME_ENCODER}",
         # a negative slip deflects the spring: the platform presses harder
-        "deg", (-2.0, -10.0, -30.0), beyond=-30.0,
+        "deg", (-2.0, -10.0, -30.0), excess_from=-30.0,
     ),
-    "belief_k_s": Kind(
-        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", UNSEEN, _NO_TRUE_FORCE,
-        "factor", (1.05, 1.2, 1.5), POSITIVE,
+    "belief_k_s": FaultKind(
+        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER_DETECTED, _NO_TRUE_FORCE,
+        "factor", (1.05, 1.2, 1.5), POSITIVE_BOUNDS,
     ),
-    "belief_eta": Kind(
-        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", UNSEEN, _NO_TRUE_FORCE,
-        "factor", (0.95, 0.85, 0.7), POSITIVE,
+    "belief_eta": FaultKind(
+        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER_DETECTED, _NO_TRUE_FORCE,
+        "factor", (0.95, 0.85, 0.7), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip
 
 _DRIVE_KINDS = {
-    "drive_runaway": Kind(
-        "drive", _DRIVES, "the shaft turns at this speed whatever is commanded, until the power goes", ALWAYS,
+    "drive_runaway": FaultKind(
+        "drive", _DRIVE_TARGETS, "the shaft turns at this speed whatever is commanded, until the power goes", ALWAYS_DETECTED,
         f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
         "rad_per_s", (0.5, 2.0, 8.0),
     ),
-    "drive_freewheel": Kind(
-        "drive", _DRIVES, "the drive has no torque: the spring turns its rotor", ALWAYS,
+    "drive_freewheel": FaultKind(
+        "drive", _DRIVE_TARGETS, "the drive has no torque: the spring turns its rotor", ALWAYS_DETECTED,
         f"{_DOES_NOT_FOLLOW}, and the deflection is lost",
     ),
-    "drive_dead": Kind(
-        "drive", _DRIVES, "the brake has fallen in: the shaft stays where it is", ALWAYS,
+    "drive_dead": FaultKind(
+        "drive", _DRIVE_TARGETS, "the brake has fallen in: the shaft stays where it is", ALWAYS_DETECTED,
         f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
     ),
-    "joint_jam": Kind(
-        "drive", _DRIVES, "something is caught in the gear: the shaft turns no further down, only back up",
-        Seen(EVERY, None),
+    "joint_jam": FaultKind(
+        "drive", _DRIVE_TARGETS, "something is caught in the gear: the shaft turns no further down, only back up",
+        DetectionThreshold(ANY_MAGNITUDE, None),
         f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
     ),
-    "drive_failure": Kind(
-        "drive", _DRIVES, "the drive's step fails and ends the run", ALWAYS, "the run ends and names the fault",
+    "drive_failure": FaultKind(
+        "drive", _DRIVE_TARGETS, "the drive's step fails and ends the run", ALWAYS_DETECTED, "the run ends and names the fault",
     ),
-    "drive_saturation": Kind(
-        "command", _DRIVES, "the drive runs no faster than this", Seen(0.3, 0.3),
+    "drive_saturation": FaultKind(
+        "command", _DRIVE_TARGETS, "the drive runs no faster than this", DetectionThreshold(0.3, 0.3),
         f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
         "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
     ),
-    "brown_out": Kind(
+    "brown_out": FaultKind(
         "command", ("drives",), "the supply sags: this share of the drives' highest speed is left",
-        Seen(0.05, 0.05), f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
-        "share", (0.5, 0.05, 0.01), SHARE,
+        DetectionThreshold(0.05, 0.05), f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "share", (0.5, 0.05, 0.01), SHARE_BOUNDS,
     ),
-    "power_off": Kind(
+    "power_off": FaultKind(
         "command", ("power",), "the supply of all drives is gone: what they do without power, see [drive.unpowered]",
-        ALWAYS, f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
+        ALWAYS_DETECTED, f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
     ),
 }  # fmt: skip
 
 _BODY_KINDS = {
-    "surface_jump": Kind(
-        "body", ("contact",), "the surface jumps up by this much", Seen(10.0, 5.0), "force and force rate jump",
-        "mm", (2.0, 5.0, 10.0), beyond=10.0,
+    "surface_jump": FaultKind(
+        "body", ("contact",), "the surface jumps up by this much", DetectionThreshold(10.0, 5.0), "force and force rate jump",
+        "mm", (2.0, 5.0, 10.0), excess_from=10.0,
     ),
-    "contact_loss": Kind(
-        "body", ("contact",), "the surface drops away by this much", UNSEEN,
+    "contact_loss": FaultKind(
+        "body", ("contact",), "the surface drops away by this much", NEVER_DETECTED,
         "the springs throw the platform after it, beyond the limit of speed only after a firm press; the task "
         "gives up by itself",
-        "mm", (1.0, 5.0, 20.0), POSITIVE,
+        "mm", (1.0, 5.0, 20.0), POSITIVE_BOUNDS,
     ),
-    "breathing": Kind(
-        "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", UNSEEN,
+    "breathing": FaultKind(
+        "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", NEVER_DETECTED,
         "it is what a healthy body does; the force loop follows it",
-        "mm", (0.5, 2.0, 5.0), POSITIVE,
+        "mm", (0.5, 2.0, 5.0), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip
 
-CATALOGUE: dict[str, Kind] = {**_ENCODER_KINDS, **_MESSAGE_KINDS, **_PARAMETER_KINDS, **_DRIVE_KINDS, **_BODY_KINDS}
+FAULT_KINDS: dict[str, FaultKind] = {
+    **_ENCODER_KINDS,
+    **_MESSAGE_KINDS,
+    **_PARAMETER_KINDS,
+    **_DRIVE_KINDS,
+    **_BODY_KINDS,
+}
 
 
-def kind_named(number: int, name: str) -> Kind:
+def find_kind(number: int, name: str) -> FaultKind:
     """The kind `name` of fault `number`.
 
     Raises:
         InputRefused: there is none.
     """
-    if name not in CATALOGUE:
-        raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected(name, tuple(CATALOGUE))}')
-    return CATALOGUE[name]
+    if name not in FAULT_KINDS:
+        raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected_names(name, tuple(FAULT_KINDS))}')
+    return FAULT_KINDS[name]
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
@@ -334,15 +340,15 @@ def refuse_target(number: int, kind: str, target: str) -> None:
     Raises:
         InputRefused: `target` is none of them.
     """
-    targets = CATALOGUE[kind].targets + CATALOGUE[kind].groups
+    targets = FAULT_KINDS[kind].targets + FAULT_KINDS[kind].groups
     if target not in targets:
-        raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected(target, targets)}')
+        raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected_names(target, targets)}')
 
 
-def expected(got: str, names: tuple[str, ...]) -> str:
+def expected_names(got: str, names: tuple[str, ...]) -> str:
     """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
     hint = nearest(got, names, "", 3)
-    if len(names) > MANY:
+    if len(names) > MAX_LISTED_NAMES:
         return hint or "no such kind; docs/faults_reference.md lists them all, twin faults tries them"
     return "expected " + ", ".join(f"'{name}'" for name in names) + (f"; {hint}" if hint else "")
 
@@ -352,7 +358,7 @@ class Fault:
     """What breaks, where, when and how badly.
 
     Attributes:
-        kind: a key of `CATALOGUE`.
+        kind: a key of `FAULT_KINDS`.
         target: one of that kind's targets.
         onset, end: active in ticks onset <= k < end. Of a continuous component: in the steps that begin at these.
         magnitude: SI (rad, m, s, a share, a factor); 0 where the kind has none.
@@ -366,7 +372,7 @@ class Fault:
     kind: str
     target: str
     onset: int
-    end: int = NEVER
+    end: int = NO_END_TICK
     magnitude: float = 0.0
     share: float = 0.0
     ramp: int = 0
@@ -385,7 +391,7 @@ class FaultTable(Settings):
 
 
 @cache
-def table_of(known: Kind) -> type[FaultTable]:
+def fault_table_model(known: FaultKind) -> type[FaultTable]:
     """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
@@ -410,37 +416,37 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
         Those that are right, one for each member of a group.
     """
     faults: list[Fault] = []
-    for number, table in numbered(tables, "fault", mistakes):
+    for number, table in numbered_tables(tables, "fault", mistakes):
         found: list[str] = []
-        fault = _checked(number, table, tick, found)
+        fault = _check_fault(number, table, tick, found)
         mistakes += found
         if fault is not None and not found:
-            faults += members_of(fault)
+            faults += member_faults(fault)
     return tuple(faults)
 
 
-def members_of(fault: Fault) -> list[Fault]:
+def member_faults(fault: Fault) -> list[Fault]:
     """A fault of each member of its target; `fault` itself if that is no group."""
-    return [replace(fault, target=target) for target in CATALOGUE[fault.kind].members(fault.target)]
+    return [replace(fault, target=target) for target in FAULT_KINDS[fault.kind].members(fault.target)]
 
 
-def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault | None:
+def _check_fault(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault | None:
     if not isinstance(table, dict):
         mistakes.append(f"[[fault]] {number} = {table!r}: expected a table")
         return None
     name = table.get("kind")
     try:
-        known = kind_named(number, name if isinstance(name, str) else str(name))
+        known = find_kind(number, name if isinstance(name, str) else str(name))
         refuse_target(number, str(name), str(table.get("target", known.targets[0])))
     except InputRefused as problem:
         mistakes.append(str(problem))
         if str(problem).startswith(f"[[fault]] {number} kind"):
             return None
-    model = table_of(known)
+    model = fault_table_model(known)
     wrong = [key for key in table if key.startswith("magnitude") and key != known.magnitude_key]
     mistakes += [f"[[fault]] {number} {key}: {name} takes {known.magnitude_key or 'no magnitude'}" for key in wrong]
     found: list[str] = []
-    values = checked(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", found)
+    values = check_table(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", found)
     instead = f"missing key '{known.magnitude_key}'"
     mistakes += [
         text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in found if not (wrong and text.endswith(instead))
@@ -448,7 +454,7 @@ def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault
     return None if values is None else _in_ticks(number, known, values.model_dump(), tick, mistakes)
 
 
-def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, mistakes: list[str]) -> Fault:
+def _in_ticks(number: int, known: FaultKind, values: Mapping[str, Any], tick: float, mistakes: list[str]) -> Fault:
     lengths = {"onset_s": values["onset"], "duration_s": values["duration"], "ramp_s": values.get("ramp")}
     if known.unit == "ms":
         lengths["magnitude_ms"] = values["magnitude"]
@@ -461,7 +467,7 @@ def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, 
         kind=values["kind"],
         target=values["target"] or known.targets[0],
         onset=ticks["onset_s"],
-        end=NEVER if values["duration"] is None else ticks["onset_s"] + ticks["duration_s"],
+        end=NO_END_TICK if values["duration"] is None else ticks["onset_s"] + ticks["duration_s"],
         magnitude=values.get("magnitude", 0.0),
         share=values.get("share", 0.0),
         ramp=ticks["ramp_s"],

@@ -13,41 +13,41 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
 from twin.robot.experiment import schema
-from twin.robot.experiment.drive_files import JOINTS
-from twin.robot.experiment.experiment import Head
-from twin.robot.experiment.fault import CATALOGUE, table_of
-from twin.robot.experiment.measure import KINDS as MEASURES
-from twin.robot.experiment.schema import ChangeTable, Declared
-from twin.robot.experiment.source import RETAINED
+from twin.robot.experiment.drive_files import JOINT_TABLES
+from twin.robot.experiment.experiment import TopLevelKeys
+from twin.robot.experiment.fault import FAULT_KINDS, fault_table_model
+from twin.robot.experiment.measure import MEASURE_KINDS as MEASURES
+from twin.robot.experiment.schema import ChangeTable, DeclaredTables
+from twin.robot.experiment.source import RETAINED_KEYS
 from twin.robot.experiment.stand_in import StandIn
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_FILE = "experiment.schema.json"
 """The schema's file name by default."""
 
 Node = dict[str, Any]
 
 
-def schema_text(declared: Declared) -> str:
+def schema_text(declared: DeclaredTables) -> str:
     """The schema as a file."""
     return json.dumps(experiment_json_schema(declared), indent=1) + "\n"
 
 
-def experiment_json_schema(declared: Declared) -> Node:
+def experiment_json_schema(declared: DeclaredTables) -> Node:
     """The schema of an experiment file, and of what it extends: robots and bodies."""
     defined: Node = {}
-    head = _table(Head, defined)
+    head = _table(TopLevelKeys, defined)
     tables = {name: _table(model, defined) for name, model in declared.tables.items()}
-    for role in RETAINED:
+    for role in RETAINED_KEYS:
         tables[role]["properties"] |= _table(StandIn, defined)["properties"]
     defined["Drive"] = _table(schema.Drive, defined)
-    joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINTS}
+    joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINT_TABLES}
     drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}
     changed = {"enum": list(declared.changeable), "description": "What changes."}
     changes = "What of the controller changes on the way."
     extends = {"type": "string", "description": "A file whose values hold wherever this one says nothing."}
     return {
-        "$schema": DIALECT,
+        "$schema": SCHEMA_DIALECT,
         "title": "Experiment of twin",
         "type": "object",
         "additionalProperties": False,
@@ -61,14 +61,14 @@ def experiment_json_schema(declared: Declared) -> Node:
                 "What the robot does, one task after the other; instead of [reference].",
             ),
             "fault": _array(_faults(defined), "What breaks."),
-            "change": _array([_complete(ChangeTable, {"key": changed}, defined)], changes),
+            "change": _array([_array_item(ChangeTable, {"key": changed}, defined)], changes),
             "measure": _array(_by_kind(MEASURES, defined), "What twin check measures."),
         },
         "$defs": defined,
     }
 
 
-class _Untitled(GenerateJsonSchema):
+class _SchemaGenerator(GenerateJsonSchema):
     """Without titles made of the keys: editors show the key itself."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
@@ -76,14 +76,14 @@ class _Untitled(GenerateJsonSchema):
 
 
 def _by_kind(kinds: Mapping[str, type[BaseModel]], defined: Node) -> list[Node]:
-    return [_complete(model, {"kind": {"const": kind}}, defined) for kind, model in kinds.items()]
+    return [_array_item(model, {"kind": {"const": kind}}, defined) for kind, model in kinds.items()]
 
 
 def _faults(defined: Node) -> list[Node]:
     tables = []
-    for name, kind in CATALOGUE.items():
+    for name, kind in FAULT_KINDS.items():
         target = {"enum": list(kind.targets), "default": kind.targets[0], "description": "What breaks."}
-        tables.append(_complete(table_of(kind), {"kind": {"const": name}, "target": target}, defined))
+        tables.append(_array_item(fault_table_model(kind), {"kind": {"const": name}, "target": target}, defined))
     return tables
 
 
@@ -91,7 +91,7 @@ def _array(tables: list[Node], description: str) -> Node:
     return {"type": "array", "description": description, "items": {"oneOf": tables}}
 
 
-def _complete(model: type[BaseModel], known: Node, defined: Node) -> Node:
+def _array_item(model: type[BaseModel], known: Node, defined: Node) -> Node:
     """An item of an array of tables: it extends nothing, so it has every key that it needs."""
     table = _table(model, defined)
     required = [info.alias or name for name, info in model.model_fields.items() if info.is_required()]
@@ -100,7 +100,7 @@ def _complete(model: type[BaseModel], known: Node, defined: Node) -> Node:
 
 def _table(model: type[BaseModel], defined: Node) -> Node:
     """The schema of `model`; those that it refers to go to `defined`."""
-    made = model.model_json_schema(schema_generator=_Untitled)
+    made = model.model_json_schema(schema_generator=_SchemaGenerator)
     defined |= {name: _as_toml(node) for name, node in made.pop("$defs", {}).items()}
     return _as_toml(made)
 

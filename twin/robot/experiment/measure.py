@@ -19,20 +19,20 @@ from pydantic.config import JsonDict
 
 from twin.kernel.settings import Settings, optional, setting
 from twin.kernel.units import Dimension, Unit, known_unit
-from twin.robot.experiment.mistakes import checked_kind, numbered
+from twin.robot.experiment.mistakes import check_kind, numbered_tables
 
 Side = Literal["always", "eventually"]
-_WORDS = ("and", "or", "not", "implies", "always", "eventually", "until")
-_TOKEN = re.compile(
+_FORMULA_WORDS = ("and", "or", "not", "implies", "always", "eventually", "until")
+_TOKEN_PATTERN = re.compile(
     r"\s*(?:(?P<signal>[a-z_]+(?:/[0-9]+)?\.[A-Za-z_][A-Za-z_0-9]*(?:\[[0-9]+\])?)"
-    r"|(?P<number>[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)(?P<unit>\s*(?!(?:" + "|".join(_WORDS) + r")\b)"
+    r"|(?P<number>[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)(?P<unit>\s*(?!(?:" + "|".join(_FORMULA_WORDS) + r")\b)"
     r"[A-Za-z%\N{DEGREE SIGN}\N{MICRO SIGN}](?:[\w%^*]|/(?=\w))*)?|(?P<word>[a-z]+)|(?P<mark><=|>=|[<>()|,+\-\[\]]))"
 )
-LONGEST = 2000
+MAX_FORMULA_LENGTH = 2000
 """Characters of a formula; deeper nesting than so many could make means nothing to anybody."""
-SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
-_NAME = re.compile(r"[a-z0-9_]+")
-_PATTERN: JsonDict = {"pattern": f"^({SIGNAL.pattern})$"}
+SIGNAL_PATTERN = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
+_NAME_PATTERN = re.compile(r"[a-z0-9_]+")
+_SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Term:
     """
 
     sign: int
-    what: "str | float | Sum"
+    value: "str | float | Sum"
     index: int | None = None
     unit: Unit | None = None
 
@@ -55,7 +55,7 @@ Sum = tuple[Term, ...]
 
 
 @dataclass(frozen=True)
-class AtMost:
+class Inequality:
     """`smaller` <= `larger`; a strict comparison is the same, as its distance is."""
 
     smaller: Sum
@@ -63,40 +63,40 @@ class AtMost:
 
 
 @dataclass(frozen=True)
-class Holds:
+class Predicate:
     """A signal that is true or false is true."""
 
     signal: str
 
 
 @dataclass(frozen=True)
-class Not:
+class Negation:
     """`of` does not hold."""
 
-    of: "Formula"
+    operand: "Formula"
 
 
 @dataclass(frozen=True)
-class Joined:
+class BooleanOp:
     """Both hold, or one of them."""
 
-    how: Literal["and", "or"]
+    operator: Literal["and", "or"]
     left: "Formula"
     right: "Formula"
 
 
 @dataclass(frozen=True)
-class Within:
+class Temporal:
     """`of` holds always, or once, from `begin` to `end` (s) from now on; an `end` of None: to the end of the run."""
 
-    how: Side
-    of: "Formula"
+    operator: Side
+    operand: "Formula"
     begin: float = 0.0
     end: float | None = None
 
 
 @dataclass(frozen=True)
-class Until:
+class UntilFormula:
     """`goal` holds once in that time, and `hold` at all ticks before."""
 
     hold: "Formula"
@@ -105,47 +105,47 @@ class Until:
     end: float | None = None
 
 
-Formula = AtMost | Holds | Not | Joined | Within | Until
+Formula = Inequality | Predicate | Negation | BooleanOp | Temporal | UntilFormula
 
 
-def requirement(text: str) -> Formula:
+def parse_requirement(text: str) -> Formula:
     """The formula that `text` spells.
 
     Raises:
         ValueError: it spells none; the sentence says from where on.
     """
-    if len(text) > LONGEST:
-        raise ValueError(f"{len(text)} characters; expected at most {LONGEST}")
+    if len(text) > MAX_FORMULA_LENGTH:
+        raise ValueError(f"{len(text)} characters; expected at most {MAX_FORMULA_LENGTH}")
     reader = _FormulaReader(text)
     try:
         formula = reader.formula()
     except RecursionError:
         raise ValueError("nested too deeply; expected a shorter formula") from None
     if reader.token:
-        raise reader.unexpected("'and', 'or', 'implies', 'until' or the end")
+        raise reader.syntax_error("'and', 'or', 'implies', 'until' or the end")
     return formula
 
 
 def signals_of(formula: Formula) -> Iterator[tuple[str, int | None]]:
     """(name, index) of every signal in `formula`."""
     match formula:
-        case AtMost(smaller, larger):
-            yield from _named((*smaller, *larger))
-        case Holds(signal):
+        case Inequality(smaller, larger):
+            yield from _term_signals((*smaller, *larger))
+        case Predicate(signal):
             yield signal, None
-        case Not(of) | Within(_, of):
+        case Negation(of) | Temporal(_, of):
             yield from signals_of(of)
-        case Joined(_, left, right) | Until(left, right):
+        case BooleanOp(_, left, right) | UntilFormula(left, right):
             yield from signals_of(left)
             yield from signals_of(right)
 
 
-def _named(terms: Sum) -> Iterator[tuple[str, int | None]]:
+def _term_signals(terms: Sum) -> Iterator[tuple[str, int | None]]:
     for term in terms:
-        if isinstance(term.what, str):
-            yield term.what, term.index
-        elif isinstance(term.what, tuple):
-            yield from _named(term.what)
+        if isinstance(term.value, str):
+            yield term.value, term.index
+        elif isinstance(term.value, tuple):
+            yield from _term_signals(term.value)
 
 
 class _FormulaReader:
@@ -157,73 +157,73 @@ class _FormulaReader:
         self.token = ""
         self._advance()
 
-    def unexpected(self, wanted: str) -> ValueError:
+    def syntax_error(self, wanted: str) -> ValueError:
         at = self._match.start() if self._match else self._place
         rest = self._text[at:].strip()
         return ValueError(f"expected {wanted}, got {rest[:30]!r}" if rest else f"expected {wanted}, got the end")
 
     def formula(self) -> Formula:
         left = self._chain("or")
-        if self._take("implies"):
-            return Joined("or", Not(left), self.formula())
+        if self._accept("implies"):
+            return BooleanOp("or", Negation(left), self.formula())
         return left
 
     def _chain(self, how: Literal["and", "or"]) -> Formula:
-        inner = self._until if how == "and" else lambda: self._chain("and")
+        inner = self._until_formula if how == "and" else lambda: self._chain("and")
         left = inner()
-        while self._take(how):
-            left = Joined(how, left, inner())
+        while self._accept(how):
+            left = BooleanOp(how, left, inner())
         return left
 
-    def _until(self) -> Formula:
+    def _until_formula(self) -> Formula:
         left = self._single()
-        if not self._take("until"):
+        if not self._accept("until"):
             return left
         begin, end = self._interval()
-        return Until(left, self._single(), begin, end)
+        return UntilFormula(left, self._single(), begin, end)
 
     def _single(self) -> Formula:
-        if self._take("not"):
-            return Not(self._single())
+        if self._accept("not"):
+            return Negation(self._single())
         for how in ("always", "eventually"):
-            if self._take(how):
+            if self._accept(how):
                 begin, end = self._interval()
-                return Within(how, self._single(), begin, end)
-        if self._take("("):
+                return Temporal(how, self._single(), begin, end)
+        if self._accept("("):
             inside = self.formula()
-            self._need(")")
+            self._expect(")")
             return inside
         left = self._sum()
         if not re.fullmatch("[<>]=?", self.token):
-            if len(left) == 1 and isinstance(left[0].what, str) and left[0].index is None and left[0].sign > 0:
-                return Holds(left[0].what)
-            raise self.unexpected("'<=' or '>='")
+            if len(left) == 1 and isinstance(left[0].value, str) and left[0].index is None and left[0].sign > 0:
+                return Predicate(left[0].value)
+            raise self.syntax_error("'<=' or '>='")
         rising = self.token.startswith("<")
         self._advance()
         right = self._sum()
-        return AtMost(left, right) if rising else AtMost(right, left)
+        return Inequality(left, right) if rising else Inequality(right, left)
 
     def _interval(self) -> tuple[float, float | None]:
-        if not self._take("["):
+        if not self._accept("["):
             return 0.0, None
         begin = self._time()
-        self._need(",")
+        self._expect(",")
         end = self._time()
-        self._need("]")
+        self._expect("]")
         if end < begin:
             raise ValueError(f"an interval from {begin:g} s to {end:g} s; expected the earlier time first")
         return begin, end
 
     def _time(self) -> float:
         if self._match is None or self._match["number"] is None:
-            raise self.unexpected("a time such as 2 s")
+            raise self.syntax_error("a time such as 2 s")
         value, unit = self._number()
         if unit.dimension != Dimension(s=1):
             raise ValueError(f"an interval in {unit.si}; expected times such as [0 s, 2 s]")
         return value
 
     def _sum(self) -> Sum:
-        terms = [self._term(-1 if self._take("-") else 1)]
+        terms = [self._term(-1 if self._accept("-") else 1)]
         while self.token in ("+", "-"):
             sign = -1 if self.token == "-" else 1
             self._advance()
@@ -231,15 +231,15 @@ class _FormulaReader:
         return tuple(terms)
 
     def _term(self, sign: int) -> Term:
-        if self._take("|"):
+        if self._accept("|"):
             inside = self._sum()
-            self._need("|")
+            self._expect("|")
             return Term(sign, inside)
         if self._match is not None and self._match["number"] is not None:
             value, unit = self._number()
             return Term(sign, value, unit=unit)
         if self._match is None or self._match["signal"] is None:
-            raise self.unexpected("a signal such as plant.p_B[2], a number with its unit or a bracket")
+            raise self.syntax_error("a signal such as plant.p_B[2], a number with its unit or a bracket")
         vector, bracket, index = self.token.partition("[")
         self._advance()
         return Term(sign, vector, int(index.removesuffix("]")) if bracket else None)
@@ -254,11 +254,11 @@ class _FormulaReader:
         self._advance()
         return value, unit
 
-    def _need(self, mark: str) -> None:
-        if not self._take(mark):
-            raise self.unexpected(f"'{mark}'")
+    def _expect(self, mark: str) -> None:
+        if not self._accept(mark):
+            raise self.syntax_error(f"'{mark}'")
 
-    def _take(self, word: str) -> bool:
+    def _accept(self, word: str) -> bool:
         taken = self.token == word
         if taken:
             self._advance()
@@ -268,13 +268,15 @@ class _FormulaReader:
         if not self._text[self._place :].strip():
             self._match, self.token, self._place = None, "", len(self._text)
             return
-        self._match = _TOKEN.match(self._text, self._place)
+        self._match = _TOKEN_PATTERN.match(self._text, self._place)
         if self._match is None:
-            raise self.unexpected("a formula")
+            raise self.syntax_error("a formula")
         self._place, self.token = self._match.end(), self._match[0].strip()
         word = self._match["word"]
-        if word and word not in _WORDS:
-            raise ValueError(f"unknown word {word!r}; expected a signal such as plant.p_B[2], or {', '.join(_WORDS)}")
+        if word and word not in _FORMULA_WORDS:
+            raise ValueError(
+                f"unknown word {word!r}; expected a signal such as plant.p_B[2], or {', '.join(_FORMULA_WORDS)}"
+            )
 
 
 class Window(Settings):
@@ -287,62 +289,64 @@ class Window(Settings):
     @field_validator("name")
     @classmethod
     def _short(cls, name: str) -> str:
-        if not _NAME.fullmatch(name):
+        if not _NAME_PATTERN.fullmatch(name):
             raise ValueError("expected small letters, digits and _")
         return name
 
 
-class Watched(Window):
+class SignalMeasure(Window):
     """A [[measure]] of one signal."""
 
     signal: str = setting(
         examples=["plant.p_B[2]"],
-        json_schema_extra=_PATTERN,
+        json_schema_extra=_SIGNAL_SCHEMA,
         help='as recorded, one component of it; "-" before it turns it round',
     )
 
     @field_validator("signal", "reference", check_fields=False)
     @classmethod
-    def _named(cls, signal: str) -> str:
-        if not SIGNAL.fullmatch(signal):
+    def _check_signal(cls, signal: str) -> str:
+        if not SIGNAL_PATTERN.fullmatch(signal):
             raise ValueError("expected a recorded signal such as plant.p_B[2] or -plant.F_ee_B[2]")
         return signal
 
 
-class Led(Watched):
+class ReferenceMeasure(SignalMeasure):
     """A [[measure]] of a signal and its reference."""
 
     reference: str = setting(
-        examples=["controller.p_ref_B[2]"], json_schema_extra=_PATTERN, help="the signal that it should be, likewise"
+        examples=["controller.p_ref_B[2]"],
+        json_schema_extra=_SIGNAL_SCHEMA,
+        help="the signal that it should be, likewise",
     )
 
 
-class Step(Led):
+class Step(ReferenceMeasure):
     """[[measure]] kind = "step": the answer of a signal to a step of its reference at `begin_s`."""
 
     kind: Literal["step"]
 
 
-class Tracking(Led):
+class Tracking(ReferenceMeasure):
     """[[measure]] kind = "tracking": how far a signal is from its reference."""
 
     kind: Literal["tracking"]
 
 
-class Lag(Led):
+class Lag(ReferenceMeasure):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
     longest: float = setting("s", default=2.0, gt=0, help="the most that it may lag; at most half the window")
 
 
-class Spread(Watched):
+class SpreadMeasure(SignalMeasure):
     """[[measure]] kind = "spread": mean and standard deviation of a signal."""
 
     kind: Literal["spread"]
 
 
-class Oscillation(Watched):
+class Oscillation(SignalMeasure):
     """[[measure]] kind = "oscillation": the strongest sine in a signal."""
 
     kind: Literal["oscillation"]
@@ -351,7 +355,7 @@ class Oscillation(Watched):
     )
 
 
-class Onset(Watched):
+class Onset(SignalMeasure):
     """[[measure]] kind = "onset": when a signal that is true or false first is true."""
 
     kind: Literal["onset"]
@@ -369,7 +373,7 @@ class Effort(Window):
     kind: Literal["effort"]
 
 
-class Required(Window):
+class RequirementMeasure(Window):
     """[[measure]] kind = "requirement": how far the run is from violating a formula."""
 
     kind: Literal["requirement"]
@@ -379,15 +383,15 @@ class Required(Window):
 
     @field_validator("formula")
     @classmethod
-    def _spelt(cls, formula: str) -> str:
-        requirement(formula)
+    def _check_formula(cls, formula: str) -> str:
+        parse_requirement(formula)
         return formula
 
 
-Measure = Step | Tracking | Lag | Spread | Oscillation | Onset | Path | Effort | Required
-KINDS: dict[str, type[Measure]] = {
-    "step": Step, "tracking": Tracking, "lag": Lag, "spread": Spread, "oscillation": Oscillation, "onset": Onset,
-    "path": Path, "effort": Effort, "requirement": Required,
+Measure = Step | Tracking | Lag | SpreadMeasure | Oscillation | Onset | Path | Effort | RequirementMeasure
+MEASURE_KINDS: dict[str, type[Measure]] = {
+    "step": Step, "tracking": Tracking, "lag": Lag, "spread": SpreadMeasure, "oscillation": Oscillation, "onset": Onset,
+    "path": Path, "effort": Effort, "requirement": RequirementMeasure,
 }  # fmt: skip
 
 
@@ -400,8 +404,8 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
         mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
     """
     measures: list[Measure] = []
-    for number, table in numbered(tables, "measure", mistakes):
-        measure = checked_kind(KINDS, table, f"measure {number}", mistakes)
+    for number, table in numbered_tables(tables, "measure", mistakes):
+        measure = check_kind(MEASURE_KINDS, table, f"measure {number}", mistakes)
         if measure is None:
             continue
         until = duration if measure.until is None else measure.until

@@ -11,11 +11,11 @@ from pydantic import BaseModel, ValidationError
 
 from twin.kernel.errors import nearest
 
-LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
-ROBOTS = ("robot", "plant", "controller.model")
-LEAST, MOST = 1.0, 5000.0
+LENGTH_KEYS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
+ROBOT_TABLES = ("robot", "plant", "controller.model")
+MIN_LENGTH, MAX_LENGTH = 1.0, 5000.0
 """Lengths (mm) between which a robot for a person's back has its own, and its way points their height."""
-_EXPECTED = {
+_EXPECTED_TYPES = {
     "float_type": "a number",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
@@ -27,7 +27,7 @@ _EXPECTED = {
     "finite_number": "a finite number",
     "parameter_type": "a number, text in quotes, or an array of either",
 }
-_BOUNDS = {
+_BOUND_SIGNS = {
     "greater_than": ("gt", ">"),
     "greater_than_equal": ("ge", ">="),
     "less_than": ("lt", "<"),
@@ -43,9 +43,9 @@ def unit_hints(values: Mapping[str, Any]) -> list[str]:
     """
     sentences_by_key: dict[str, str] = {}
     for key, length in _lengths(values):
-        factor = 1e3 if abs(length) < LEAST else 1e-3
-        plausible = LEAST <= abs(length) * factor <= MOST
-        if length and not LEAST <= abs(length) <= MOST and plausible:
+        factor = 1e3 if abs(length) < MIN_LENGTH else 1e-3
+        plausible = MIN_LENGTH <= abs(length) * factor <= MAX_LENGTH
+        if length and not MIN_LENGTH <= abs(length) <= MAX_LENGTH and plausible:
             # [plant] and [controller.model] have it from [robot]: reported once
             sentences_by_key.setdefault(
                 key.rpartition(" ")[2] + f"{length:g}",
@@ -55,9 +55,9 @@ def unit_hints(values: Mapping[str, Any]) -> list[str]:
 
 
 def _lengths(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    for name in ROBOTS:
+    for name in ROBOT_TABLES:
         table = _table(values, name)
-        yield from ((f"[{name}] {key}", table[key]) for key in LENGTHS if _is_number(table.get(key)))
+        yield from ((f"[{name}] {key}", table[key]) for key in LENGTH_KEYS if _is_number(table.get(key)))
     points = _table(values, "reference").get("p_mm")
     if isinstance(points, tuple) and all(isinstance(p, tuple) and len(p) == 3 for p in points):
         # the height of all of them tells: x and y may well be zero
@@ -99,29 +99,29 @@ class _LiteralTable:
 
 # the runs of a sweep differ in one table of ten
 @lru_cache(256)
-def _read(model: type[Model], literal: _LiteralTable) -> Model:
+def _validate(model: type[Model], literal: _LiteralTable) -> Model:
     return model.model_validate(literal.table)
 
 
-def checked(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
+def check_table(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
     """[name] as `model` reads it; None after adding a sentence for each mistake in it to `mistakes`."""
     try:
-        return _read(model, _LiteralTable(table))
+        return _validate(model, _LiteralTable(table))
     except ValidationError as error:
-        mistakes += sentences(error, model, name)
+        mistakes += error_messages(error, model, name)
         return None
 
 
-def checked_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes: list[str]) -> Model | None:
-    """As `checked`, by the model of `kinds` that the key `kind` of the table says."""
+def check_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes: list[str]) -> Model | None:
+    """As `check_table`, by the model of `kinds` that the key `kind` of the table says."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str) or kind not in kinds:
         mistakes.append(f"[{name}] kind = {kind!r}: expected {', '.join(map(repr, kinds))}")
         return None
-    return checked(kinds[kind], table, name, mistakes)
+    return check_table(kinds[kind], table, name, mistakes)
 
 
-def numbered(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
+def numbered_tables(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
     """The tables of the array [[name]], counted from 1; none, and a sentence, if it is a single table."""
     if isinstance(tables, tuple):
         return enumerate(tables, start=1)
@@ -129,28 +129,28 @@ def numbered(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int,
     return ()
 
 
-def sentences(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
+def error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
     """One sentence per mistake in [table], which `model` describes."""
-    return [_sentence(detail, model, table) for detail in error.errors()]
+    return [_error_message(detail, model, table) for detail in error.errors()]
 
 
-def type_mistakes(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """Those of `sentences` on values of a wrong type: what is missing, unknown or out of range is left out."""
-    wrong = (*_EXPECTED, "literal_error")
-    return [_sentence(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
+def type_error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
+    """Those of `error_messages` on values of a wrong type: what is missing, unknown or out of range is left out."""
+    wrong = (*_EXPECTED_TYPES, "literal_error")
+    return [_error_message(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
 
 
-def unknown(key: str, known: list[str]) -> str:
+def unknown_key(key: str, known: list[str]) -> str:
     """`unknown key 'kp'; did you mean 'kp_per_s'?`"""
     return f"unknown key '{key}'; {nearest(key, known)}"
 
 
-def keys(model: type[BaseModel]) -> list[str]:
+def toml_keys(model: type[BaseModel]) -> list[str]:
     """The TOML keys of `model`."""
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
-def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
+def _error_message(detail: Any, model: type[BaseModel], table: str) -> str:
     path = [part for part in detail["loc"] if isinstance(part, str)]
     place = [str(part) for part in detail["loc"] if isinstance(part, int)]
     owner, tables = model, [table]
@@ -158,24 +158,24 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
         step = path.pop(0)
         tables.append(step)
         fields = {info.alias or name: info.annotation for name, info in owner.model_fields.items()}
-        owner = model_in(fields.get(step)) or owner
+        owner = nested_model(fields.get(step)) or owner
     where, key = f"[{'.'.join(tables)}]", path[0] if path else ""
     kind, got = detail["type"], detail["input"]
     if kind == "extra_forbidden":
-        inside = _inside(key, owner)
-        found = f"unknown key '{key}'; did you mean {inside}?" if inside else unknown(key, keys(owner))
+        inside = _nested_keys(key, owner)
+        found = f"unknown key '{key}'; did you mean {inside}?" if inside else unknown_key(key, toml_keys(owner))
         return f"{where} {found}"
     if kind == "missing":
         if place and isinstance(got, Mapping):
             # an array of tables within a table
             return f"[{'.'.join(tables)} {' '.join(str(int(p) + 1) for p in place)}] missing key '{key}'"
         if place:
-            return f"{where} {key}: {_shown(detail['input'])} has too few values"
+            return f"{where} {key}: {_value_text(detail['input'])} has too few values"
         return f"{where} missing key '{key}'"
     index = f" (entry {' '.join(str(int(p) + 1) for p in place)})" if place else ""
-    shown = f"{where} {key} = {_shown(got)}{index}"
-    if kind in _BOUNDS:
-        name, sign = _BOUNDS[kind]
+    shown = f"{where} {key} = {_value_text(got)}{index}"
+    if kind in _BOUND_SIGNS:
+        name, sign = _BOUND_SIGNS[kind]
         return f"{shown}: expected a number {sign} {detail['ctx'][name]:g}"
     if kind == "literal_error":
         return f"{shown}: expected {detail['ctx']['expected']}"
@@ -184,27 +184,31 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
     if kind == "value_error":
         # a mistake between keys has no key of its own
         return f"{shown}: {detail['ctx']['error']}" if key else f"{where} {detail['ctx']['error']}"
-    return f"{shown}: expected {_EXPECTED.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
+    return f"{shown}: expected {_EXPECTED_TYPES.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
 
 
-def _inside(key: str, owner: type[BaseModel]) -> str:
+def _nested_keys(key: str, owner: type[BaseModel]) -> str:
     """`'force.reference_N'` for the key force_N: keys of the table `force` of `owner` that end alike; "" if none do."""
     table, _, unit = key.rpartition("_")
-    model = next((model_in(f.annotation) for name, f in owner.model_fields.items() if table == (f.alias or name)), None)
+    model = next(
+        (nested_model(f.annotation) for name, f in owner.model_fields.items() if table == (f.alias or name)), None
+    )
     # kp_mm_per_N is no force
-    known = [] if model is None else [one for one in keys(model) if one.endswith(f"_{unit}") and "_per_" not in one]
+    known = (
+        [] if model is None else [one for one in toml_keys(model) if one.endswith(f"_{unit}") and "_per_" not in one]
+    )
     return " or ".join(f"'{table}.{one}'" for one in known)
 
 
-def model_in(annotation: Any) -> type[BaseModel] | None:
+def nested_model(annotation: Any) -> type[BaseModel] | None:
     """The model that a field's `annotation` is, or may be; None if it is no table."""
     kinds = (annotation, *get_args(annotation))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):
-        return "[" + ", ".join(_shown(item) for item in value) + "]"
+        return "[" + ", ".join(_value_text(item) for item in value) + "]"
     return f'"{value}"' if isinstance(value, str) else str(value)

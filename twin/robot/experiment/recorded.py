@@ -8,17 +8,17 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import json_of
+from twin.kernel.files import parse_json
 from twin.kernel.settings import Settings
-from twin.robot.experiment.experiment import ARRAYS, Head
-from twin.robot.experiment.mistakes import sentences, type_mistakes
-from twin.robot.experiment.schema import Declared
+from twin.robot.experiment.experiment import TABLE_ARRAYS, TopLevelKeys
+from twin.robot.experiment.mistakes import error_messages, type_error_messages
+from twin.robot.experiment.schema import DeclaredTables
 from twin.robot.experiment.source import Source
 
 Metadata = Mapping[str, Mapping[str, str]]
-NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
+NAME_PATTERN = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
 """Of an experiment: that of a file, without the suffix."""
-MANY = 3
+MAX_LISTED_ERRORS = 3
 """The most mistakes of a recording that are listed: a recording is not mended."""
 
 
@@ -47,12 +47,12 @@ def recorded_name(metadata: Metadata, where: Path) -> str:
         InputRefused: what it says is no name: folders of results are called so, and a recording may come from anybody.
     """
     name = metadata.get("experiment", {}).get("name", "unknown experiment")
-    if not NAME.fullmatch(name):
+    if not NAME_PATTERN.fullmatch(name):
         raise InputRefused(f"{where}: calls its experiment {name!r}, which is not a valid name")
     return name
 
 
-def recorded_values(declared: Declared, metadata: Metadata, where: Path) -> dict[str, Any]:
+def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, Any]:
     """The checked values of the experiment that a recording was made of, keys with units; empty if it holds none.
 
     Keys that are not known any more, or that were not known yet, are no mistake: the recording may be of another
@@ -62,10 +62,10 @@ def recorded_values(declared: Declared, metadata: Metadata, where: Path) -> dict
         InputRefused: no JSON, or values of other types than an experiment's.
     """
     text = metadata.get("experiment", {}).get("values", "{}")
-    values = json_of(text, f"{where}: its experiment")
+    values = parse_json(text, f"{where}: its experiment")
     mistakes = [] if isinstance(values, dict) else ["expected tables of values"]
     if not mistakes:
-        mistakes = _wrong_types(declared, values)
+        mistakes = _type_errors(declared, values)
     if mistakes:
         raise InputRefused(f"{where}: its experiment is not valid: {'; '.join(mistakes)}")
     return values
@@ -79,27 +79,27 @@ def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
     """
     fmus = {}
     for name, text in metadata.get("fmu", {}).items():
-        facts = json_of(text, f"{where}: its FMU of {name}")
+        facts = parse_json(text, f"{where}: its FMU of {name}")
         try:
             fmus[name] = RecordedFmu.model_validate(facts).model_dump()
         except ValidationError as error:
-            problems = "; ".join(sentences(error, RecordedFmu, name)[:MANY])
+            problems = "; ".join(error_messages(error, RecordedFmu, name)[:MAX_LISTED_ERRORS])
             raise InputRefused(f"{where}: its FMU of {name}: {problems}") from None
     return fmus
 
 
-def _wrong_types(declared: Declared, values: dict[str, Any]) -> list[str]:
+def _type_errors(declared: DeclaredTables, values: dict[str, Any]) -> list[str]:
     source = Source()
     mistakes: list[str] = []
-    models: dict[str, type[Settings]] = {"head": Head, **declared.tables}
-    source.put(values, "recorded")
+    models: dict[str, type[Settings]] = {"head": TopLevelKeys, **declared.tables}
+    source.merge(values, "recorded")
     head = {key: value for key, value in source.values.items() if not isinstance(value, dict)}
     for name, model in models.items():
         try:
             model.model_validate(head if name == "head" else source.values.get(name, {}))
         except ValidationError as error:
-            mistakes += type_mistakes(error, model, name)
-    for name in ARRAYS:
+            mistakes += type_error_messages(error, model, name)
+    for name in TABLE_ARRAYS:
         items = values.get(name, [])
         if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
             mistakes.append(f"[{name}]: expected an array of tables")
@@ -108,4 +108,4 @@ def _wrong_types(declared: Declared, values: dict[str, Any]) -> list[str]:
     files = [table["fmu"] for table in tables if isinstance(table, dict) and "fmu" in table]
     if None in tables or not all(isinstance(file, str) for file in files):
         mistakes.append("[drive]: expected a table whose fmu is text")
-    return mistakes[:MANY]
+    return mistakes[:MAX_LISTED_ERRORS]

@@ -15,41 +15,48 @@ from pydantic_core import PydanticCustomError
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, Triple, optional, setting
-from twin.robot.experiment.mistakes import checked, checked_kind, keys, model_in, numbered, unknown
-from twin.robot.experiment.source import RETAINED, SHAPES, at
+from twin.robot.experiment.mistakes import (
+    check_kind,
+    check_table,
+    nested_model,
+    numbered_tables,
+    toml_keys,
+    unknown_key,
+)
+from twin.robot.experiment.source import REFERENCE_SHAPES, RETAINED_KEYS, value_at
 
-PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
-TOLERANCE = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
-KIND = "as which the FMU is used; without it, co-simulation if it offers that"
-METHOD = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
-SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
-MOST_TICKS = 1e12
+PARAMETERS_HELP = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
+TOLERANCE_HELP = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
+KIND_HELP = "as which the FMU is used; without it, co-simulation if it offers that"
+METHOD_HELP = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+SOLVER_STEP_HELP = "longest step of rk4; without it, one per step of the drive"
+MAX_TICKS = 1e12
 """Three centuries at 10 ms, or a slip of the pen."""
-FORCE_LOOP = "controller.force."
+FORCE_LOOP_PREFIX = "controller.force."
 """Where the keys of the force loop begin."""
-SCHEDULED = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
+SCHEDULED_KEYS = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
 """What may not, where [controller.force] has a schedule of them."""
 
 
-class Changeable(NamedTuple):
+class ChangeableSetting(NamedTuple):
     """A setting that may change while an experiment runs: its table, and its name there."""
 
     table: type[Settings]
     name: str
 
 
-def nested(model: type[Settings], path: str) -> dict[str, type[Settings]]:
+def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]:
     """The table `model` at the dotted `path`, and all tables in it, by their paths."""
     found = {path: model}
     for name, info in model.model_fields.items():
-        inner = model_in(info.annotation)
+        inner = nested_model(info.annotation)
         if inner is not None and issubclass(inner, Settings):
-            found |= nested(inner, f"{path}.{info.alias or name}")
+            found |= nested_tables(inner, f"{path}.{info.alias or name}")
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class Declared:
+class DeclaredTables:
     """The tables that an experiment may have, and what of them may change while it runs.
 
     Attributes:
@@ -62,27 +69,27 @@ class Declared:
 
     needed: Mapping[str, type[Settings]]
     optional: Mapping[str, type[Settings]]
-    changeable: Mapping[str, Changeable] = field(default_factory=dict)
+    changeable: Mapping[str, ChangeableSetting] = field(default_factory=dict)
     tasks: Mapping[str, type[Any]] = field(default_factory=dict)
 
     @property
     def tables(self) -> dict[str, type[Settings]]:
         return {**self.needed, **self.optional}
 
-    def rest(self, role: str) -> type[Settings]:
+    def third_party_model(self, role: str) -> type[Settings]:
         """The table [role] where the part is third-party: of twin's own only what acts all the same is needed."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)
             for name, info in model.model_fields.items()
-            if info.is_required() and (info.alias or name) not in RETAINED[role]
+            if info.is_required() and (info.alias or name) not in RETAINED_KEYS[role]
         }
         return create_model(model.__name__, __base__=model, **idle) if idle else model
 
     def model_keys(self) -> list[str]:
         """The keys of [controller.model], which are the robot's own where it does not say otherwise."""
-        model = model_in(self.tables["controller"].model_fields["model"].annotation)
-        return [] if model is None else keys(model)
+        model = nested_model(self.tables["controller"].model_fields["model"].annotation)
+        return [] if model is None else toml_keys(model)
 
 
 Task = TypeVar("Task", bound=Settings)
@@ -152,10 +159,12 @@ class Reference(Settings):
     @model_validator(mode="after")
     def _one_of_them(self) -> "Reference":
         points = self.t is not None or self.p is not None
-        named = [name for name in SHAPES if getattr(self, name) is not None]
+        named = [name for name in REFERENCE_SHAPES if getattr(self, name) is not None]
         if points + len(named) != 1:
             got = ", ".join(["way points"] * points + named) or "nothing"
-            raise ValueError(f"got {got}: expected either way points (t_s and p_mm) or one of {', '.join(SHAPES)}")
+            raise ValueError(
+                f"got {got}: expected either way points (t_s and p_mm) or one of {', '.join(REFERENCE_SHAPES)}"
+            )
         if points and (self.t is None or self.p is None):
             raise ValueError(f"missing key '{'t_s' if self.t is None else 'p_mm'}': way points need t_s and p_mm")
         return self
@@ -181,7 +190,9 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
         return {}
     if tables == ():
         mistakes.append("[[task]]: an empty array; expected at least one task, or [reference] with waypoints")
-    found = {n: checked_kind(kinds, table, f"task {n}", mistakes) for n, table in numbered(tables, "task", mistakes)}
+    found = {
+        n: check_kind(kinds, table, f"task {n}", mistakes) for n, table in numbered_tables(tables, "task", mistakes)
+    }
     return {number: task for number, task in found.items() if task is not None}
 
 
@@ -198,7 +209,7 @@ class Cosim(Settings):
     iterations: int = setting(default=1, ge=1, le=100, help="how often plant and drives make each step")
 
 
-class Recorded(Settings):
+class RecordingSettings(Settings):
     """[recording]: how often the plant, the drives and whatever else has values every tick are recorded."""
 
     rate: Literal["tick", "controller"] = setting(
@@ -272,7 +283,7 @@ class UnpoweredDrive(Settings):
     b: float = setting("N m s/rad", default=1e-4, ge=0, help="viscous friction")
 
 
-def _of_one_kind(value: Any) -> Any:
+def _check_parameter(value: Any) -> Any:
     """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
     many = isinstance(value, (list, tuple))
     values = tuple(value) if many else (value,)
@@ -284,7 +295,7 @@ def _of_one_kind(value: Any) -> Any:
     return values if many else value
 
 
-Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
+Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_check_parameter)]
 
 
 Kind = Literal["co_simulation", "model_exchange"]
@@ -296,11 +307,11 @@ class DrivePart(Settings):
 
     fmu: str = setting(help="an .fmu file")
     sha256: str | None = optional(example="00000000...", help="refuse any other file")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
-    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE)
-    kind: Kind | None = optional(example="model_exchange", help=KIND)
-    solver: Method | None = optional(example="rk4", help=METHOD)
-    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP)
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
+    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
+    kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
+    solver: Method | None = optional(example="rk4", help=METHOD_HELP)
+    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP_HELP)
 
 
 class Drive(Settings):
@@ -319,11 +330,11 @@ class Drive(Settings):
     substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the FMU per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
-    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE)
-    kind: Kind | None = optional(example="model_exchange", help=KIND)
-    solver: Method | None = optional(example="rk4", help=METHOD)
-    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP)
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS_HELP)
+    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE_HELP)
+    kind: Kind | None = optional(example="model_exchange", help=KIND_HELP)
+    solver: Method | None = optional(example="rk4", help=METHOD_HELP)
+    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP_HELP)
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
@@ -354,8 +365,8 @@ class Drive(Settings):
 
 def whole_ticks(time: float, tick: float) -> int | None:
     """How many ticks (s) `time` (s) is; None if it is no whole number of them, up to rounding of the two, or more than
-    `MOST_TICKS`."""
-    if time / tick > MOST_TICKS:
+    `MAX_TICKS`."""
+    if time / tick > MAX_TICKS:
         return None
     count = round(time / tick)
     return count if abs(count * tick - time) <= 1e-9 * time else None
@@ -386,7 +397,7 @@ class Change:
     value: float
 
 
-def changeable(declared: Declared, tables: Mapping[str, Any]) -> dict[str, float]:
+def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> dict[str, float]:
     """What may change in an experiment, with the value in its file, in the unit of the key.
 
     Nothing of the force loop where it never acts, and no reference where tasks bring their own.
@@ -397,16 +408,16 @@ def changeable(declared: Declared, tables: Mapping[str, Any]) -> dict[str, float
     """
     found = {}
     for key in declared.changeable:
-        number = at(tables, key)
-        acts = not key.startswith(FORCE_LOOP) or at(tables, "controller.mode") == "force_position"
+        number = value_at(tables, key)
+        acts = not key.startswith(FORCE_LOOP_PREFIX) or value_at(tables, "controller.mode") == "force_position"
         # a schedule sets these itself
-        acts = acts and not (at(tables, "controller.force.schedule") and key in SCHEDULED)
+        acts = acts and not (value_at(tables, "controller.force.schedule") and key in SCHEDULED_KEYS)
         if acts and number is not None:
             found[key] = number
     return found
 
 
-def changed_value(declared: Declared, key: str, number: object, tables: Mapping[str, Any]) -> float:
+def changed_value(declared: DeclaredTables, key: str, number: object, tables: Mapping[str, Any]) -> float:
     """`number`, given in the unit of the `key`, in SI.
 
     Args:
@@ -423,14 +434,14 @@ def changed_value(declared: Declared, key: str, number: object, tables: Mapping[
     table, attribute = declared.changeable[key]
     path, _, name = key.rpartition(".")
     mistakes: list[str] = []
-    changed = checked(table, {**at(tables, path), name: number}, path, mistakes)
+    changed = check_table(table, {**value_at(tables, path), name: number}, path, mistakes)
     if mistakes:
         raise InputRefused("; ".join(mistakes))
     return getattr(changed, attribute)
 
 
 def checked_changes(
-    declared: Declared, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
+    declared: DeclaredTables, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
 ) -> tuple[Change, ...]:
     """The changes of the array of tables [[change]] that are right, the earliest first.
 
@@ -442,12 +453,12 @@ def checked_changes(
         mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
     """
     changes: dict[tuple[int, str], Change] = {}
-    for number, table in numbered(tables, "change", mistakes):
-        wanted = checked(ChangeTable, table, f"change {number}", mistakes)
+    for number, table in numbered_tables(tables, "change", mistakes):
+        wanted = check_table(ChangeTable, table, f"change {number}", mistakes)
         if wanted is None:
             continue
         try:
-            change = _checked(declared, wanted, values, tick, duration)
+            change = _check_change(declared, wanted, values, tick, duration)
         except InputRefused as problem:
             mistakes.append(f"[change {number}] {problem}")
             continue
@@ -457,14 +468,14 @@ def checked_changes(
     return tuple(changes[place] for place in sorted(changes))
 
 
-def _checked(
-    declared: Declared, wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float
+def _check_change(
+    declared: DeclaredTables, wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float
 ) -> Change:
-    known = changeable(declared, values)
+    known = changeable_values(declared, values)
     if wanted.key in declared.changeable and wanted.key not in known:
         raise InputRefused(f'key = "{wanted.key}": does not act in this experiment; known are {", ".join(known)}')
     if wanted.key not in known:
-        raise InputRefused(f"key: {unknown(wanted.key, list(known))}")
+        raise InputRefused(f"key: {unknown_key(wanted.key, list(known))}")
     if wanted.t > duration:
         raise InputRefused(f"t_s = {wanted.t:g}: after the end at {duration:g} s")
     at = whole_ticks(wanted.t, tick)

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import DEEPEST, TOML_LIMIT, read_text, toml_of
-from twin.robot.places import located
+from twin.kernel.files import MAX_DEPTH, MAX_TOML_BYTES, parse_toml, read_text
+from twin.robot.paths import locate_file
 
-SHAPES = ("circle", "chirp", "joint_step")
+REFERENCE_SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
-RETAINED = {
+RETAINED_KEYS = {
     "body": (),
     "estimator": (),
     "controller": (
@@ -32,13 +32,13 @@ RETAINED = {
     "scale": ("period_ms",),
 }  # fmt: skip
 """Parts of the robot that may be third-party, and the keys of their tables that act all the same."""
-NAMING = ("fmu", "python")
+FILE_KEYS = ("fmu", "python")
 """Keys whose value is a file; of a class behind a colon, too."""
-LONGEST_CHAIN = 32
+MAX_CHAIN_LENGTH = 32
 """Files that extend each other, the first included."""
 COMMAND_LINE = "set on the command line"
 """The origin of what an option has set."""
-NAMES_OF_FMUS = ("parameters.", "wires.")
+FMU_NAME_PREFIXES = ("parameters.", "wires.")
 """Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
 quotes."""
 
@@ -74,13 +74,13 @@ def names_drive(table: Mapping[str, Any]) -> bool:
     return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
 
 
-def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+def _has_any_key(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
     return lambda table: any(key in table for key in keys)
 
 
 def names_stand_in(table: Mapping[str, Any]) -> bool:
     """Whether a table of a part says that it is third-party."""
-    return any(key in table for key in NAMING)
+    return any(key in table for key in FILE_KEYS)
 
 
 class Replacement(NamedTuple):
@@ -99,18 +99,21 @@ class Replacement(NamedTuple):
     by_option: tuple[str, ...] | None = None
 
 
-RULES: dict[str, tuple[Replacement, ...]] = {
+REPLACEMENT_RULES: dict[str, tuple[Replacement, ...]] = {
     "drive": (Replacement(names_drive, None),),
-    "contact": (Replacement(_has("body"), None, by_option=("height_mm",)),),
+    "contact": (Replacement(_has_any_key("body"), None, by_option=("height_mm",)),),
     # of way points one file may give the times and another the places
-    "reference": (Replacement(_has(*SHAPES), ()), Replacement(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
-    **{role: (Replacement(names_stand_in, retained, by_key=True),) for role, retained in RETAINED.items()},
+    "reference": (
+        Replacement(_has_any_key(*REFERENCE_SHAPES), ()),
+        Replacement(_has_any_key("t_s", "p_mm"), ("t_s", "p_mm")),
+    ),
+    **{role: (Replacement(names_stand_in, retained, by_key=True),) for role, retained in RETAINED_KEYS.items()},
 }
 
 
 def rules_for(name: str, table: Any, by_key: bool = False) -> list[Replacement]:
     """By which rules `table`, called `name`, takes another one's place; `by_key`: it is a key of the command line."""
-    rules = RULES.get(name, ()) if isinstance(table, Mapping) else ()
+    rules = REPLACEMENT_RULES.get(name, ()) if isinstance(table, Mapping) else ()
     return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]
 
 
@@ -126,7 +129,7 @@ class Source:
     values: dict[str, Any] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
 
-    def lay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
+    def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
         """Lay `tables` over what is there; one that names another drive, body, shape or part takes its place.
 
         Args:
@@ -137,17 +140,17 @@ class Source:
         for name, table in tables.items():
             for rule in rules_for(name, table, by_key):
                 # another drive has other parameters: nothing of the one before can stay
-                self.forget(name, rule.retained)
-        self.put(tables, origin)
+                self.remove(name, rule.retained)
+        self.merge(tables, origin)
 
-    def name(self, table: str, key: str, value: str) -> None:
+    def select_file(self, table: str, key: str, value: str) -> None:
         """Let an option of the command line name what [table] is, by its `key`: `--drive` or `--body`."""
         (rule,) = rules_for(table, {key: value})
-        self.forget(table, rule.by_option)
+        self.remove(table, rule.by_option)
         self.values[table] = {key: value, **self.values.get(table, {})}
         self.origins[f"{table}.{key}"] = COMMAND_LINE
 
-    def forget(self, table: str, keep: Collection[str] | None = None) -> None:
+    def remove(self, table: str, keep: Collection[str] | None = None) -> None:
         """Take out what is said of [table], but the keys `keep`; without these the table itself."""
         before = self.values.pop(table, None)
         retained = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
@@ -156,43 +159,43 @@ class Source:
         paths = {f"{table}.{key}" for key in retained}
         self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{table}.") or k in paths}
 
-    def put(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
+    def merge(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
         """Lay `table` over what is there, key by key."""
         target = self.values if into is None else into
         for key, value in table.items():
             dotted = f"{prefix}{key}"
             if isinstance(value, dict) and "value" in value and value.keys() <= {"value", "source"}:
-                target[key] = _frozen(value["value"])
+                target[key] = _freeze_lists(value["value"])
                 self.origins[dotted] = str(value.get("source", origin))
             elif isinstance(value, dict) and isinstance(items := target.get(key), tuple):
                 # of an array by their number from 1: tables are laid over, numbers replaced
                 if any(isinstance(item, dict) for item in items):
-                    self._put_items(value, origin, dotted, items)
+                    self._merge_items(value, origin, dotted, items)
                 else:
                     target[key] = with_numbers(value, items, f"{origin}: {dotted}")
-            elif isinstance(value, dict) and prefix.endswith(NAMES_OF_FMUS):
-                self.put({f"{key}.{name}": item for name, item in value.items()}, origin, prefix, target)
+            elif isinstance(value, dict) and prefix.endswith(FMU_NAME_PREFIXES):
+                self.merge({f"{key}.{name}": item for name, item in value.items()}, origin, prefix, target)
             elif isinstance(value, dict):
                 inner = target.get(key)
                 target[key] = inner if isinstance(inner, dict) else {}
-                self.put(value, origin, f"{dotted}.", target[key])
+                self.merge(value, origin, f"{dotted}.", target[key])
             elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
                 # an array of tables is laid over as a whole: its items have no names by which to tell them apart
                 self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{dotted}.")}
                 target[key] = tuple({} for _ in value)
                 numbered = {str(number): item for number, item in enumerate(value, start=1)}
-                self._put_items(numbered, origin, dotted, target[key])
+                self._merge_items(numbered, origin, dotted, target[key])
             else:
-                target[key] = _frozen(value)
+                target[key] = _freeze_lists(value)
                 self.origins[dotted] = origin
 
-    def _put_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
+    def _merge_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
         """Lay the tables `items` over those of an array, by their number from 1."""
         for number, item in items.items():
             if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
                 there = f"is only {dotted}.1" if len(into) == 1 else f"are tables {dotted}.1 to {dotted}.{len(into)}"
                 raise InputRefused(f"{origin}: {dotted}.{number}: there {there}")
-            self.put(item, origin, f"{dotted}.{number}.", into[int(number) - 1])
+            self.merge(item, origin, f"{dotted}.{number}.", into[int(number) - 1])
 
 
 def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) -> tuple[Any, ...]:
@@ -212,18 +215,18 @@ def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) ->
 def read_source(path: Path) -> Source:
     """The file at `path` laid over the files it `extends`.
 
-    What takes another one's place is in `RULES`.
+    What takes another one's place is in `REPLACEMENT_RULES`.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
     """
     source = Source()
     for file, table in reversed(_chain(path)):
-        source.lay(table, f"set in {file.name}")
+        source.overlay(table, f"set in {file.name}")
     return source
 
 
-def override(source: Source, texts: Iterable[str]) -> None:
+def apply_overrides(source: Source, texts: Iterable[str]) -> None:
     """Lay command line settings, "a.b=1" each, over `source`.
 
     Raises:
@@ -232,19 +235,19 @@ def override(source: Source, texts: Iterable[str]) -> None:
     nodes = [_node(text) for text in texts]
     # what names a third-party part takes out what is said of twin's own, and nothing that is set with it
     for node in sorted(nodes, key=lambda node: not any(rules_for(name, node[name], by_key=True) for name in node)):
-        source.lay(node, COMMAND_LINE, by_key=True)
+        source.overlay(node, COMMAND_LINE, by_key=True)
 
 
 def _node(text: str) -> dict[str, Any]:
     """The setting `text` as nested tables."""
     key, equals, value = text.partition("=")
     names = key_names(key.strip())
-    if not equals or not key.strip() or len(names) > DEEPEST:
+    if not equals or not key.strip() or len(names) > MAX_DEPTH:
         raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
     node: Any = value.strip()
     # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
     with contextlib.suppress(InputRefused):
-        node = toml_of(f"value = {node}", "")["value"]
+        node = parse_toml(f"value = {node}", "")["value"]
     for name in reversed(names):
         node = {name: node}
     return node
@@ -254,7 +257,7 @@ def key_names(key: str) -> list[str]:
     """The names of a dotted key as TOML has it, where one with dots of its own stands in quotes: `a."b.c"`."""
     names: list[str] = []
     with contextlib.suppress(InputRefused):
-        node: Any = toml_of(f"{key} = 0", "")
+        node: Any = parse_toml(f"{key} = 0", "")
         while isinstance(node, dict) and len(node) == 1:
             ((name, node),) = node.items()
             names.append(name)
@@ -264,16 +267,16 @@ def key_names(key: str) -> list[str]:
     return key.split(".")
 
 
-def laid_over(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
     """`table` over `base`, tables key by key; neither is changed, nor shares a table with what is returned."""
     merged = copy.deepcopy(dict(base))
     for key, value in table.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = laid_over(merged[key], value) if both else copy.deepcopy(value)
+        merged[key] = merge_tables(merged[key], value) if both else copy.deepcopy(value)
     return merged
 
 
-def at(tables: Mapping[str, Any], key: str) -> Any:
+def value_at(tables: Mapping[str, Any], key: str) -> Any:
     """The value at the dotted `key`; None if there is none."""
     node: Any = tables
     for name in key.split("."):
@@ -289,13 +292,13 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
         last = chain[-1][0]
         if not isinstance(parent, str):
             raise InputRefused(f"{last}: extends = {parent!r}: expected the name of a TOML file")
-        following = located(parent, Path(os.path.realpath(last)).parent)
+        following = locate_file(parent, Path(os.path.realpath(last)).parent)
         # read first: a name that is none has no real path either
         tables = _tables(following)
         if os.path.realpath(following) in met:
             raise InputRefused(f"{path}: its files extend each other in a circle; remove one 'extends'")
-        if len(chain) == LONGEST_CHAIN:
-            raise InputRefused(f"{path}: extends a chain of more than {LONGEST_CHAIN} files; merge some")
+        if len(chain) == MAX_CHAIN_LENGTH:
+            raise InputRefused(f"{path}: extends a chain of more than {MAX_CHAIN_LENGTH} files; merge some")
         met.add(os.path.realpath(following))
         chain.append((following, tables))
     return chain
@@ -303,17 +306,17 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 def _tables(path: Path) -> dict[str, Any]:
     """The tables of the one TOML file at `path`, without those that it extends."""
-    return dict(_parsed(read_text(path, TOML_LIMIT, "experiment file"), str(path)))
+    return dict(_parse_toml(read_text(path, MAX_TOML_BYTES, "experiment file"), str(path)))
 
 
 @functools.lru_cache(maxsize=64)
-def _parsed(text: str, where: str) -> Mapping[str, Any]:
+def _parse_toml(text: str, where: str) -> Mapping[str, Any]:
     """The tables that `text` writes, not to be changed: a sweep reads the same files for each of its runs."""
-    return toml_of(text, where)
+    return parse_toml(text, where)
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+def _freeze_lists(value: Any) -> Any:
+    return tuple(_freeze_lists(item) for item in value) if isinstance(value, list) else value
 
 
 def toml_value(value: Any) -> str:

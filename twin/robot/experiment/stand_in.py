@@ -9,11 +9,11 @@ from pydantic import Field, model_validator
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings
-from twin.robot.experiment.drive_files import completed
-from twin.robot.experiment.mistakes import checked, keys
-from twin.robot.experiment.schema import TOLERANCE, Declared, Parameter
-from twin.robot.experiment.source import NAMING, RETAINED, names_stand_in
-from twin.robot.places import located
+from twin.robot.experiment.drive_files import complete_drive
+from twin.robot.experiment.mistakes import check_table, toml_keys
+from twin.robot.experiment.schema import TOLERANCE_HELP, DeclaredTables, Parameter
+from twin.robot.experiment.source import FILE_KEYS, RETAINED_KEYS, names_stand_in
+from twin.robot.paths import locate_file
 
 Names = dict[str, str | tuple[str, ...]]
 
@@ -32,7 +32,7 @@ class StandIn(Settings):
     inputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
     outputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description="the FMU's or the class's own names")
-    tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE_HELP)
 
     @model_validator(mode="after")
     def _consistent(self) -> "StandIn":
@@ -62,14 +62,16 @@ class StandIn(Settings):
         return f"{self.file.name}:{self.class_name}" if self.python else self.file.name
 
 
-class Apart(NamedTuple):
+class ThirdPartyTable(NamedTuple):
     """A table of a third-party part: what is said of that, and what of the table still acts."""
 
     stand_in: StandIn | None
     rest: Settings | None
 
 
-def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folder: Path, mistakes: list[str]) -> Apart:
+def check_third_party_table(
+    declared: DeclaredTables, role: str, table: Mapping[str, Any], folder: Path, mistakes: list[str]
+) -> ThirdPartyTable:
     """The table [role], which names an FMU or a class.
 
     Args:
@@ -77,33 +79,37 @@ def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folde
         folder: from which files are looked up.
         mistakes: gets a sentence for each mistake.
     """
-    own_keys, model = keys(StandIn), declared.tables[role]
+    own_keys, model = toml_keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in own_keys}
     rest = {key: value for key, value in table.items() if key not in own_keys}
-    idle = [key for key in rest if key in keys(model) and key not in RETAINED[role]]
+    idle = [key for key in rest if key in toml_keys(model) and key not in RETAINED_KEYS[role]]
     if idle:
         mistakes.append(
-            f"[{role}] {', '.join(idle)}: of twin's own {role}, and {_named(own)} is another one; remove "
+            f"[{role}] {', '.join(idle)}: of twin's own {role}, and {_file_text(own)} is another one; remove "
             + ("it" if len(idle) == 1 else "them")
         )
     try:
         own = _with_file(role, own, folder)
     except InputRefused as problem:
         mistakes.append(f"[{role}] {problem}")
-        return Apart(None, None)
+        return ThirdPartyTable(None, None)
     passed = {key: value for key, value in rest.items() if key not in idle}
     if model is StandIn:
-        return Apart(checked(StandIn, {**own, **passed}, role, mistakes), None)
-    return Apart(checked(StandIn, own, role, mistakes), checked(declared.rest(role), passed, role, mistakes))
+        return ThirdPartyTable(check_table(StandIn, {**own, **passed}, role, mistakes), None)
+    return ThirdPartyTable(
+        check_table(StandIn, own, role, mistakes), check_table(declared.third_party_model(role), passed, role, mistakes)
+    )
 
 
-def rest_of(declared: Declared, role: str, table: Mapping[str, Any]) -> Settings:
+def retained_settings(declared: DeclaredTables, role: str, table: Mapping[str, Any]) -> Settings:
     """What of the checked table [role] of a third-party part still acts."""
-    return declared.rest(role).model_validate({key: value for key, value in table.items() if key in RETAINED[role]})
+    return declared.third_party_model(role).model_validate(
+        {key: value for key, value in table.items() if key in RETAINED_KEYS[role]}
+    )
 
 
-def _named(own: Mapping[str, Any]) -> str:
-    return " and ".join(f'{key} = "{own[key]}"' for key in NAMING if key in own)
+def _file_text(own: Mapping[str, Any]) -> str:
+    return " and ".join(f'{key} = "{own[key]}"' for key in FILE_KEYS if key in own)
 
 
 def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -115,18 +121,18 @@ def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any
     table = dict(own)
     if isinstance(python := table.get("python"), str) and ":" in python:
         file, _, name = python.rpartition(":")
-        path = located(file, folder)
+        path = locate_file(file, folder)
         if not os.path.isfile(path):
             raise InputRefused(f'python = "{python}": no file {path}; expected "FILE:CLASS"')
         table["python"] = f"{path.absolute()}:{name}"
     if isinstance(table.get("fmu"), str):
-        table = completed(table, folder)
+        table = complete_drive(table, folder)
         if "parts" in table:
             raise InputRefused(f'fmu = "{own["fmu"]}": a drive made of parts; a {role} is one FMU')
     return table
 
 
-def role_named(values: Mapping[str, Any], role: str) -> Mapping[str, Any] | None:
+def find_stand_in_table(values: Mapping[str, Any], role: str) -> Mapping[str, Any] | None:
     """The table [role] of an experiment's values, if it names an FMU or a class."""
     table = values.get(role)
     return table if isinstance(table, Mapping) and names_stand_in(table) else None

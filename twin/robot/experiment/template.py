@@ -14,27 +14,27 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from twin.kernel.atomic_write import make_folder, write_text
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.writing import made_folder, write_text
 from twin.robot.experiment import schema
-from twin.robot.experiment.experiment import Head
+from twin.robot.experiment.experiment import TopLevelKeys
 from twin.robot.experiment.experiment_files import fill_from_body, known_experiments
-from twin.robot.experiment.fault import CATALOGUE, table_of
+from twin.robot.experiment.fault import FAULT_KINDS, fault_table_model
 from twin.robot.experiment.json_schema import SCHEMA_FILE, schema_text
-from twin.robot.experiment.measure import KINDS as MEASURES
-from twin.robot.experiment.mistakes import model_in
-from twin.robot.experiment.schema import ChangeTable, Declared
-from twin.robot.experiment.source import RETAINED, Source, at, read_source, toml_value
+from twin.robot.experiment.measure import MEASURE_KINDS as MEASURES
+from twin.robot.experiment.mistakes import nested_model
+from twin.robot.experiment.schema import ChangeTable, DeclaredTables
+from twin.robot.experiment.source import RETAINED_KEYS, Source, read_source, toml_value, value_at
 from twin.robot.experiment.stand_in import StandIn
-from twin.robot.places import located
+from twin.robot.paths import locate_file
 
-ROBOT = "robots/massage_robot.toml"
-OTHERS = ("fig4_force_position.toml", "massage.toml")
+ROBOT_FILE = "robots/massage_robot.toml"
+EXAMPLE_FILES = ("fig4_force_position.toml", "massage.toml")
 """Where values are taken from for what an experiment does not use."""
-FAULT = "surface_jump"
+EXAMPLE_FAULT = "surface_jump"
 """The kind of fault that is shown."""
-CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
-MEASURE = {
+EXAMPLE_CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
+EXAMPLE_MEASURE = {
     "kind": "tracking",
     "name": "force",
     "signal": "-plant.F_ee_B[2]",
@@ -42,20 +42,20 @@ MEASURE = {
     "begin_s": 10.0,
     "until_s": 18.7,
 }
-BELIEVED = "What the controller believes where it differs from [robot]: any key of it."
-LED_BY_TASKS = (
+MODEL_COMMENT = "What the controller believes where it differs from [robot]: any key of it."
+TASKS_COMMENT = (
     "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
 )
-OTHER = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
-BREAKS = "What breaks: docs/faults_reference.md has every kind."
-CHANGES = "What of the controller changes on the way."
-MEASURED = "What twin check measures: docs/regression.md has every kind."
-TRUE = "What is true where it differs from [robot]: any key of it. The controller does not know."
+THIRD_PARTY_COMMENT = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
+FAULT_COMMENT = "What breaks: docs/faults_reference.md has every kind."
+CHANGE_COMMENT = "What of the controller changes on the way."
+MEASURE_COMMENT = "What twin check measures: docs/regression.md has every kind."
+PLANT_COMMENT = "What is true where it differs from [robot]: any key of it. The controller does not know."
 
 Table = Mapping[str, Any]
 
 
-def commented_experiment(declared: Declared, name: str, base: Path) -> str:
+def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str:
     """The text of an experiment that does what the one at `base` does, with all that it could say besides.
 
     What `base` says of other tables than [robot] stands as it is; of [plant], what the robot's file does not say. All
@@ -71,9 +71,9 @@ def commented_experiment(declared: Declared, name: str, base: Path) -> str:
     """
     own, filled, others = read_source(base), read_source(base), Source()
     fill_from_body(filled, base.parent)
-    for other in OTHERS:
-        others.put(read_source(located(other, base.parent)).values, "")
-    page = _Page(own, filled.values, others.values)
+    for other in EXAMPLE_FILES:
+        others.merge(read_source(locate_file(other, base.parent)).values, "")
+    page = _TemplateWriter(own, filled.values, others.values)
     models: dict[str, type[BaseModel]] = {"cosim": schema.Cosim, "drive": schema.Drive, **declared.tables}
     lines = [
         f"#:schema {SCHEMA_FILE}",
@@ -83,28 +83,28 @@ def commented_experiment(declared: Declared, name: str, base: Path) -> str:
         '# none. Any value may be { value = 5.0, source = "where it comes from" }.',
         "",
         "# the file whose values hold wherever this one says nothing",
-        f'extends = "{ROBOT}"',
-        *page.keys("", Head, own.values, page.origins("")),
+        f'extends = "{ROBOT_FILE}"',
+        *page.keys("", TopLevelKeys, own.values, page.origins("")),
     ]
     for table, model in models.items():
         if table not in ("robot", "plant"):
             lines += page.table(table, model)
-    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", declared.tasks, others.values["task"])]
-    kind = CATALOGUE[FAULT]
+    lines += ["", f"# {TASKS_COMMENT}", *page.array("task", declared.tasks, others.values["task"])]
+    kind = FAULT_KINDS[EXAMPLE_FAULT]
     assert kind.magnitudes is not None and kind.magnitude_key is not None
-    fault = {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
-    lines += ["", f"# {BREAKS}", *page.item("fault", table_of(kind), fault, "#", {})]
-    lines += ["", f"# {CHANGES}", *page.array("change", {None: ChangeTable}, (CHANGE,))]
-    lines += ["", f"# {MEASURED}", *page.array("measure", MEASURES, (MEASURE,))]
+    fault = {"kind": EXAMPLE_FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
+    lines += ["", f"# {FAULT_COMMENT}", *page.item("fault", fault_table_model(kind), fault, "#", {})]
+    lines += ["", f"# {CHANGE_COMMENT}", *page.array("change", {None: ChangeTable}, (EXAMPLE_CHANGE,))]
+    lines += ["", f"# {MEASURE_COMMENT}", *page.array("measure", MEASURES, (EXAMPLE_MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     whole = _plain_keys(declared.tables["robot"])
     lines += page.keys("robot", declared.tables["robot"], {}, {})
-    robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, "plant") or {}
-    true = {key: value for key, value in (at(own.values, "plant") or {}).items() if robot.get(key) != value}
+    robot = value_at(read_source(locate_file(f"experiments/{ROBOT_FILE}", base.parent)).values, "plant") or {}
+    true = {key: value for key, value in (value_at(own.values, "plant") or {}).items() if robot.get(key) != value}
     origins = page.origins("plant")
     lines += [
         "",
-        f"# {TRUE}",
+        f"# {PLANT_COMMENT}",
         f"{'' if true else '#'}[plant]",
         *page.keys("plant", declared.tables["plant"], true, origins, whole),
     ]
@@ -112,7 +112,7 @@ def commented_experiment(declared: Declared, name: str, base: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-class _Page:
+class _TemplateWriter:
     """Writes tables and keys; what is not in use behind a #.
 
     Args:
@@ -131,23 +131,23 @@ class _Page:
 
     def table(self, name: str, model: type[BaseModel]) -> list[str]:
         """[name] and the tables in it."""
-        own = at(self._own.values, name)
+        own = value_at(self._own.values, name)
         mark = "#" if own is None else ""
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
         fields = model.model_fields
-        if name in RETAINED and model is not StandIn:
-            lines += [f"# {OTHER}", *self.keys(name, StandIn, own or {}, self.origins(name))]
+        if name in RETAINED_KEYS and model is not StandIn:
+            lines += [f"# {THIRD_PARTY_COMMENT}", *self.keys(name, StandIn, own or {}, self.origins(name))]
             fields = {**fields, **StandIn.model_fields}
         for field, info in fields.items():
-            inner, path = model_in(info.annotation), f"{name}.{info.alias or field}"
+            inner, path = nested_model(info.annotation), f"{name}.{info.alias or field}"
             if get_origin(info.annotation) is dict:
-                entries = at(self._own.values, path) or {}
+                entries = value_at(self._own.values, path) or {}
                 lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
                 lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
             elif path == "controller.model":
-                lines += ["", f"# {BELIEVED}", f"#[{path}]"]
+                lines += ["", f"# {MODEL_COMMENT}", f"#[{path}]"]
             elif inner is not None and get_origin(info.annotation) is tuple:
-                entries = at(self._own.values, path)
+                entries = value_at(self._own.values, path)
                 for entry in entries or (info.examples or [()])[0]:
                     lines += self.item(path, inner, entry, "" if entries else "#", {})
             elif inner is not None:
@@ -168,7 +168,7 @@ class _Page:
         lines += [f'{mark}kind = "{values["kind"]}"'] if "kind" in values else []
         for key, info in _plain_keys(model).items():
             if key != "kind":
-                value, own = (values[key], mark) if key in values else (_instead(info), "#")
+                value, own = (values[key], mark) if key in values else (_default_or_example(info), "#")
                 lines += [f"# {_meaning(info)}", _line(key, value, own, origins.get(key))]
         return lines
 
@@ -181,7 +181,7 @@ class _Page:
             if key in without:
                 continue
             path = f"{table}.{key}" if table else key
-            candidates = (at(self._nearer, path), _instead(info), at(self._farther, path))
+            candidates = (value_at(self._nearer, path), _default_or_example(info), value_at(self._farther, path))
             instead = next((value for value in candidates if value is not None), None)
             value, mark = (own[key], "") if key in own else (instead, "#")
             lines += [f"# {_meaning(info)}", _line(key, value, mark, origins.get(key))]
@@ -193,11 +193,11 @@ def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
     return {
         info.alias or field: info
         for field, info in model.model_fields.items()
-        if model_in(info.annotation) is None and get_origin(info.annotation) is not dict
+        if nested_model(info.annotation) is None and get_origin(info.annotation) is not dict
     }
 
 
-def _instead(info: FieldInfo) -> Any:
+def _default_or_example(info: FieldInfo) -> Any:
     """The default of a key, or an example."""
     if info.is_required() or info.default is None:
         return (info.examples or [None])[0]
@@ -230,7 +230,7 @@ def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
     return f"{mark}{key} = {written}"
 
 
-def start_experiment(declared: Declared, file: Path, start: str) -> list[Path]:
+def start_experiment(declared: DeclaredTables, file: Path, start: str) -> list[Path]:
     """Write an experiment to `file` that does what the experiment `start` of those that come with twin does.
 
     Returns:
@@ -247,7 +247,7 @@ def start_experiment(declared: Declared, file: Path, start: str) -> list[Path]:
         raise InputRefused(f"{file}: expected a name that ends with .toml")
     schema = file.parent / SCHEMA_FILE
     text = commented_experiment(declared, file.name, known[start])
-    made_folder(file.parent)
+    make_folder(file.parent)
     if os.path.lexists(file):
         raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
     write_text(file, text)

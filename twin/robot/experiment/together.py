@@ -9,20 +9,27 @@ from itertools import combinations, permutations
 from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.robot.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Seen, expected
+from twin.robot.experiment.fault import (
+    ALWAYS_DETECTED,
+    ANY_MAGNITUDE,
+    FAULT_KINDS,
+    NEVER_DETECTED,
+    DetectionThreshold,
+    expected_names,
+)
 
-_BOARD, _SUPPLY, _BATCH = "one bus or driver board", "one supply or cable", "one batch or one repair"
-IMPOSSIBLE = {
+_BOARD_CAUSE, _SUPPLY_CAUSE, _BATCH_CAUSE = "one bus or driver board", "one supply or cable", "one batch or one repair"
+EQUIVALENT_FAULTS = {
     ("controller", "bus"): "who repeats the last command is the same to the drives",
     ("motor encoder", "messages"): "what does not arrive cannot be wrong",
     ("joint encoder", "messages"): "what does not arrive cannot be wrong",
 }
 """Pairs that are one fault."""
-RUNAWAY = "drive_runaway"
-OF, AND, THEN = "@", "+", "-then-"
+RUNAWAY_KIND = "drive_runaway"
+GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR = "@", "+", "-then-"
 """In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`, and
 `sample_loss-then-drive_runaway`, of which the second begins after the trip that the first one causes."""
-ALL, EACH = "all ", "each "
+ALL_PREFIX, EACH_PREFIX = "all ", "each "
 """Of a group that breaks at once: with one magnitude, or each member with a magnitude and a sign of its own."""
 AXES = 3
 
@@ -40,34 +47,39 @@ class CommonCause(NamedTuple):
     kind: str
     target: str
     why: str
-    seen: Seen
+    threshold: DetectionThreshold
 
 
 COMMON_CAUSES = (
-    CommonCause("drive_runaway", "all drives", _BOARD, ALWAYS),
-    CommonCause("drive_freewheel", "all drives", _SUPPLY, ALWAYS),
-    CommonCause("drive_dead", "all drives", _SUPPLY, ALWAYS),
-    CommonCause("drive_saturation", "all drives", _BOARD, Seen(0.3, 0.05)),
-    CommonCause("encoder_bias", "all joint encoders", _BATCH, Seen(2.0, 2.0)),
-    CommonCause("encoder_drift", "all joint encoders", _SUPPLY, Seen(2.0, 2.0)),
-    CommonCause("encoder_drift", "all motor encoders", _SUPPLY, Seen(2.0, 2.0)),
-    CommonCause("encoder_quantisation", "all encoders", _SUPPLY, Seen(2.0, 2.0)),
-    CommonCause("encoder_dropout_hold", "all encoders", _SUPPLY, Seen(1.0, 1.0)),
-    CommonCause("encoder_dropout_zero", "all encoders", _SUPPLY, ALWAYS),
-    CommonCause("encoder_dropout_nan", "all encoders", _SUPPLY, ALWAYS),
-    CommonCause("encoder_stuck", "all encoders", _SUPPLY, ALWAYS),
-    CommonCause("encoder_glitch", "all encoders", _SUPPLY, Seen(5.0, 5.0)),
-    CommonCause("spring_softened", "all joints", _BATCH, UNSEEN),
-    CommonCause("spring_broken", "all joints", _BATCH, ALWAYS),
-    CommonCause("backlash_growth", "all joints", _BATCH, UNSEEN),
-    CommonCause("joint_friction", "all joints", _BATCH, UNSEEN),
-    CommonCause("belt_slip", "all joints", _BATCH, Seen(-10.0, -30.0)),
-    CommonCause("command_held", "bus", _BOARD, Seen(1.0, None)),
-    CommonCause("command_lost", "bus", _BOARD, UNSEEN),
-    CommonCause("command_held", "controller", "the controller stops, its last command is repeated", Seen(1.0, None)),
-    CommonCause("command_lost", "controller", "the controller stops", UNSEEN),
-    CommonCause("brown_out", "power", _SUPPLY, Seen(0.05, 0.05)),
-    CommonCause("power_off", "power", _SUPPLY, ALWAYS),
+    CommonCause("drive_runaway", "all drives", _BOARD_CAUSE, ALWAYS_DETECTED),
+    CommonCause("drive_freewheel", "all drives", _SUPPLY_CAUSE, ALWAYS_DETECTED),
+    CommonCause("drive_dead", "all drives", _SUPPLY_CAUSE, ALWAYS_DETECTED),
+    CommonCause("drive_saturation", "all drives", _BOARD_CAUSE, DetectionThreshold(0.3, 0.05)),
+    CommonCause("encoder_bias", "all joint encoders", _BATCH_CAUSE, DetectionThreshold(2.0, 2.0)),
+    CommonCause("encoder_drift", "all joint encoders", _SUPPLY_CAUSE, DetectionThreshold(2.0, 2.0)),
+    CommonCause("encoder_drift", "all motor encoders", _SUPPLY_CAUSE, DetectionThreshold(2.0, 2.0)),
+    CommonCause("encoder_quantisation", "all encoders", _SUPPLY_CAUSE, DetectionThreshold(2.0, 2.0)),
+    CommonCause("encoder_dropout_hold", "all encoders", _SUPPLY_CAUSE, DetectionThreshold(1.0, 1.0)),
+    CommonCause("encoder_dropout_zero", "all encoders", _SUPPLY_CAUSE, ALWAYS_DETECTED),
+    CommonCause("encoder_dropout_nan", "all encoders", _SUPPLY_CAUSE, ALWAYS_DETECTED),
+    CommonCause("encoder_stuck", "all encoders", _SUPPLY_CAUSE, ALWAYS_DETECTED),
+    CommonCause("encoder_glitch", "all encoders", _SUPPLY_CAUSE, DetectionThreshold(5.0, 5.0)),
+    CommonCause("spring_softened", "all joints", _BATCH_CAUSE, NEVER_DETECTED),
+    CommonCause("spring_broken", "all joints", _BATCH_CAUSE, ALWAYS_DETECTED),
+    CommonCause("backlash_growth", "all joints", _BATCH_CAUSE, NEVER_DETECTED),
+    CommonCause("joint_friction", "all joints", _BATCH_CAUSE, NEVER_DETECTED),
+    CommonCause("belt_slip", "all joints", _BATCH_CAUSE, DetectionThreshold(-10.0, -30.0)),
+    CommonCause("command_held", "bus", _BOARD_CAUSE, DetectionThreshold(1.0, None)),
+    CommonCause("command_lost", "bus", _BOARD_CAUSE, NEVER_DETECTED),
+    CommonCause(
+        "command_held",
+        "controller",
+        "the controller stops, its last command is repeated",
+        DetectionThreshold(1.0, None),
+    ),
+    CommonCause("command_lost", "controller", "the controller stops", NEVER_DETECTED),
+    CommonCause("brown_out", "power", _SUPPLY_CAUSE, DetectionThreshold(0.05, 0.05)),
+    CommonCause("power_off", "power", _SUPPLY_CAUSE, ALWAYS_DETECTED),
 )
 """Which kinds are left out here and in `PAIR_PARTS`, and why: tests/robot/experiment/test_together.py."""
 
@@ -96,31 +108,33 @@ PAIR_PARTS = (
 )
 """Of each component the kind that hides most from the monitor, or presses most before it is seen."""
 
-PAIRS = tuple(
-    (one, other) for one, other in combinations(PAIR_PARTS, 2) if (one.component, other.component) not in IMPOSSIBLE
+FAULT_PAIRS = tuple(
+    (one, other)
+    for one, other in combinations(PAIR_PARTS, 2)
+    if (one.component, other.component) not in EQUIVALENT_FAULTS
 )
 
 
-ALL_DRIVES = PairPart("drives", RUNAWAY, "all drives", 4.0)
+ALL_DRIVES = PairPart("drives", RUNAWAY_KIND, "all drives", 4.0)
 """A second fault that presses harder than that of one drive."""
-ORDERED_PAIRS = tuple(both for pair in PAIRS for both in permutations(pair))
-ORDERED_PAIRS += tuple((first, ALL_DRIVES) for first, second in ORDERED_PAIRS if second.kind == RUNAWAY)
+ORDERED_PAIRS = tuple(both for pair in FAULT_PAIRS for both in permutations(pair))
+ORDERED_PAIRS += tuple((first, ALL_DRIVES) for first, second in ORDERED_PAIRS if second.kind == RUNAWAY_KIND)
 """Every pair in both orders; where a drive runs away second, all drives do, too."""
 
 
-def expects(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
+def expects_detection(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
     """Whether the monitor is said to see `cause` of one of the catalogue's magnitudes."""
-    start = cause.seen.contact if in_contact else cause.seen.free
-    magnitudes = CATALOGUE[cause.kind].magnitudes
-    if start is None or start == EVERY or magnitudes is None or magnitude is None:
+    start = cause.threshold.contact if in_contact else cause.threshold.free
+    magnitudes = FAULT_KINDS[cause.kind].magnitudes
+    if start is None or start == ANY_MAGNITUDE or magnitudes is None or magnitude is None:
         return start is not None
     size = abs(magnitude) if magnitudes[0] > 0 else -abs(magnitude)
     return size in magnitudes and magnitudes.index(size) >= magnitudes.index(start)
 
 
-def table(kind: str, target: str, magnitude: float | None, onset: float) -> dict[str, Any]:
+def fault_values(kind: str, target: str, magnitude: float | None, onset: float) -> dict[str, Any]:
     """The [[fault]] table of it; `onset` in s."""
-    key = CATALOGUE[kind].magnitude_key
+    key = FAULT_KINDS[kind].magnitude_key
     return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
 
 
@@ -131,7 +145,7 @@ class SetPart(NamedTuple):
     targets: tuple[str, ...]
 
 
-def named_set(name: str) -> tuple[SetPart, ...]:
+def parse_fault_set(name: str) -> tuple[SetPart, ...]:
     """The faults that a set's name says: one kind of the catalogue, a kind of a group, or several kinds.
 
     `drive_runaway@each_drive` are three of them, of `all drives`.
@@ -140,12 +154,12 @@ def named_set(name: str) -> tuple[SetPart, ...]:
         InputRefused: there is no such kind or group.
     """
     parts = []
-    for text in re.split(f"{re.escape(AND)}|{THEN}", name):
-        kind, of, group = text.partition(OF)
-        if kind not in CATALOGUE:
-            raise InputRefused(f"--kind {name}: {expected(kind, tuple(CATALOGUE))}")
-        known = CATALOGUE[kind]
-        each = {_each(one): known.members(one) for one in known.groups if one.startswith(ALL)}
+    for text in re.split(f"{re.escape(PAIR_SEPARATOR)}|{SEQUENCE_SEPARATOR}", name):
+        kind, of, group = text.partition(GROUP_SEPARATOR)
+        if kind not in FAULT_KINDS:
+            raise InputRefused(f"--kind {name}: {expected_names(kind, tuple(FAULT_KINDS))}")
+        known = FAULT_KINDS[kind]
+        each = {_each_group_name(one): known.members(one) for one in known.groups if one.startswith(ALL_PREFIX)}
         whole = {one.replace(" ", "_"): (one,) for one in known.groups} | {one: (one,) for one in known.targets}
         if of and group not in each | whole:
             there = ", ".join([*(one.replace(" ", "_") for one in known.groups), *each]) or "none"
@@ -157,36 +171,38 @@ def named_set(name: str) -> tuple[SetPart, ...]:
     return tuple(parts)
 
 
-def _each(group: str) -> str:
+def _each_group_name(group: str) -> str:
     """`each_drive` of `all drives`."""
-    return (EACH + group.removeprefix(ALL).removesuffix("s")).replace(" ", "_")
+    return (EACH_PREFIX + group.removeprefix(ALL_PREFIX).removesuffix("s")).replace(" ", "_")
 
 
 def common_names() -> tuple[str, ...]:
     """Sets of the common causes that are a group; of one with signs besides that in which each axis has its own."""
     names = []
     for cause in COMMON_CAUSES:
-        known = CATALOGUE[cause.kind]
+        known = FAULT_KINDS[cause.kind]
         if cause.target in known.groups:
-            names.append(f"{cause.kind}{OF}{cause.target.replace(' ', '_')}")
+            names.append(f"{cause.kind}{GROUP_SEPARATOR}{cause.target.replace(' ', '_')}")
             signed = known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys()
             if signed and len(known.members(cause.target)) == AXES:
-                names.append(f"{cause.kind}{OF}{_each(cause.target)}")
+                names.append(f"{cause.kind}{GROUP_SEPARATOR}{_each_group_name(cause.target)}")
     return tuple(names)
 
 
 def pair_names() -> tuple[str, ...]:
     """Sets of the pairs; where a kind is meant at one place it says which."""
-    return tuple(dict.fromkeys(AND.join(_named(part) for part in pair) for pair in PAIRS))
+    return tuple(dict.fromkeys(PAIR_SEPARATOR.join(_pair_part_name(part) for part in pair) for pair in FAULT_PAIRS))
 
 
 def ordered_names() -> tuple[str, ...]:
     """Sets of pairs of which one fault begins after the trip of the other, in both orders."""
-    return tuple(dict.fromkeys(THEN.join(_named(part) for part in pair) for pair in ORDERED_PAIRS))
+    return tuple(
+        dict.fromkeys(SEQUENCE_SEPARATOR.join(_pair_part_name(part) for part in pair) for pair in ORDERED_PAIRS)
+    )
 
 
-def _named(part: PairPart) -> str:
-    known = CATALOGUE[part.kind]
+def _pair_part_name(part: PairPart) -> str:
+    known = FAULT_KINDS[part.kind]
     group = part.target in known.groups and part.target not in known.targets
     one_place = group or known.targets == ("controller", "bus")
-    return f"{part.kind}{OF}{part.target.replace(' ', '_')}" if one_place else part.kind
+    return f"{part.kind}{GROUP_SEPARATOR}{part.target.replace(' ', '_')}" if one_place else part.kind

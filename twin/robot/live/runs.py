@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.kernel.process.guard import JobEnded
-from twin.kernel.process.job import JobLimits, recorded_until_then
+from twin.kernel.process.guard import JobFailure
+from twin.kernel.process.job import JobLimits, recording_status
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.process.states import StoredState, identity_here, refuse_other_run, split_time, stored_state
+from twin.kernel.process.states import StoredState, machine_identity, refuse_other_run, split_time, stored_state
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder, recording_in
-from twin.kernel.recording.reader import origin
+from twin.kernel.recording.reader import read_metadata
 from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
@@ -63,7 +63,7 @@ def recorded_runs(
     """
     loaded, state, remarks = [load_experiment(Path(path), settings, drive, body) for path in experiments], None, []
     if start_from is not None:
-        experiment, state, how = continued(start_from, settings)
+        experiment, state, how = load_continuation(start_from, settings)
         loaded, remarks = [experiment], [how]
     if not sure:
         refuse_endless(loaded, factor)
@@ -103,7 +103,7 @@ def recorded_runs(
         raise SafetyTrip("\n".join(unexpected))
 
 
-def continued(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:
+def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:
     """The experiment of `run`, the state to go on from (None: it runs again from the start), and a sentence on which.
 
     Args:
@@ -115,7 +115,7 @@ def continued(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredStat
     """
     path, time = split_time(run)
     recording = recording_in(Path(path))
-    metadata, duration = origin(recording), _other_duration(settings)
+    metadata, duration = read_metadata(recording), _other_duration(settings)
     before = recorded_experiment(metadata, recording, changed=True)
     experiment = before if duration is None else recorded_experiment(metadata, recording, duration, changed=True)
     state, end = stored_state(recording, time), before.duration_ticks * before.cosim.tick
@@ -130,7 +130,7 @@ def continued(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredStat
             f"--from {run}: it has come to its end at {end:g} s, nothing is left to run; for a later end add --set "
             f"duration_s=..., for another part of it name the time of an earlier state, {path}@{0.5 * end:g}"
         )
-    refuse_other_run(state.saved, identity_here(versions()), str(recording))
+    refuse_other_run(state.saved_state, machine_identity(versions()), str(recording))
     return experiment, state, f"goes on from the state at {state.time:g} s of {recording.parent.name}"
 
 
@@ -166,8 +166,8 @@ def _with_isolated_drives(
                 experiment, folder, reporter.progress, timed=True, maker=drives, factor=factor, viewer=viewer,
                 state=state,
             )  # fmt: skip
-        except JobEnded as failure:
-            raise ComponentFailed(f"{failure}\n{recorded_until_then(folder)}") from None
+        except JobFailure as failure:
+            raise ComponentFailed(f"{failure}\n{recording_status(folder)}") from None
 
 
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:

@@ -26,27 +26,27 @@ from twin.kernel import live
 from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
-from twin.kernel.gate import HOST, Gate, viewer_policy
+from twin.kernel.gate import LOOPBACK_HOST, Gate, viewer_policy
 from twin.kernel.recording.recorder import RowStream
-from twin.robot.live.topics import Drawn, Topics
+from twin.robot.live.topics import SceneSource, Topics
 
-BACKLOG = 1024
+MAX_BACKLOG = 1024
 """Messages that wait for a viewer that is too slow; after that it loses the oldest."""
-SPACING = 0.02
+MESSAGE_INTERVAL = 0.02
 """Wall time (s) from one message of a topic to the next: 50 Hz, below the 60 Hz above which Lichtblick warns."""
-WATCHES = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
-LARGEST = 2**16
+READ_ONLY_REFUSAL = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
+MAX_MESSAGE_BYTES = 2**16
 """Bytes of the largest message that a viewer may send; subscribing to everything takes a thousand."""
-VIEWERS = 64
+MAX_VIEWERS = 64
 """Viewers that there may be at the same time."""
-COMPLAINTS = 5
+MAX_REFUSALS = 5
 """Connections whose refusal is printed; a page that tries again and again shall not fill it."""
-FAREWELL = 2.0
+CLOSE_TIMEOUT = 2.0
 """Longest time (s) to send what has been published when the run is over; after that connections are cut."""
-END = 3 * FAREWELL
+SHUTDOWN_TIMEOUT = 3 * CLOSE_TIMEOUT
 """Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
 # a viewer learns itself what it does wrong; here it would only look like a failure of the run
-_SILENT = logging.getLogger("twin.robot.live")
+_SILENT_LOGGER = logging.getLogger("twin.robot.live")
 
 
 class Parameters(Protocol):
@@ -91,15 +91,15 @@ class Client:
         self.subscriptions: dict[int, int] = {}
         self.lacking: set[int] = set()
         self._connection, self._may_tune, self._channels = connection, may_tune, channels
-        self._tuning, self._subscribed, self._changed = tuning, subscribed, changed
+        self._tuning, self._on_subscription, self._on_change = tuning, subscribed, changed
         self._follows: set[str] = set()
         # what comes only once must not be among what gets lost
         self._once: dict[int, bytes] = {}
-        self._waiting: deque[str | bytes | None] = deque(maxlen=BACKLOG)
+        self._waiting: deque[str | bytes | None] = deque(maxlen=MAX_BACKLOG)
         self._ready = asyncio.Event()
         self._sending = asyncio.create_task(self._send())
 
-    async def attend(self, greeting: Sequence[str]) -> None:
+    async def serve(self, greeting: Sequence[str]) -> None:
         """Say the `greeting`, then answer until it leaves."""
         try:
             for message in greeting:
@@ -113,32 +113,32 @@ class Client:
         finally:
             self._sending.cancel()
 
-    def hand(self, time: int, messages: Sequence[live.Message]) -> None:
+    def send_messages(self, time: int, messages: Sequence[live.Message]) -> None:
         """Send it the simulated `time` (ns), and what it has subscribed to of `messages`."""
-        found, sent = self.subscriptions, [live.time_now(time)]
+        found, sent = self.subscriptions, [live.time_message(time)]
         for message in messages:
             if message.channel in self.lacking:
                 self.lacking.remove(message.channel)
                 self._once[message.channel] = live.message_data(found[message.channel], message)
             elif message.channel in found and not self._channels[message.channel].constant:
                 sent.append(live.message_data(found[message.channel], message))
-        self._put(*sent)
+        self._enqueue(*sent)
 
-    def tell(self, names: Sequence[str]) -> None:
+    def send_parameters(self, names: Sequence[str]) -> None:
         """Send it what has become of those of the parameters `names` that it follows."""
         if wanted := self._follows.intersection(names):
-            self._put(protocol.parameter_values(self._values(wanted)))
+            self._enqueue(protocol.parameter_values(self._values(wanted)))
 
-    async def farewell(self, patience: float) -> None:
+    async def drain_and_close(self, patience: float) -> None:
         """Send what is waiting and say goodbye; after `patience` (s) it is left as it is."""
-        self._put(None)
+        self._enqueue(None)
         await asyncio.wait([self._sending], timeout=patience)
 
     def cut_off(self) -> None:
         """End the connection; what was not sent is lost. Everything that waits for the viewer ends with it."""
         self._connection.transport.abort()
 
-    def _put(self, *messages: str | bytes | None) -> None:
+    def _enqueue(self, *messages: str | bytes | None) -> None:
         self._waiting.extend(messages)
         self._ready.set()
 
@@ -160,7 +160,7 @@ class Client:
         if isinstance(frame, bytes):
             return [live.status(live.Level.ERROR, "not understood: nothing binary is expected here")]
         try:
-            return self._answer(protocol.request(frame))
+            return self._answer(protocol.parse_request(frame))
         except InputRefused as refusal:
             return [live.status(live.Level.ERROR, str(refusal))]
 
@@ -172,11 +172,11 @@ class Client:
                 left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
                 self.subscriptions = left
                 self.lacking &= left.keys()
-                self._subscribed(False)
-            case protocol.AskParameters():
+                self._on_subscription(False)
+            case protocol.GetParameters():
                 return [protocol.parameter_values(self._values(asked.names), asked.id)]
             case protocol.SetParameters():
-                return self._set(asked)
+                return self._set_parameters(asked)
             case protocol.FollowParameters(op="subscribeParameterUpdates"):
                 self._follows |= self._values(asked.names).keys()
             case protocol.FollowParameters():
@@ -195,10 +195,10 @@ class Client:
                 if self._channels[wanted.channel].constant:
                     self.lacking.add(wanted.channel)
         if len(self.subscriptions) > before:
-            self._subscribed(True)
+            self._on_subscription(True)
         return answers
 
-    def _set(self, asked: protocol.SetParameters) -> list[str]:
+    def _set_parameters(self, asked: protocol.SetParameters) -> list[str]:
         """What the answer says of a refused one is the value that it keeps."""
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
@@ -207,9 +207,9 @@ class Client:
                     self._tuning.request(wish.name, wish.value)
                 except InputRefused as refusal:
                     answers.append(live.status(live.Level.WARNING, f"refused: {refusal}"))
-            self._changed(names)
+            self._on_change(names)
         else:
-            answers.append(live.status(live.Level.WARNING, WATCHES))
+            answers.append(live.status(live.Level.WARNING, READ_ONLY_REFUSAL))
         if asked.id is not None and names:
             answers.append(protocol.parameter_values(self._values(names), asked.id))
         return answers
@@ -219,7 +219,7 @@ class Client:
         return {name: value for name, value in self._tuning.values().items() if name in names or not names}
 
 
-_SILENT.setLevel(logging.CRITICAL + 1)
+_SILENT_LOGGER.setLevel(logging.CRITICAL + 1)
 # asyncio's own warning that a viewer has vanished while several of its pings were answered at once
 logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send() raised exception.")
 
@@ -255,39 +255,39 @@ class Broadcast:
         self._begun = False
         self._over = asyncio.Event()
         self._started: Future[asyncio.AbstractEventLoop] = Future()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._live()), daemon=True)
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
         self._thread.start()
         self._loop = self._started.result()
 
     def publish(self, time: int, messages: Sequence[live.Message]) -> None:
         """Send every viewer the simulated `time` (ns), and what it has subscribed to of `messages`."""
-        self._loop.call_soon_threadsafe(self._hand_out, time, messages)
+        self._loop.call_soon_threadsafe(self._send_messages, time, messages)
 
-    def tell(self, names: Sequence[str]) -> None:
+    def send_parameters(self, names: Sequence[str]) -> None:
         """Send every viewer those of the parameters `names` that it follows."""
-        self._loop.call_soon_threadsafe(self._changed, names)
+        self._loop.call_soon_threadsafe(self._on_change, names)
 
     def close(self) -> None:
-        """Send what has been published, say goodbye to every viewer and let go of the port; at most `END` s."""
+        """Send what has been published, say goodbye to every viewer and let go of the port; at most `SHUTDOWN_TIMEOUT` s."""
         # it may have ended before
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._over.set)
-        self._thread.join(END)
+        self._thread.join(SHUTDOWN_TIMEOUT)
 
-    async def _live(self) -> None:
+    async def _serve(self) -> None:
         try:
             # no context manager: its end waits for viewers that do not read
             server = await serve(
-                self._attend,
-                HOST,
+                self._serve_client,
+                LOOPBACK_HOST,
                 self.port,
                 subprotocols=live.SUBPROTOCOLS,
                 process_request=self._admit,
                 # a small message that unpacks into a large one, and work for the thread that steps
                 compression=None,
-                max_size=LARGEST,
-                close_timeout=FAREWELL,
-                logger=_SILENT,
+                max_size=MAX_MESSAGE_BYTES,
+                close_timeout=CLOSE_TIMEOUT,
+                logger=_SILENT_LOGGER,
             )
         except OSError as problem:
             self._started.set_exception(problem)
@@ -297,57 +297,57 @@ class Broadcast:
         await self._over.wait()
         # who comes from now on is not let in
         server.close(close_connections=False)
-        await asyncio.gather(*(client.farewell(FAREWELL) for client in self._clients))
+        await asyncio.gather(*(client.drain_and_close(CLOSE_TIMEOUT) for client in self._clients))
         for client in self._clients:
             client.cut_off()
         # for connections that have not said yet what they want; whatever still waits then is cancelled with the loop
         with suppress(TimeoutError):
-            await asyncio.wait_for(server.wait_closed(), FAREWELL)
+            await asyncio.wait_for(server.wait_closed(), CLOSE_TIMEOUT)
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
         """None if the connection may be made."""
         if refusal := self._gate.refusal(request.headers):
-            if refusal not in self._refused and len(self._refused) < COMPLAINTS:
+            if refusal not in self._refused and len(self._refused) < MAX_REFUSALS:
                 self._refused.add(refusal)
                 self.news.put(refusal)
             return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
-        if len(self._clients) >= VIEWERS:
-            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{VIEWERS} viewers are connected already\n")
+        if len(self._clients) >= MAX_VIEWERS:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_VIEWERS} viewers are connected already\n")
         return None
 
-    async def _attend(self, connection: ServerConnection) -> None:
+    async def _serve_client(self, connection: ServerConnection) -> None:
         assert connection.request is not None
         knows = self._gate.knows(connection.request.path)
-        client = Client(connection, knows is True, self._channels, self._tuning, self._subscribed, self._changed)
+        client = Client(connection, knows is True, self._channels, self._tuning, self._on_subscription, self._on_change)
         greeting = list(self._greeting)
         if knows is False:
             greeting.append(live.status(live.Level.WARNING, "the token is not that of this run: watching only"))
         self._clients.add(client)
         try:
-            await client.attend(greeting)
+            await client.serve(greeting)
         finally:
             self._clients.remove(client)
-            self._look_around()
+            self._update_subscriptions()
 
-    def _look_around(self) -> None:
+    def _update_subscriptions(self) -> None:
         self.wanted = frozenset(channel for client in self._clients for channel in client.subscriptions)
         self.lacking = frozenset(channel for client in self._clients for channel in client.lacking)
 
-    def _subscribed(self, more: bool) -> None:
-        self._look_around()
+    def _on_subscription(self, more: bool) -> None:
+        self._update_subscriptions()
         if more and not self._begun:
             self._begun = True
             self.news.put(None)
 
-    def _changed(self, names: Sequence[str]) -> None:
+    def _on_change(self, names: Sequence[str]) -> None:
         for client in self._clients:
-            client.tell(names)
+            client.send_parameters(names)
 
-    def _hand_out(self, time: int, messages: Sequence[live.Message]) -> None:
+    def _send_messages(self, time: int, messages: Sequence[live.Message]) -> None:
         for client in self._clients:
-            client.hand(time, messages)
+            client.send_messages(time, messages)
         if self.lacking:
-            self._look_around()
+            self._update_subscriptions()
 
 
 class LiveServer:
@@ -381,62 +381,62 @@ class LiveServer:
             # what is left of viewers of a session before must not hold up the next one for a minute
             self._held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self._held.bind((HOST, port))
+            self._held.bind((LOOPBACK_HOST, port))
         except OSError as problem:
             self._held.close()
             raise _refusal(port, problem) from None
         self._port = self._held.getsockname()[1]
-        self._on_air: tuple[Broadcast, Publisher | None] | None = None
+        self._active: tuple[Broadcast, Publisher | None] | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *failure: object) -> None:
         self._held.close()
-        self._sign_off()
+        self._close_broadcast()
 
-    def begin(self, streams: Sequence[RowStream], scene: Drawn, tick: float, tuning: Parameters) -> None:
+    def begin(self, streams: Sequence[RowStream], scene: SceneSource, tick: float, tuning: Parameters) -> None:
         """Serve a run; if it waits, until somebody has subscribed to one of the topics.
 
         Raises:
             InputRefused: somebody has taken the port in the meantime.
         """
         self._held.close()
-        self._sign_off()
+        self._close_broadcast()
         topics = Topics(streams, scene, tick)
         try:
             broadcast = Broadcast(self._port, self._gate, topics.channels, tuning)
         except OSError as problem:
             raise _refusal(self._port, problem) from None
-        self._on_air = broadcast, None
-        self._announce(f"ws://{HOST}:{self._port}/?token={self._gate.token}")
+        self._active = broadcast, None
+        self._announce(f"ws://{LOOPBACK_HOST}:{self._port}/?token={self._gate.token}")
         if self._waits:
             for refusal in iter(broadcast.news.get, None):
                 self._warn(refusal)
-        self._on_air = broadcast, Publisher(topics, broadcast)
+        self._active = broadcast, Publisher(topics, broadcast)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         """Hand the first row of the run, the newest one and every event to the publisher."""
-        if self._on_air and self._on_air[1]:
+        if self._active and self._active[1]:
             if len(rows):
-                self._on_air[1].put(first, rows, events)
-            news = self._on_air[0].news
+                self._active[1].add_rows(first, rows, events)
+            news = self._active[0].news
             while not news.empty():
                 if refusal := news.get():
                     self._warn(refusal)
 
-    def tell(self, names: Sequence[str]) -> None:
+    def send_parameters(self, names: Sequence[str]) -> None:
         """The parameters `names` have changed, and not by a viewer."""
-        if self._on_air:
-            self._on_air[0].tell(names)
+        if self._active:
+            self._active[0].send_parameters(names)
 
-    def _sign_off(self) -> None:
-        if self._on_air:
-            broadcast, publisher = self._on_air
+    def _close_broadcast(self) -> None:
+        if self._active:
+            broadcast, publisher = self._active
             if publisher:
                 publisher.finish()
             broadcast.close()
-            self._on_air = None
+            self._active = None
 
 
 def _refusal(port: int, problem: Exception) -> InputRefused:
@@ -465,7 +465,7 @@ class Publisher:
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def put(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
+    def add_rows(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         """What has happened, and `rows` from tick `first` on. Of them the last one counts, until the next call."""
         if events:
             self._happened.extend(events)
@@ -480,7 +480,7 @@ class Publisher:
         self._thread.join()
 
     def _work(self) -> None:
-        while not self._finished.wait(SPACING):
+        while not self._finished.wait(MESSAGE_INTERVAL):
             self._publish()
         self._publish()
 

@@ -18,11 +18,11 @@ from twin.kernel.recording.messages import (
     message_layout,
 )
 from twin.kernel.recording.recorder import RowStream
-from twin.kernel.recording.writer import EVENTS, NANOSECONDS, declarations
+from twin.kernel.recording.writer import EVENTS_TOPIC, NS_PER_S, declarations
 from twin.robot.scene import Drawing
 
 
-class Drawn(Protocol):
+class SceneSource(Protocol):
     """What draws rows for a viewer, such as `twin.robot.scene.Scene`."""
 
     @property
@@ -43,7 +43,7 @@ class Topics:
         channels: the streams in their order, those of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
     """
 
-    def __init__(self, streams: Sequence[RowStream], scene: Drawn, tick: float):
+    def __init__(self, streams: Sequence[RowStream], scene: SceneSource, tick: float):
         self._encoder, self._scene, self._tick = MessageEncoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
         constant = {form.name for form in scene.forms if form.width == 0}
@@ -58,7 +58,7 @@ class Topics:
 
     def time(self, tick: int) -> int:
         """Simulated time of `tick` (ns) as in the recording, which begins at 0."""
-        return round(tick * (self._tick * NANOSECONDS))
+        return round(tick * (self._tick * NS_PER_S))
 
     def messages(
         self, tick: int, row: np.ndarray, events: Sequence[TickEvent], wanted: frozenset[int], lacking: frozenset[int]
@@ -71,7 +71,7 @@ class Topics:
         """
         for event in events:
             time = self.time(event.tick)
-            yield Message(self._numbers[EVENTS], time, log_message(time, event.level, event.text, event.source))
+            yield Message(self._numbers[EVENTS_TOPIC], time, log_message(time, event.level, event.text, event.source))
         time = self.time(tick)
         # sampled outputs stay valid until the next sample, so all of the row is what is valid now
         for channel, content in zip(self.channels, self._encoder.messages(row), strict=False):

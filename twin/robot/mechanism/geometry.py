@@ -38,7 +38,7 @@ AXIS = np.array([[-s for s in LEG_SIN], LEG_COS, (0.0, 0.0, 0.0)]).T
 
 The short sides of the parallelogram, at A_i and at P_i, stay parallel to it.
 """
-SMALL = 1.0 / 64.0
+MAX_SERIES_SINE = 1.0 / 64.0
 """Sine of the largest turn from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
 NO_ANCHOR = np.full((3, 3), np.nan)
 """Anchors that no pose is near."""
@@ -247,8 +247,8 @@ def angle_near(anchors, leg, k_r, k_z):
         leg: 0, 1 or 2.
         k_r, k_z: of :func:`leg_vectors`.
     """
-    turned = _turned(anchors[leg, 1], anchors[leg, 2], k_r, k_z)
-    if not abs(turned) < SMALL:
+    turned = _turn_sine(anchors[leg, 1], anchors[leg, 2], k_r, k_z)
+    if not abs(turned) < MAX_SERIES_SINE:
         return math.atan2(-k_z, k_r)
     return anchors[leg, 0] + _arc_sine(turned)
 
@@ -257,8 +257,8 @@ def angle_near(anchors, leg, k_r, k_z):
 def angles_near(anchors, k_r, k_z):
     """As :func:`angle_near` of all three legs, `compiled.lanes`."""
     a = anchors
-    turned = _turned(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
-    if abs(turned[0]) < SMALL and abs(turned[1]) < SMALL and abs(turned[2]) < SMALL:
+    turned = _turn_sine(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
+    if abs(turned[0]) < MAX_SERIES_SINE and abs(turned[1]) < MAX_SERIES_SINE and abs(turned[2]) < MAX_SERIES_SINE:
         return three(a[0, 0], a[1, 0], a[2, 0]) + _arc_sine(turned)
     angles = turned
     for leg in range(3):
@@ -272,14 +272,14 @@ def move_anchor(geometry, anchors, leg, k_r, k_z):
 
     It is not moved each time: an angle would gather the rounding of all those before it.
     """
-    if not abs(_turned(anchors[leg, 1], anchors[leg, 2], k_r, k_z)) < 0.5 * SMALL:
+    if not abs(_turn_sine(anchors[leg, 1], anchors[leg, 2], k_r, k_z)) < 0.5 * MAX_SERIES_SINE:
         anchors[leg, 0] = math.atan2(-k_z, k_r)
         square = geometry.l_a * geometry.l_a
         anchors[leg, 1], anchors[leg, 2] = k_r / square, -k_z / square
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _turned(cosine, sine, k_r, k_z):
+def _turn_sine(cosine, sine, k_r, k_z):
     """Sine of the angle between a knee and its anchor."""
     return -(k_z * cosine + k_r * sine)
 

@@ -17,7 +17,7 @@ from twin.kernel.compiled.native import entry
 from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton, triples
 from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle
 
-BARS = 3
+BARS_PER_LEG = 3
 """Of a leg: its link and the two rods of its pair."""
 
 
@@ -96,7 +96,7 @@ def clearances(
     """
     joints = skeleton(geometry, joint_angles(geometry, p_B), p_B)
     aside = 0.5 * bars.rod_spacing * AXIS
-    ends = np.empty((len(p_B), 3, BARS, 2, 3))
+    ends = np.empty((len(p_B), 3, BARS_PER_LEG, 2, 3))
     ends[:, :, 0, 0], ends[:, :, 0, 1] = joints.B, joints.A
     for kind, way in ((1, -aside), (2, aside)):
         ends[:, :, kind, 0], ends[:, :, kind, 1] = joints.A + way, joints.P + way
@@ -108,22 +108,22 @@ def clearances(
 
 @entry("nothing", "doubles", "doubles", "int", "doubles", "integers")
 def _nearest(bars, radius, poses, gap_of, pair_of):
-    ends, radii = carray(bars, (poses, 3 * BARS, 2, 3)), carray(radius, BARS)
+    ends, radii = carray(bars, (poses, 3 * BARS_PER_LEG, 2, 3)), carray(radius, BARS_PER_LEG)
     gaps, pairs = carray(gap_of, poses), carray(pair_of, (poses, 2))
     for pose in range(poses):
-        for one in range(2 * BARS):
-            for other in range(BARS * (one // BARS + 1), 3 * BARS):
+        for one in range(2 * BARS_PER_LEG):
+            for other in range(BARS_PER_LEG * (one // BARS_PER_LEG + 1), 3 * BARS_PER_LEG):
                 apart = segment_distance(
                     ends[pose, one, 0], ends[pose, one, 1], ends[pose, other, 0], ends[pose, other, 1]
                 )
-                gap = apart - radii[one % BARS] - radii[other % BARS]
+                gap = apart - radii[one % BARS_PER_LEG] - radii[other % BARS_PER_LEG]
                 if gap < gaps[pose]:
                     gaps[pose] = gap
                     pairs[pose, 0], pairs[pose, 1] = one, other
 
 
 @njit(cache=True, inline="always")
-def _between(a, b):
+def _difference(a, b):
     return b[0] - a[0], b[1] - a[1], b[2] - a[2]
 
 
@@ -136,7 +136,7 @@ def _dot(a, b):
 def segment_distance(a, b, c, d):
     """Between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection, 5.1.9."""
     # triples: an array for each difference would take ten times as long as all of the arithmetic
-    ab, cd, ca = _between(a, b), _between(c, d), _between(c, a)
+    ab, cd, ca = _difference(a, b), _difference(c, d), _difference(c, a)
     aa, dd, ad = _dot(ab, ab), _dot(cd, cd), _dot(ab, cd)
     f, e = _dot(cd, ca), _dot(ab, ca)
     across = aa * dd - ad * ad

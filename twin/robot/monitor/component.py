@@ -17,7 +17,7 @@ from twin.kernel.cosim.component import Component, NativeComponent, step_functio
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.settings import Values, alike, setting, taken
+from twin.kernel.settings import Values, fields_of_form, setting, setting_fields
 from twin.robot.mechanism.geometry import Geometry, Model
 from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, platform_position
 from twin.robot.mechanism.statics import (
@@ -29,50 +29,43 @@ from twin.robot.mechanism.statics import (
     load_torque,
 )
 from twin.robot.monitor.checks import (
-    INVALID_SAMPLE,
-    LARGEST_COUNT,
-    LARGEST_SAMPLE,
-    LIMITS,
-    NO_POSE,
-    REACHED,
-    REASONS,
-    STALE,
-    TIMERS,
-    Limits,
-    Reason,
-    Trip,
-    first_reached,
+    MAX_COUNT,
+    MAX_SAMPLE_NUMBER,
+    REACHED_SHARE,
+    TIMERS_RECORD,
+    count_unusable,
+    evaluate_command,
+    evaluate_sample,
+    first_violation,
     thresholds,
-    time_joints,
-    trip_sentence,
-    unusable,
-    value_command,
-    value_sample,
+    update_timers,
 )
+from twin.robot.monitor.limits import LIMITS_RECORD, Limits
+from twin.robot.monitor.reasons import INVALID_SAMPLE, NO_POSE, REASON_COUNT, STALE, Reason, Trip, trip_message
 from twin.robot.monitor.safe_action import (
-    RETRACTION,
-    doubt,
+    RETRACTION_RECORD,
+    add_travel,
+    close_brakes,
     enforce,
-    follow_travel,
-    release,
-    remember,
+    mark_doubtful_encoders,
     retraction_speed,
     supervise,
+    update_command_bounds,
 )
 
 
 class MonitorBelief(
     Values,
     parts=(
-        taken(Model),
+        setting_fields(Model),
         {"backlash": setting("rad", help="half width of the dead zone of the spring deflection, motor side")},
-        taken(Model, into="encoders"),
+        setting_fields(Model, into="encoders"),
     ),
 ):
     """The monitor's model of the robot, SI."""
 
 
-BELIEF = record_of(MonitorBelief)
+BELIEF_RECORD = record_of(MonitorBelief)
 
 
 class Resolution(NamedTuple):
@@ -106,7 +99,7 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
     Raises:
         Unreachable: the robot cannot stand there.
     """
-    J = jacobian(geometry(belief), p_B)
+    J = jacobian(geometry_of_belief(belief), p_B)
     motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
     deflected = motor + belief.N * joint
     force = float(load_torque(belief.k_s, belief.N, belief.eta, deflected)) * float(np.linalg.norm(J, axis=1).sum())
@@ -130,7 +123,7 @@ def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> flo
     Raises:
         Unreachable: the robot cannot stand there.
     """
-    shape = geometry(belief)
+    shape = geometry_of_belief(belief)
     theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
     masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
     unloaded = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
@@ -138,22 +131,24 @@ def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> flo
     return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
 
 
-def geometry(belief: MonitorBelief) -> Geometry:
+def geometry_of_belief(belief: MonitorBelief) -> Geometry:
     """The lengths of Fig. 2 that the monitor believes."""
     return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
 
 
-SEEN = record(
+OBSERVATION_RECORD = record(
     **states(
         started="i8",
-        **alike("3f8", "theta_m theta_l"),
-        **alike("3i8", "moved_m moved_l"),
-        **alike("3f8", "rate_m rate_l last_m deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
-        **alike("f8", "speed force force_rate"),
+        **fields_of_form("3f8", "theta_m theta_l"),
+        **fields_of_form("3i8", "moved_m moved_l"),
+        **fields_of_form(
+            "3f8", "rate_m rate_l last_m deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"
+        ),
+        **fields_of_form("f8", "speed force force_rate"),
         touching="i8",
-        **alike("f8", "z_touch depth"),
+        **fields_of_form("f8", "z_touch depth"),
         contact_ticks="i8",
-        **alike("3f8", "expected felt"),
+        **fields_of_form("3f8", "expected felt"),
         hidden_ticks="i8",
     ),
 )
@@ -191,9 +186,9 @@ def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
         theta_m = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
         theta_l = angle(count_l[i], belief.joint_counts, belief.joint_zero[i])
         # not >=: that would let NaN pass
-        if not abs(count_m[i]) < LARGEST_COUNT:
+        if not abs(count_m[i]) < MAX_COUNT:
             theta_m = seen.theta_m[i]
-        if not abs(count_l[i]) < LARGEST_COUNT:
+        if not abs(count_l[i]) < MAX_COUNT:
             theta_l = seen.theta_l[i]
         if seen.started:
             rate_m = (theta_m - seen.theta_m[i]) / dt
@@ -241,7 +236,7 @@ def observe_platform(belief, seen, share, dt):
 
 
 @njit(cache=True, error_model="numpy")
-def feel(limits, belief, seen, ticks, dt):
+def update_hidden_force(limits, belief, seen, ticks, dt):
     """Keep what the motors give way to besides the torque of their springs, and for how long that is a hidden force.
 
     A drive that loses `drive_droop` (rad/s per N m) under load settles at omega_ref - droop tau_load (P12 of
@@ -277,42 +272,42 @@ def observe_contact(seen, contact_force, ticks):
         seen.depth = 0.0
 
 
-INPUTS = (
+MONITOR_INPUTS = (
     Port("count_m", 3, "1", "motor encoder counts"),
     Port("count_l", 3, "1", "joint encoder counts"),
     Port("sample", 1, "1", "number of the encoder message, one more with each"),
     Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
 )
-POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
-OUTPUTS = (
+POWER_PORT = Port("power", 1, "1", "whether the drives may have power", "bool")
+MONITOR_OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
     Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
     Port("reason", 1, "1", "why, a code of docs/safety.md; 0: not tripped", "int"),
-    POWER,
+    POWER_PORT,
     Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
     Port("speed", 1, "m/s", "speed of the platform, low-passed"),
     Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
     Port("contact_time", 1, "s", "duration of the present contact"),
     Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
 )
-LINES = (
+LINE_PORTS = (
     Port("drive_power", 3, "1", "whether each drive may have power", "bool"),
     Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool"),
 )
 """Outputs besides, where drives say what they do without power."""
-MEMORY = record(
-    belief=BELIEF,
-    limits=LIMITS,
-    limit=("f8", (REASONS,)),
-    rest=("f8", (REASONS,)),
+MONITOR_MEMORY = record(
+    belief=BELIEF_RECORD,
+    limits=LIMITS_RECORD,
+    limit=("f8", (REASON_COUNT,)),
+    rest=("f8", (REASON_COUNT,)),
     period="i8",
     sample_interval="i8",
-    **states(**alike("i8", "tick first_tick first_sample sample")),
-    seen=SEEN,
-    timers=TIMERS,
-    **states(values=("f8", (REASONS,)), joints=("i8", (REASONS,)), sent="3f8"),
+    **states(**fields_of_form("i8", "tick first_tick first_sample sample")),
+    seen=OBSERVATION_RECORD,
+    timers=TIMERS_RECORD,
+    **states(values=("f8", (REASON_COUNT,)), joints=("i8", (REASON_COUNT,)), sent="3f8"),
     **states(reason="i8", trip_tick="i8", trip_value="f8", trip_joint="i8"),
-    retraction=RETRACTION,
+    retraction=RETRACTION_RECORD,
 )
 
 
@@ -326,20 +321,20 @@ def observe(m, count_m, count_l, ticks, tick):
     m.values[NO_POSE] = 0.0 if posed else 1.0
     observe_contact(m.seen, m.limits.contact_force, ticks)
     if posed and m.limits.drive_droop > 0.0:
-        feel(m.limits, m.belief, m.seen, ticks, dt)
-    time_joints(m.limits, m.seen, m.timers, m.sent, ticks)
-    value_sample(m.seen, m.timers, m.values, m.joints, tick)
+        update_hidden_force(m.limits, m.belief, m.seen, ticks, dt)
+    update_timers(m.limits, m.seen, m.timers, m.sent, ticks)
+    evaluate_sample(m.seen, m.timers, m.values, m.joints, tick)
     # a robot that cannot stand where its encoders say has no position to start from
     if posed:
         m.seen.started = 1
 
 
 @njit(cache=True, error_model="numpy")
-def receive(m, u, tick):
+def receive_sample(m, u, tick):
     """Look at the encoder message in the inputs `u`; the ticks since the one before, 0 if it is not a new one."""
     # not >=: that would let NaN pass
-    lost = 0 if abs(u.sample) < LARGEST_SAMPLE else 1
-    m.values[INVALID_SAMPLE] = unusable(u.count_m, LARGEST_COUNT) + unusable(u.count_l, LARGEST_COUNT) + lost
+    lost = 0 if abs(u.sample) < MAX_SAMPLE_NUMBER else 1
+    m.values[INVALID_SAMPLE] = count_unusable(u.count_m, MAX_COUNT) + count_unusable(u.count_l, MAX_COUNT) + lost
     # after a trip the sound encoders of such a message are judged
     if m.values[INVALID_SAMPLE] > 0.0 and (m.reason == 0 or lost):
         return 0
@@ -355,37 +350,37 @@ def receive(m, u, tick):
     return ticks
 
 
-def outputs(lines: bool) -> tuple[Port, ...]:
+def monitor_outputs(lines: bool) -> tuple[Port, ...]:
     """The ports of a monitor, with or without lines of their own for the drives."""
-    return (*OUTPUTS, *LINES) if lines else OUTPUTS
+    return (*MONITOR_OUTPUTS, *LINE_PORTS) if lines else MONITOR_OUTPUTS
 
 
 @cache
-def step_over(lines):
+def make_step(lines):
     """The step of a monitor, with or without lines of their own for the drives."""
 
-    @step_function(MEMORY, INPUTS, outputs(lines))
+    @step_function(MONITOR_MEMORY, MONITOR_INPUTS, monitor_outputs(lines))
     def step(m, t, h, u, y):
         tick = h / m.period
-        ticks = receive(m, u, tick)
-        value_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
-        reason, utilisation = first_reached(m.values, m.limit, m.rest)
+        ticks = receive_sample(m, u, tick)
+        evaluate_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
+        reason, utilisation = first_violation(m.values, m.limit, m.rest)
         since = (m.tick - m.trip_tick) * tick
         if m.reason == 0 and reason != 0:
             m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
         elif m.reason != 0 and ticks > 0:
-            follow_travel(m.limits, m.seen, m.retraction, ticks * tick)
+            add_travel(m.limits, m.seen, m.retraction, ticks * tick)
             supervise(m.limits, m.seen, m.retraction, lines, ticks, tick, m.tick, since)
         if m.reason != 0:
             first = m.reason if m.trip_tick == m.tick else 0
-            doubt(m.limits, m.seen, m.timers, m.retraction, first, u.count_m, u.count_l, ticks, tick)
+            mark_doubtful_encoders(m.limits, m.seen, m.timers, m.retraction, first, u.count_m, u.count_l, ticks, tick)
         since = (m.tick - m.trip_tick) * tick
         if m.reason != 0:
             m.retraction.blind = 0 if ticks > 0 else m.retraction.blind + m.period
-            unseen = m.retraction.blind * tick >= REACHED * m.limits.stale_time
+            unseen = m.retraction.blind * tick >= REACHED_SHARE * m.limits.stale_time
             if ticks > 0 or unseen:
                 enforce(m.limits, m.seen, m.retraction, lines, m.tick, since, m.values[STALE], unseen)
-            release(m.limits, m.seen, m.retraction, tick, m.tick)
+            close_brakes(m.limits, m.seen, m.retraction, tick, m.tick)
         for i in range(3):
             m.sent[i] = u.omega_ref[i]
             if m.reason != 0:
@@ -393,7 +388,7 @@ def step_over(lines):
                 m.sent[i] = 0.0 if m.retraction.off[i] else turning
             y.omega_ref[i] = m.sent[i]
         if m.reason == 0:
-            remember(m.limits, m.retraction, m.sent, h)
+            update_command_bounds(m.limits, m.retraction, m.sent, h)
         y.tripped, y.reason, y.power = m.reason != 0, m.reason, m.retraction.power
         y.F_z, y.speed, y.depth = -m.seen.F_ee_B[2], m.seen.speed, m.seen.depth
         y.contact_time, y.utilisation = m.seen.contact_ticks * tick, utilisation
@@ -423,14 +418,14 @@ class SafetyMonitor(NativeComponent):
     def __init__(
         self, belief: MonitorBelief, limits: Limits, sample_interval: int = 1, period: int = 1, lines: bool = False
     ):
-        memory = memory_of(MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
+        memory = memory_of(MONITOR_MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
         memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1
-        ports = outputs(lines)
+        ports = monitor_outputs(lines)
         initial = np.zeros(width(ports))
         for line in ("power", "drive_power")[: 1 + lines]:
             by_port(ports, initial)[line][:] = 1.0
-        super().__init__("monitor", INPUTS, ports, True, step_over(lines), memory, initial, period)
+        super().__init__("monitor", MONITOR_INPUTS, ports, True, make_step(lines), memory, initial, period)
 
     @property
     def trip(self) -> Trip | None:
@@ -458,8 +453,8 @@ def own_monitor(system: System) -> SafetyMonitor | None:
 def trip_reason(simulation: Simulation) -> str:
     """Why the safety monitor of a simulation tripped; "" if it did not, or there is none."""
     if own := own_monitor(simulation.system):
-        return trip_sentence(own.trip) if own.trip else ""
-    if not simulation.system.has("monitor.tripped"):
+        return trip_message(own.trip) if own.trip else ""
+    if not simulation.system.has_output("monitor.tripped"):
         return ""
     other = simulation.system.component("monitor")
     tripped = by_port(other.outputs, simulation.outputs(other))["tripped"][0] != 0.0

@@ -14,24 +14,23 @@ from numpy.typing import ArrayLike
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, states
-from twin.kernel.settings import alike
+from twin.kernel.settings import fields_of_form
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles, position
-from twin.robot.monitor.checks import (
-    DEFLECTION,
-    FROZEN_JOINT,
-    FROZEN_MOTOR,
-    HIDDEN_FORCE,
-    LARGEST_COUNT,
-    NO_POSE,
-)
+from twin.robot.monitor.checks import MAX_COUNT
+from twin.robot.monitor.reasons import DEFLECTION, FROZEN_JOINT, FROZEN_MOTOR, HIDDEN_FORCE, NO_POSE
 
-STEPS = 101
+RETREAT_STEPS = 101
 
-_FLAGS = "power power_off_tick brake blind"
-_ENCODERS = {**alike("3i8", "doubt_m doubt_l"), **alike("3f8", "travel_m travel_l")}
-RETRACTION = record(
-    **states(**alike("3i8", "unfollowed off"), **alike("3f8", "most least"), **alike("i8", _FLAGS), **_ENCODERS)
+_FLAG_FIELDS = "power power_off_tick brake blind"
+_ENCODER_FIELDS = {**fields_of_form("3i8", "doubt_m doubt_l"), **fields_of_form("3f8", "travel_m travel_l")}
+RETRACTION_RECORD = record(
+    **states(
+        **fields_of_form("3i8", "unfollowed off"),
+        **fields_of_form("3f8", "most least"),
+        **fields_of_form("i8", _FLAG_FIELDS),
+        **_ENCODER_FIELDS,
+    )
 )
 """Ticks for which each joint has not followed the retraction; whether its drive's power is cut; the most and the least
 that it was commanded of late (rad/s); whether any drive has power; the tick at which one lost it, -1: none; whether
@@ -40,10 +39,10 @@ doubted; angle of the motor and, on the motor's side, of the joint since the tri
 SINK_LIMIT = math.radians(3.0)
 """Largest angle (rad) of a motor below that at the trip, beyond what the slowest drive that obeys still travels down:
 less than 4 N on a rigid body. The same above the end of its retraction."""
-HALF = 0.5
+DOUBT_SHARE = 0.5
 """Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips; and of
 `jump_limit`, from which two samples in the same direction are a motion."""
-SLACK = 0.25
+FOLLOW_SLACK = 0.25
 """Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
 of its low-passed speed, 0.33 rad/s."""
 
@@ -56,18 +55,18 @@ def retraction_speed(limits, retraction, since):
 
 
 @njit(cache=True)
-def runs_on(limits, seen, i):
+def keeps_moving(limits, seen, i):
     """Whether the motor encoder of drive `i` moved fast, and the same way, in the last two samples.
 
     A wrong count jumps once, or there and back; a drive that runs away goes on. At HALF, since one count more or less
     takes a motion at `jump_limit` below it.
     """
-    fast = min(abs(seen.last_m[i]), abs(seen.rate_m[i])) >= HALF * limits.jump_limit
+    fast = min(abs(seen.last_m[i]), abs(seen.rate_m[i])) >= DOUBT_SHARE * limits.jump_limit
     return fast and (seen.last_m[i] > 0.0) == (seen.rate_m[i] > 0.0)
 
 
 @njit(cache=True)
-def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
+def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
     """Mark the encoders that are doubted: those of the trip's `reason`, and each that later jumps or is unusable.
 
     A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey. A
@@ -82,20 +81,20 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
     for i in range(3):
         m, l = abs(seen.rate_m[i]), abs(seen.rate_l[i])
         jumped = ticks > 0 and seen.fastest[i] >= limits.jump_limit
-        still = tick * abs(timers.still[i]) >= HALF * limits.frozen_time
-        stuck = abs(seen.theta_m[i] - timers.anchor[i]) >= HALF * limits.frozen_travel
+        still = tick * abs(timers.still[i]) >= DOUBT_SHARE * limits.frozen_time
+        stuck = abs(seen.theta_m[i] - timers.anchor[i]) >= DOUBT_SHARE * limits.frozen_travel
         deflected = abs(seen.deflection[i]) >= limits.deflection_limit
-        if ticks > 0 and runs_on(limits, seen, i):
+        if ticks > 0 and keeps_moving(limits, seen, i):
             retraction.doubt_m[i] = 0
         # not >=: that would let NaN pass
         elif (
-            not abs(count_m[i]) < LARGEST_COUNT
+            not abs(count_m[i]) < MAX_COUNT
             or (reason == FROZEN_MOTOR and still)
             or (jumped and m >= min(l, limits.jump_limit))
         ):
             retraction.doubt_m[i] = 1
         if (
-            not abs(count_l[i]) < LARGEST_COUNT
+            not abs(count_l[i]) < MAX_COUNT
             or reason in (NO_POSE, HIDDEN_FORCE)
             or (reason == DEFLECTION and deflected)
             or (reason == FROZEN_JOINT and stuck)
@@ -105,17 +104,17 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
 
 
 @njit(cache=True)
-def follow_travel(limits, seen, retraction, dt):
+def add_travel(limits, seen, retraction, dt):
     """Add up how far each shaft has turned since the trip, `dt` (s) after the sample before; jumps are no travel."""
     for i in range(3):
-        if abs(seen.rate_m[i]) < limits.jump_limit or runs_on(limits, seen, i):
+        if abs(seen.rate_m[i]) < limits.jump_limit or keeps_moving(limits, seen, i):
             retraction.travel_m[i] += dt * seen.rate_m[i]
         if abs(seen.rate_l[i]) < limits.jump_limit:
             retraction.travel_l[i] += dt * seen.rate_l[i]
 
 
 @njit(cache=True)
-def remember(limits, retraction, sent, dt):
+def update_command_bounds(limits, retraction, sent, dt):
     """Keep the most and the least of what is `sent` to the drives (3,), rad/s, forgotten with `obey_lag`.
 
     A first-order drive of a lag up to `obey_lag` stays between them: at the bound, where omega_m = most, it has
@@ -128,7 +127,7 @@ def remember(limits, retraction, sent, dt):
 
 
 @njit(cache=True)
-def races(limits, seen, retraction, i, retracting):
+def is_too_fast(limits, seen, retraction, i, retracting):
     """Whether drive `i` turns faster than anything that it was commanded of late, either way, by `follow_limit`.
 
     Where the motor's encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is
@@ -141,7 +140,7 @@ def races(limits, seen, retraction, i, retracting):
 
 
 @njit(cache=True)
-def lags(limits, seen, retraction, i, since):
+def is_too_late(limits, seen, retraction, i, since):
     """Whether drive `i`, `since` (s) the trip, is later in turning back than the slowest drive that obeys.
 
     By its joint, too, unless that is doubted; by that alone where the motor's encoder is doubted.
@@ -151,11 +150,11 @@ def lags(limits, seen, retraction, i, since):
     if retraction.doubt_m[i]:
         return seen.omega_l[i] >= max(0.0, slowest) + limits.follow_limit
     late = seen.omega_m[i] if retraction.doubt_l[i] else min(seen.omega_m[i], seen.omega_l[i])
-    return late >= slowest + SLACK * limits.follow_limit
+    return late >= slowest + FOLLOW_SLACK * limits.follow_limit
 
 
 @njit(cache=True)
-def strays(limits, retraction, i):
+def is_too_far(limits, retraction, i):
     """Whether drive `i` has turned by more than `SINK_LIMIT` beyond any that obeys: below its angle at the trip, or up.
 
     The slowest drive travels on after the trip. The joint tells it where the motor's encoder is doubted, or has not
@@ -165,7 +164,7 @@ def strays(limits, retraction, i):
     if unmoved and retraction.doubt_l[i]:
         return False
     most, back = max(0.0, retraction.most[i]), limits.retract_speed
-    # integral of the speed in `lags` down to 0
+    # integral of the speed in `is_too_late` down to 0
     coasting = most * (limits.obey_delay + limits.obey_lag) - back * limits.obey_lag * math.log(1.0 + most / back)
     up = limits.retract - min(0.0, retraction.least[i]) * (limits.obey_delay + limits.obey_lag)
     if unmoved:
@@ -174,7 +173,7 @@ def strays(limits, retraction, i):
 
 
 @njit(cache=True)
-def presses(limits, seen, retraction):
+def presses_at_limit(limits, seen, retraction):
     """Whether force or depth are at their limits, by encoders that are not doubted."""
     doubted_m, doubted_l = retraction.doubt_m.sum() > 0, retraction.doubt_l.sum() > 0
     deep, strong = seen.depth >= limits.penetration_limit, seen.force >= limits.force_limit
@@ -182,7 +181,7 @@ def presses(limits, seen, retraction):
 
 
 @njit(cache=True)
-def cut(retraction, i, lines, now):
+def cut_power(retraction, i, lines, now):
     """Take the power of drive `i`; of all, where they have no lines of their own."""
     for j in range(3):
         if j == i or not lines:
@@ -213,25 +212,29 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
         if unseen or (retraction.doubt_m[i] and retraction.doubt_l[i]):
             failed = not retracting
         else:
-            failed = strays(limits, retraction, i) or races(limits, seen, retraction, i, retracting)
-            failed = failed or (retracting and lags(limits, seen, retraction, i, since - age))
+            failed = is_too_far(limits, retraction, i) or is_too_fast(limits, seen, retraction, i, retracting)
+            failed = failed or (retracting and is_too_late(limits, seen, retraction, i, since - age))
         if failed and retraction.off[i] == 0:
-            cut(retraction, i, lines, now)
-    if not unseen and stands(limits, since) and presses(limits, seen, retraction):
-        cut(retraction, 0, False, now)
+            cut_power(retraction, i, lines, now)
+    if not unseen and is_retraction_over(limits, since) and presses_at_limit(limits, seen, retraction):
+        cut_power(retraction, 0, False, now)
 
 
 @njit(cache=True)
-def stands(limits, since):
-    """Whether the slowest drive that obeys stands still, to `SLACK`, `since` (s) the trip: the retraction is over."""
+def is_retraction_over(limits, since):
+    """Whether the slowest drive that obeys stands still, to `FOLLOW_SLACK`, `since` (s) the trip: the retraction is over."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
-    return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= SLACK * limits.follow_limit
+    return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= FOLLOW_SLACK * limits.follow_limit
 
 
 @njit(cache=True)
-def tolerated(limits, since):
+def follow_tolerance(limits, since):
     """Tolerated difference (rad/s) of a motor from its command, `since` (s) the trip: less once all stand still."""
-    return SLACK * limits.follow_limit if limits.disobeyed and stands(limits, since) else limits.follow_limit
+    return (
+        FOLLOW_SLACK * limits.follow_limit
+        if limits.disobeyed and is_retraction_over(limits, since)
+        else limits.follow_limit
+    )
 
 
 @njit(cache=True)
@@ -248,7 +251,7 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
         now: in ticks.
         since: the trip, in s.
     """
-    limit = tolerated(limits, since)
+    limit = follow_tolerance(limits, since)
     for i in range(3):
         error_m = abs(seen.omega_cmd[i] - seen.omega_m[i])
         error_l = abs(seen.omega_cmd[i] - seen.omega_l[i])
@@ -257,11 +260,11 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
         astray = min(error_m, error_l) >= limit
         retraction.unfollowed[i] = retraction.unfollowed[i] + ticks if astray else 0
         if retraction.unfollowed[i] * tick >= limits.follow_time * (1.0 - 1e-9) and retraction.off[i] == 0:
-            cut(retraction, i, lines, now)
+            cut_power(retraction, i, lines, now)
 
 
 @njit(cache=True)
-def release(limits, seen, retraction, tick, now):
+def close_brakes(limits, seen, retraction, tick, now):
     """Let brakes close once no force is left for them to hold, or they have been open for `release_time`."""
     if retraction.power_off_tick >= 0 and retraction.brake == 0:
         waited = tick * (now - retraction.power_off_tick)
@@ -293,7 +296,7 @@ def retreat(geometry: Geometry, N: float, p_B: ArrayLike, retract: float) -> Ret
         Unreachable: the path leaves the workspace.
         InputRefused: p_B is not finite or not of shape (3,).
     """
-    theta_m = np.linspace(0.0, retract, STEPS)
+    theta_m = np.linspace(0.0, retract, RETREAT_STEPS)
     path = position(geometry, joint_angles(geometry, p_B) - theta_m[:, None] / N)
     raised, sideways = path[-1, 2] - path[0, 2], np.hypot(*(path[-1, :2] - path[0, :2]))
     return Retreat(float(raised), float(sideways), float(np.min(np.diff(path[:, 2]) / np.diff(theta_m))))

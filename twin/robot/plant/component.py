@@ -21,9 +21,9 @@ from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import motor_load_torque, platform_weight
 from twin.robot.plant.contact import apex_frame, contact_force, normal_force, settled_bristle, touch
 from twin.robot.plant.dynamics import (
-    PARAMETERS,
-    STATES,
-    UNTOUCHED,
+    INITIAL_ANCHORS,
+    PARAMETERS_RECORD,
+    STATE_SIZE,
     PlantParameters,
     acceleration,
     has_effects,
@@ -35,17 +35,17 @@ from twin.robot.plant.dynamics import (
     spring_deflection,
     spring_stiffness,
 )
-from twin.robot.plant.joints import ANCHORS, arm_torque, stop_torque, unstopped, upward
+from twin.robot.plant.joints import ANCHOR_SIZE, arm_torque, inverse_stop_deflection, stop_torque, upward
 
 LEFT_WORKSPACE = 2
 
-INPUTS = (Port("theta_m", 3, "rad", "motor angles, held over the step; in a ramp, at its end", instant="end"),)
+PLANT_INPUTS = (Port("theta_m", 3, "rad", "motor angles, held over the step; in a ramp, at its end", instant="end"),)
 RAMP_INPUTS = (Port("theta_m_start", 3, "rad", "motor angles at the start of the step", instant="start"),)
 GROUND_INPUTS = (
     Port("s_B", 3, "m", "displacement of the surface in base frame B, at the start of the step"),
     Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B, held over the step"),
 )
-OUTPUTS = (
+PLANT_OUTPUTS = (
     Port("p_B", 3, "m", "platform position in base frame B"),
     Port("v_B", 3, "m/s", "platform velocity in base frame B"),
     Port("theta_l", 3, "rad", "proximal link angles, positive lowers the platform"),
@@ -56,29 +56,29 @@ OUTPUTS = (
     Port("F_n", 1, "N", "normal contact force"),
     Port("z_b", 2, "m", "bristle deflection in the surface"),
 )
-MEMORY = record(
-    parameters=PARAMETERS,
+PLANT_MEMORY = record(
+    parameters=PARAMETERS_RECORD,
     substeps="i8",
-    x=state(("f8", (STATES,))),
-    anchors=state(("f8", (3, ANCHORS))),
-    last=state(("f8", (STATES,))),
+    x=state(("f8", (STATE_SIZE,))),
+    anchors=state(("f8", (3, ANCHOR_SIZE))),
+    last=state(("f8", (STATE_SIZE,))),
 )
-STILL = (0.0, 0.0, 0.0)
+NO_MOTION = (0.0, 0.0, 0.0)
 """Displacement and velocity of a surface that does not move, speeds of motors that stand."""
-MOTION = port_record(OUTPUTS)
-_REST = record(
-    parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
+OUTPUTS_RECORD = port_record(PLANT_OUTPUTS)
+_REST_RECORD = record(
+    parameters=PARAMETERS_RECORD, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
 )
 """Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
 
 
-def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
+def plant_inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
     """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
-    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
+    return PLANT_INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
 @njit(cache=True)
-def moved(s, v, t):
+def extrapolate(s, v, t):
     """Where three coordinates that were at `s` and change at the rates `v` are `t` seconds later, a triple."""
     return s[0] + t * v[0], s[1] + t * v[1], s[2] + t * v[2]
 
@@ -105,13 +105,13 @@ def _settle(parameters, apex, x, s_B, v_s_B):
 
 
 @njit(cache=True)
-def ahead(a, rate, t):
-    """As `moved`, of a pair."""
+def extrapolate_pair(a, rate, t):
+    """As `extrapolate`, of a pair."""
     return a[0] + t * rate[0], a[1] + t * rate[1]
 
 
 @njit(cache=True, forceinline=True)
-def weighted(a, b, c, d):
+def runge_kutta_mean(a, b, c, d):
     """The mean of the rates of a classical Runge-Kutta step."""
     return (a + 2.0 * b + 2.0 * c + d) / 6.0
 
@@ -125,27 +125,54 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
     """
     half = 0.5 * h
     special, s_B = has_effects(parameters), head_sees(parameters, s_B)
-    theta_half, theta_end = moved(theta_m, omega_m, half), moved(theta_m, omega_m, h)
-    s_half, s_end = moved(s_B, v_s_B, half), moved(s_B, v_s_B, h)
+    theta_half, theta_end = extrapolate(theta_m, omega_m, half), extrapolate(theta_m, omega_m, h)
+    s_half, s_end = extrapolate(s_B, v_s_B, half), extrapolate(s_B, v_s_B, h)
     p, v, z = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
     a, r = acceleration(parameters, p, v, z, theta_m, s_B, v_s_B, apex, anchors, special)
-    v_2 = moved(v, a, half)
+    v_2 = extrapolate(v, a, half)
     a_2, r_2 = acceleration(
-        parameters, moved(p, v, half), v_2, ahead(z, r, half), theta_half, s_half, v_s_B, apex, anchors, special
+        parameters,
+        extrapolate(p, v, half),
+        v_2,
+        extrapolate_pair(z, r, half),
+        theta_half,
+        s_half,
+        v_s_B,
+        apex,
+        anchors,
+        special,
     )
-    v_3 = moved(v, a_2, half)
+    v_3 = extrapolate(v, a_2, half)
     a_3, r_3 = acceleration(
-        parameters, moved(p, v_2, half), v_3, ahead(z, r_2, half), theta_half, s_half, v_s_B, apex, anchors, special
+        parameters,
+        extrapolate(p, v_2, half),
+        v_3,
+        extrapolate_pair(z, r_2, half),
+        theta_half,
+        s_half,
+        v_s_B,
+        apex,
+        anchors,
+        special,
     )
-    v_4 = moved(v, a_3, h)
+    v_4 = extrapolate(v, a_3, h)
     a_4, r_4 = acceleration(
-        parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors, special
+        parameters,
+        extrapolate(p, v_3, h),
+        v_4,
+        extrapolate_pair(z, r_3, h),
+        theta_end,
+        s_end,
+        v_s_B,
+        apex,
+        anchors,
+        special,
     )
     for i in range(3):
-        x[i] += h * weighted(v[i], v_2[i], v_3[i], v_4[i])
-        x[3 + i] += h * weighted(a[i], a_2[i], a_3[i], a_4[i])
+        x[i] += h * runge_kutta_mean(v[i], v_2[i], v_3[i], v_4[i])
+        x[3 + i] += h * runge_kutta_mean(a[i], a_2[i], a_3[i], a_4[i])
     for i in range(2):
-        x[6 + i] += h * weighted(r[i], r_2[i], r_3[i], r_4[i])
+        x[6 + i] += h * runge_kutta_mean(r[i], r_2[i], r_3[i], r_4[i])
     _settle(parameters, apex, x, s_end, v_s_B)
     if special:
         settle_friction(parameters, x, theta_end, anchors)
@@ -153,7 +180,7 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
 
 @njit(cache=True, error_model="numpy")
 def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
-    """The state `x` at motor angles `theta_m` as the record `y` of `OUTPUTS`; False outside the workspace.
+    """The state `x` at motor angles `theta_m` as the record `y` of `PLANT_OUTPUTS`; False outside the workspace.
 
     The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`, and
     the anchors are moved where this state has gone too far from them.
@@ -198,43 +225,43 @@ def triple(v):
 
 
 @cache
-def step_over(moving, ramp):
+def make_step(moving, ramp):
     """The step of a plant whose surface moves or not, and whose motors turn over the step or not."""
 
-    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def step(m, t, h, u, y):
         theta_m = start = triple(u.theta_m)
-        s_B = v_s_B = omega_m = STILL
+        s_B = v_s_B = omega_m = NO_MOTION
         if moving:
             s_B, v_s_B = triple(u.s_B), triple(u.v_s_B)
         if ramp:
             start = triple(u.theta_m_start)
             omega_m = (theta_m[0] - start[0]) / h, (theta_m[1] - start[1]) / h, (theta_m[2] - start[2]) / h
         # where the robot was, for the sentence of a step that leaves nothing but NaN
-        for i in range(STATES):
+        for i in range(STATE_SIZE):
             m.last[i] = m.x[i]
         substep = h / m.substeps
         apex = apex_frame(m.parameters)
         for i in range(m.substeps):
-            turned = moved(start, omega_m, i * substep)
-            s_now = moved(s_B, v_s_B, i * substep)
+            turned = extrapolate(start, omega_m, i * substep)
+            s_now = extrapolate(s_B, v_s_B, i * substep)
             integrate(m.parameters, m.x, turned, omega_m, s_now, v_s_B, substep, apex, m.anchors)
-        inside = outputs_near(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, apex, m.anchors, y)
+        inside = outputs_near(m.parameters, m.x, theta_m, extrapolate(s_B, v_s_B, h), v_s_B, apex, m.anchors, y)
         return 0 if inside else LEFT_WORKSPACE
 
     return step
 
 
-@entry("nothing", MEMORY, "doubles", MOTION, at_once=True)
+@entry("nothing", PLANT_MEMORY, "doubles", OUTPUTS_RECORD, at_once=True)
 def _begin(m, theta_m, y):
     turned = triple(theta_m)
     settle_friction(m.parameters, m.x, turned, m.anchors)
-    outputs_near(m.parameters, m.x, turned, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+    outputs_near(m.parameters, m.x, turned, NO_MOTION, NO_MOTION, apex_frame(m.parameters), m.anchors, y)
 
 
-def _put(memory: NDArray, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
-    memory["x"], memory["anchors"] = x, UNTOUCHED
-    y = np.empty(1, dtype=MOTION)
+def _set_state(memory: NDArray, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
+    memory["x"], memory["anchors"] = x, INITIAL_ANCHORS
+    y = np.empty(1, dtype=OUTPUTS_RECORD)
     _begin(memory, np.array(theta_m, dtype=float), y)
     return y.view(np.float64)
 
@@ -244,7 +271,7 @@ class Plant(NativeComponent):
 
     Args:
         parameters: what is true.
-        x: initial state (8,), see `STATES`.
+        x: initial state (8,), see `STATE_SIZE`.
         theta_m: initial motor angles (3,), rad.
         substeps: Runge-Kutta steps per co-simulation step.
         moving: the surface moves as the inputs `GROUND_INPUTS` say; before tick 0 it is where `parameters` has it.
@@ -260,22 +287,22 @@ class Plant(NativeComponent):
         moving: bool = False,
         ramp: bool = False,
     ):
-        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps)
+        memory = memory_of(PLANT_MEMORY, parameters=tuple(parameters), substeps=substeps)
         super().__init__(
-            "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
-            _put(memory, x, theta_m),
+            "plant", plant_inputs(moving, ramp), PLANT_OUTPUTS, False, make_step(moving, ramp), memory,
+            _set_state(memory, x, theta_m),
         )  # fmt: skip
 
-    def put(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
+    def set_state(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
         """Be in the state `x` at motor angles `theta_m`, where dry friction holds nothing yet; the outputs there."""
-        return _put(self.memory, x, theta_m)
+        return _set_state(self.memory, x, theta_m)
 
     def explain(self, status: int) -> str:
         x, y, z = 1e3 * self.memory["last"][0][:3]
         return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"
 
 
-@entry("nothing", _REST)
+@entry("nothing", _REST_RECORD)
 def _load(m):
     p, (x, y, z) = m.parameters, (m.p_B[0], m.p_B[1], m.p_B[2])
     up, weight = upward(p), platform_weight(p)
@@ -285,14 +312,14 @@ def _load(m):
         m.arms[i], m.stops[i] = arm_torque(p, up, i, m.theta_l[i]), stop_torque(p, m.theta_l[i])
 
 
-@entry("nothing", _REST)
+@entry("nothing", _REST_RECORD)
 def _deflect(m):
     for leg in range(3):
         d = m.tau_l[leg] / joint_torque(m.parameters, leg, 1.0, 0.0)
-        m.d[leg] = unstopped(m.parameters, d / series_share(m.parameters, leg))
+        m.d[leg] = inverse_stop_deflection(m.parameters, d / series_share(m.parameters, leg))
 
 
-def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def rest_state(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
 
     The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
@@ -306,13 +333,13 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     p = np.asarray(p_B, dtype=float)
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     theta_l = joint_angles(geometry, p)
-    rest = memory_of(_REST, parameters=tuple(parameters), p_B=p, theta_l=theta_l)
+    rest = memory_of(_REST_RECORD, parameters=tuple(parameters), p_B=p, theta_l=theta_l)
     _load(rest)
     rest["tau_l"] = np.linalg.solve(jacobian(geometry, p).T, rest["wrench"][0]) - rest["arms"][0] - rest["stops"][0]
     _deflect(rest)
     d = rest["d"][0]
     backlash = parameters.backlash + np.array(parameters.backlash_added)
     theta_m = parameters.N * theta_l + d + np.sign(d) * backlash + np.array(parameters.slip)
-    x = np.zeros(STATES)
+    x = np.zeros(STATE_SIZE)
     x[:3] = p
     return x, theta_m

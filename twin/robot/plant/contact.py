@@ -20,9 +20,9 @@ from enum import IntEnum
 from twin.kernel.compiled.function import njit
 from twin.robot.plant.contact_law import pressing_force
 
-HELD, GRIPPED = 3, 4
+JOINT_ANCHOR, SPRING_ANCHOR = 3, 4
 """Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
-ROUNDING = 1e-9
+CONE_ROUNDING = 1e-9
 """How near (of it) to its limit a bristle is at the limit."""
 
 
@@ -137,7 +137,7 @@ def normal_force(parameters, apex, x, y, z, vx, vy, vz):
 # numpy's division here and below: out of reach 0/0 has to become NaN, because an exception of compiled code that the
 # master calls by address is lost
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _contact_within(x, y, limit):
+def _shorten(x, y, limit):
     """The vector (x, y), shortened to length `limit` if it is longer."""
     length = math.sqrt(x * x + y * y)
     if length <= limit:
@@ -148,7 +148,7 @@ def _contact_within(x, y, limit):
 @njit(cache=True, forceinline=True)
 def settled_bristle(parameters, F_n, z_1, z_2):
     """Return mapping: the bristle scaled back so that sigma_0 |z_b| <= mu F_n; without contact it is straight."""
-    return _contact_within(z_1, z_2, parameters.mu * F_n / parameters.sigma_0)
+    return _shorten(z_1, z_2, parameters.mu * F_n / parameters.sigma_0)
 
 
 @njit(cache=True, forceinline=True)
@@ -157,7 +157,7 @@ def friction(parameters, F_n, z_1, z_2, v_1, v_2):
     z_1, z_2 = settled_bristle(parameters, F_n, z_1, z_2)
     f_1 = parameters.sigma_0 * z_1 + parameters.sigma_1 * v_1
     f_2 = parameters.sigma_0 * z_2 + parameters.sigma_1 * v_2
-    return _contact_within(f_1, f_2, parameters.mu * F_n)
+    return _shorten(f_1, f_2, parameters.mu * F_n)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -166,7 +166,7 @@ def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
     limit = parameters.mu * F_n / parameters.sigma_0
     length = math.sqrt(z_1 * z_1 + z_2 * z_2)
     # return mapping leaves a sliding bristle at the limit: the last bit must not say whether it slides
-    if length < limit * (1.0 - ROUNDING):
+    if length < limit * (1.0 - CONE_ROUNDING):
         return v_1, v_2
     if limit == 0.0:
         return 0.0, 0.0

@@ -69,7 +69,7 @@ class LawKeys(NamedTuple):
 
 
 Law = Literal["hunt_crossley", "kelvin_voigt", "exponential"]
-LAWS: dict[Law, LawKeys] = {
+KEYS_BY_LAW: dict[Law, LawKeys] = {
     "hunt_crossley": LawKeys(("damping",), ("exponent", "reference_depth")),
     "kelvin_voigt": LawKeys(("damper", "touch_depth")),
     "exponential": LawKeys(("damping", "stiffening")),
@@ -79,7 +79,7 @@ LAWS: dict[Law, LawKeys] = {
 class Contact(Settings):
     """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
 
-    Which law the stiffness and the keys of `LAWS` belong to: see `twin/robot/plant/contact_law.py`.
+    Which law the stiffness and the keys of `KEYS_BY_LAW` belong to: see `twin/robot/plant/contact_law.py`.
 
     Attributes:
         body: the file in bodies/ that filled this table in.
@@ -132,7 +132,7 @@ class Contact(Settings):
     @property
     def law_constants(self) -> dict[str, Any]:
         """What is said of the law, by attribute."""
-        return {name: getattr(self, name) for name in LAWS[self.law].all if getattr(self, name) is not None}
+        return {name: getattr(self, name) for name in KEYS_BY_LAW[self.law].all if getattr(self, name) is not None}
 
     @field_validator("shape")
     @classmethod
@@ -154,13 +154,13 @@ class Contact(Settings):
     @field_validator("law")
     @classmethod
     def _keys_of_one_law(cls, law: Law, info: ValidationInfo) -> Law:
-        missing = [name for name in LAWS[law].needed if _is_missing(name, info.data)]
+        missing = [name for name in KEYS_BY_LAW[law].needed if _is_missing(name, info.data)]
         curved = law == "hunt_crossley" and (info.data.get("exponent") or 1.0) != 1.0
         if curved and _is_missing("reference_depth", info.data):
             missing.append("reference_depth")
         if missing:
             raise ValueError(f"needs {', '.join(_key(name) for name in missing)}")
-        others = {name for keys in LAWS.values() for name in keys.all} - set(LAWS[law].all)
+        others = {name for keys in KEYS_BY_LAW.values() for name in keys.all} - set(KEYS_BY_LAW[law].all)
         foreign = sorted(_key(name) for name in others if info.data.get(name) is not None)
         if foreign:
             raise ValueError(f"does not know {', '.join(foreign)}; remove it or name the law it belongs to")

@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 
-COLUMNS = 9
+COLUMN_COUNT = 9
 """Of a row that are looked at: F_z by the platform on what it touches, negative while it presses; p_B; p_ref_B;
 whether force is controlled; its reference."""
-FOUND = 7
+RESULT_COUNT = 7
 
 
 @njit(cache=True, inline="always")
@@ -20,8 +20,8 @@ def column_value(row, column):
 
 @entry("int", "doubles", "int", "int", "integers", "int", "doubles", "doubles")
 def _add_up(rows, count, width, columns, touched, found, off):
-    table, column = carray(rows, (count, width)), carray(columns, COLUMNS)
-    sums, squares = carray(found, FOUND), carray(off, count)
+    table, column = carray(rows, (count, width)), carray(columns, COLUMN_COUNT)
+    sums, squares = carray(found, RESULT_COUNT), carray(off, count)
     sums[:] = 0.0
     sums[3] = -np.inf
     sums[5] = sums[6] = -1.0
@@ -57,14 +57,14 @@ class DeviationSums:
     """
 
     def __init__(self, size: int) -> None:
-        self._found, self._off = np.zeros(FOUND), np.empty(size)
+        self._found, self._off = np.zeros(RESULT_COUNT), np.empty(size)
 
-    def look(self, rows: NDArray[np.float64], columns: NDArray[np.int64], touched: bool = False) -> None:
+    def add_block(self, rows: NDArray[np.float64], columns: NDArray[np.int64], touched: bool = False) -> None:
         """Take a block.
 
         Args:
             rows: (n, width), n at most `size`.
-            columns: where `COLUMNS` are in a row, (9,); below 0: nowhere, taken as nan.
+            columns: where `COLUMN_COUNT` are in a row, (9,); below 0: nowhere, taken as nan.
             touched: whether the platform has pressed in a block before.
         """
         rows = np.ascontiguousarray(rows)

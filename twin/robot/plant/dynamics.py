@@ -20,7 +20,7 @@ from pydantic import model_validator
 
 from twin.kernel.compiled.function import njit, with_lane
 from twin.kernel.cosim.port import record_of
-from twin.kernel.settings import Triple, Values, optional, setting, taken
+from twin.kernel.settings import Triple, Values, optional, setting, setting_fields
 from twin.robot.mechanism.geometry import (
     Model,
     angle_near,
@@ -43,29 +43,41 @@ from twin.robot.mechanism.statics import (
 )
 from twin.robot.plant.contact import apex_frame, touch
 from twin.robot.plant.contact_law import Contact
-from twin.robot.plant.joints import ANCHORS, drag, friction_torque, gripped, hanging, stop_torque, stopped, upward
+from twin.robot.plant.joints import (
+    ANCHOR_SIZE,
+    drag,
+    friction_torque,
+    gravity_lever,
+    hysteresis_deflection,
+    stop_deflection,
+    stop_torque,
+    upward,
+)
 
-ZEROS = (0.0, 0.0, 0.0)
+ZERO_TRIPLE = (0.0, 0.0, 0.0)
 LONGEST_GAP = 0.1
 """Maximum gap in samples of the motor angles (s) that a line may bridge: several periods of the springs' slowest free
 motion, 75 rad/s."""
-WHOLE = (1.0, 1.0, 1.0)
-CONDITION = {
+UNIT_SHARES = (1.0, 1.0, 1.0)
+CONDITION_SETTINGS = {
     "k_s_share": setting(
-        default=WHOLE,
+        default=UNIT_SHARES,
         broken_by=("spring_softened", "spring_broken"),
         help="what is left of k_s in the spring; 0: broken",
     ),
-    "backlash_added": setting("rad", default=ZEROS, broken_by=("backlash_growth",), help="on top of backlash"),
-    "b_j_added": setting("N m s/rad", default=ZEROS, broken_by=("joint_friction",), help="on top of b_j"),
+    "backlash_added": setting("rad", default=ZERO_TRIPLE, broken_by=("backlash_growth",), help="on top of backlash"),
+    "b_j_added": setting("N m s/rad", default=ZERO_TRIPLE, broken_by=("joint_friction",), help="on top of b_j"),
     "slip": setting(
-        "rad", default=ZEROS, broken_by=("belt_slip",), help="how far the belt has slipped: deflection lost, motor side"
+        "rad",
+        default=ZERO_TRIPLE,
+        broken_by=("belt_slip",),
+        help="how far the belt has slipped: deflection lost, motor side",
     ),
 }
 """Of each joint; in the beginning it is as it was built."""
-STATES = 8
+STATE_SIZE = 8
 """The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
-UNTOUCHED = np.full((3, ANCHORS), np.nan)
+INITIAL_ANCHORS = np.full((3, ANCHOR_SIZE), np.nan)
 """Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
 
 
@@ -84,21 +96,27 @@ class Robot(Model):
         "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the joint encoders' noise"
     )
     motor_eccentricity: Triple = setting(
-        "deg", into="encoders", default=ZEROS, help="how much each motor encoder reads too much at most, once a turn"
+        "deg",
+        into="encoders",
+        default=ZERO_TRIPLE,
+        help="how much each motor encoder reads too much at most, once a turn",
     )
     motor_eccentric_at: Triple = setting(
         "deg",
         into="encoders",
-        default=ZEROS,
+        default=ZERO_TRIPLE,
         help="motor angle from which on that error grows, a quarter of a turn before it is most",
     )
     joint_eccentricity: Triple = setting(
-        "deg", into="encoders", default=ZEROS, help="how much each joint encoder reads too much at most, once a turn"
+        "deg",
+        into="encoders",
+        default=ZERO_TRIPLE,
+        help="how much each joint encoder reads too much at most, once a turn",
     )
     joint_eccentric_at: Triple = setting(
         "deg",
         into="encoders",
-        default=ZEROS,
+        default=ZERO_TRIPLE,
         help="joint angle from which on that error grows, a quarter of a turn before it is most",
     )
     encoder_latency: float = setting(
@@ -122,7 +140,7 @@ class Robot(Model):
     stop: float = setting("N m/rad", default=100.0, gt=0, help="stiffness of hard stops")
     mounting_tilt: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y")
     mounting_tilt_x: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x")
-    head: Triple = setting("mm", default=ZEROS, help="where the head touches, seen from O_P")
+    head: Triple = setting("mm", default=ZERO_TRIPLE, help="where the head touches, seen from O_P")
     ball_joint_limit: float | None = optional(
         "deg", into=None, gt=0, example=30.0, help="how far a rod may lean in its ball joints; without it, any"
     )
@@ -149,7 +167,7 @@ class TrueRobot(Robot):
 
 class PlantParameters(
     Values,
-    parts=(taken(TrueRobot), taken(Contact), CONDITION),
+    parts=(setting_fields(TrueRobot), setting_fields(Contact), CONDITION_SETTINGS),
     # the oldest ones; whatever a table has besides follows
     first="""a b l_a l_b m_a m_b m_p I_r b_j k_s N eta backlash eta_rate z_s tilt K damping mu sigma_0 sigma_1 tilt_x
     shape radius law exponent reference_depth stiffening damper touch_depth k_s_share backlash_added b_j_added slip""",
@@ -163,7 +181,7 @@ class PlantParameters(
     """
 
 
-PARAMETERS = record_of(PlantParameters)
+PARAMETERS_RECORD = record_of(PlantParameters)
 """`PlantParameters` as a record: numbers, and arrays (3,) where the tuple holds three."""
 
 
@@ -202,9 +220,9 @@ def has_effects(parameters):
 def loaded_deflection(parameters, anchors, leg, theta_m, theta_l):
     """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
     stop, have hysteresis and be in series with a belt that yields."""
-    d = stopped(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
+    d = stop_deflection(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
     if parameters.spring_hysteresis > 0.0:
-        d = gripped(parameters, anchors, leg, d)
+        d = hysteresis_deflection(parameters, anchors, leg, d)
     return series_share(parameters, leg) * d
 
 
@@ -228,7 +246,7 @@ def settle_friction(parameters, x, theta_m, anchors):
     for leg in range(3):
         k_r, k_z, _, _, _, _ = leg_vectors(parameters, leg, x[0], x[1], x[2])
         theta_l = angle_near(anchors, leg, k_r, k_z)
-        d = stopped(parameters, spring_deflection(parameters, leg, theta_m[leg], theta_l))
+        d = stop_deflection(parameters, spring_deflection(parameters, leg, theta_m[leg], theta_l))
         drag(parameters, anchors, leg, theta_l, d)
 
 
@@ -250,7 +268,7 @@ def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, sp
     angle, speed, hangs = theta_l[leg], omega_l[leg], arm_weight(parameters)
     if special:
         d = loaded_deflection(parameters, anchors, leg, theta_m[leg], angle)
-        push = hangs * hanging(up, leg, k_r[leg], k_z[leg]) + _push(parameters, anchors, leg, angle)
+        push = hangs * gravity_lever(up, leg, k_r[leg], k_z[leg]) + _push(parameters, anchors, leg, angle)
     else:
         d, push = spring_deflection(parameters, leg, theta_m[leg], angle), hangs * k_r[leg]
     tau_l = joint_torque(parameters, leg, d, speed)
@@ -258,7 +276,7 @@ def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, sp
 
 
 @njit(cache=True, forceinline=True)
-def _summed(start, lanes):
+def _lane_sum(start, lanes):
     return start + lanes[0] + lanes[1] + lanes[2]
 
 
@@ -330,22 +348,26 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
     tau = tau - inertia * kappa
     f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
     f_w = j_w * tau
-    fx, fy = _summed(fx, C * f_r - S * f_w), _summed(fy, S * f_r + C * f_w)
-    fz = _summed(fz, j_z * tau + sixth * (k_r * kappa + k_z * square))
+    fx, fy = _lane_sum(fx, C * f_r - S * f_w), _lane_sum(fy, S * f_r + C * f_w)
+    fz = _lane_sum(fz, j_z * tau + sixth * (k_r * kappa + k_z * square))
     # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
     a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
     jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
     ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
     m, zero = moving_mass(parameters), 0.0
-    m11, m12, m13 = _summed(m, 2.0 * ax * jx), _summed(zero, ax * jy + ay * jx), _summed(zero, ax * j_z + a_z * jx)
-    m22, m23, m33 = _summed(m, 2.0 * ay * jy), _summed(zero, ay * j_z + a_z * jy), _summed(m, 2.0 * a_z * j_z)
+    m11, m12, m13 = (
+        _lane_sum(m, 2.0 * ax * jx),
+        _lane_sum(zero, ax * jy + ay * jx),
+        _lane_sum(zero, ax * j_z + a_z * jx),
+    )
+    m22, m23, m33 = _lane_sum(m, 2.0 * ay * jy), _lane_sum(zero, ay * j_z + a_z * jy), _lane_sum(m, 2.0 * a_z * j_z)
     return _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz)
 
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
     """dx/dt into `dx`, for the state `x` (8,) of STATES, without dry friction; else as `acceleration`."""
-    derivative_near(parameters, x, theta_m, s_B, v_s_B, UNTOUCHED, dx)
+    derivative_near(parameters, x, theta_m, s_B, v_s_B, INITIAL_ANCHORS, dx)
 
 
 @njit(cache=True)

@@ -19,17 +19,19 @@ from twin.kernel.settings import Settings, setting
 _STRIDE = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _30, _27, _31, _11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
-INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
-OUTPUTS = (
+ENCODER_INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
+ENCODER_OUTPUTS = (
     Port("count_m", 3, "1", "motor encoder counts", "int"),
     Port("count_l", 3, "1", "joint encoder counts", "int"),
     Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
 )
-READER = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
-MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=state(("u8", (1,))), sample=state("i8"))
-MOST = 2.0**53
+READER_RECORD = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
+ENCODER_MEMORY = record(
+    motor=(READER_RECORD, (3,)), joint=(READER_RECORD, (3,)), random=state(("u8", (1,))), sample=state("i8")
+)
+MAX_COUNT = 2.0**53
 """Counts. Beyond, a double does not count whole numbers."""
-UNCOUNTED = 2
+UNCOUNTED_STATUS = 2
 """Status of the step: an angle has no count."""
 SCALE_INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
 SCALE_OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
@@ -70,10 +72,10 @@ def count(angle, reader, random):
         read += reader.noise * normal(random)
     counts = read * reader.counts_per_rad + 0.5
     # not >=: that would let NaN pass; what no integer can hold becomes another one on each kind of processor
-    return float(math.floor(counts)) if abs(counts) < MOST else math.nan
+    return float(math.floor(counts)) if abs(counts) < MAX_COUNT else math.nan
 
 
-@step_function(MEMORY, INPUTS, OUTPUTS)
+@step_function(ENCODER_MEMORY, ENCODER_INPUTS, ENCODER_OUTPUTS)
 def step(m, t, h, u, y):
     # the motors first: that is the order in which the noise is drawn
     for i in range(3):
@@ -84,7 +86,7 @@ def step(m, t, h, u, y):
     y.sample = m.sample
     for i in range(3):
         if math.isnan(y.count_m[i]) or math.isnan(y.count_l[i]):
-            return UNCOUNTED
+            return UNCOUNTED_STATUS
     return 0
 
 
@@ -110,7 +112,7 @@ class Shaft(NamedTuple):
         return np.array(self.zero) + np.array(self.eccentricity) * np.sin(angles - np.array(self.eccentric_at))
 
     def readers(self) -> list[tuple[float, ...]]:
-        """As records of `READER`."""
+        """As records of `READER_RECORD`."""
         each = zip(self.zero, self.eccentricity, self.eccentric_at, strict=True)
         return [(self.counts / (2 * np.pi), zero, self.noise, e, at) for zero, e, at in each]
 
@@ -125,8 +127,8 @@ class Encoder(NativeComponent):
     """
 
     def __init__(self, motor: Shaft, joint: Shaft, period: int = 1, seed: int = 0):
-        memory = memory_of(MEMORY, motor=motor.readers(), joint=joint.readers(), random=seed)
-        super().__init__("encoder", INPUTS, OUTPUTS, True, step, memory, period=period)
+        memory = memory_of(ENCODER_MEMORY, motor=motor.readers(), joint=joint.readers(), random=seed)
+        super().__init__("encoder", ENCODER_INPUTS, ENCODER_OUTPUTS, True, step, memory, period=period)
 
     def explain(self, status: int) -> str:
         return "got an angle that it cannot count (NaN, infinite or beyond 2^53 counts)"

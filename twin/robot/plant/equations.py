@@ -18,30 +18,34 @@ from twin.robot.mechanism.kinematics import jacobian_row, leg_angle
 from twin.robot.mechanism.statics import platform_weight
 from twin.robot.plant.component import (
     LEFT_WORKSPACE,
-    MEMORY,
-    MOTION,
-    OUTPUTS,
-    STILL,
-    inputs,
+    NO_MOTION,
+    OUTPUTS_RECORD,
+    PLANT_MEMORY,
+    PLANT_OUTPUTS,
     outputs_near,
+    plant_inputs,
     settle,
     triple,
 )
 from twin.robot.plant.contact import apex_frame, contact_force
 from twin.robot.plant.dynamics import (
-    PARAMETERS,
-    STATES,
-    UNTOUCHED,
+    INITIAL_ANCHORS,
+    PARAMETERS_RECORD,
+    STATE_SIZE,
     PlantParameters,
     derivative_near,
     joint_torque,
     series_share,
     settle_friction,
 )
-from twin.robot.plant.joints import ANCHORS, arm_torque, stop_torque, unstopped, upward
+from twin.robot.plant.joints import ANCHOR_SIZE, arm_torque, inverse_stop_deflection, stop_torque, upward
 
-_AT = record(
-    parameters=PARAMETERS, x=("f8", (STATES,)), theta_m="3f8", anchors=("f8", (3, ANCHORS)), dx=("f8", (STATES,))
+_EQUATIONS_RECORD = record(
+    parameters=PARAMETERS_RECORD,
+    x=("f8", (STATE_SIZE,)),
+    theta_m="3f8",
+    anchors=("f8", (3, ANCHOR_SIZE)),
+    dx=("f8", (STATE_SIZE,)),
 )
 """State, motor angles (rad), where dry friction holds, derivative."""
 REST_OUTPUTS = (
@@ -49,24 +53,24 @@ REST_OUTPUTS = (
 )
 
 
-@entry("nothing", _AT)
+@entry("nothing", _EQUATIONS_RECORD)
 def _derive(m):
-    derivative_near(m.parameters, m.x, m.theta_m, STILL, STILL, m.anchors, m.dx)
+    derivative_near(m.parameters, m.x, m.theta_m, NO_MOTION, NO_MOTION, m.anchors, m.dx)
 
 
-@entry("nothing", _AT, MOTION)
-def _read(m, y):
-    outputs_near(m.parameters, m.x, m.theta_m, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+@entry("nothing", _EQUATIONS_RECORD, OUTPUTS_RECORD)
+def _read_outputs(m, y):
+    outputs_near(m.parameters, m.x, m.theta_m, NO_MOTION, NO_MOTION, apex_frame(m.parameters), m.anchors, y)
 
 
-@entry("nothing", _AT)
+@entry("nothing", _EQUATIONS_RECORD)
 def _hold(m):
     settle_friction(m.parameters, m.x, m.theta_m, m.anchors)
 
 
-@entry("nothing", _AT)
+@entry("nothing", _EQUATIONS_RECORD)
 def _settle_at(m):
-    settle(m.parameters, apex_frame(m.parameters), m.x, STILL, STILL)
+    settle(m.parameters, apex_frame(m.parameters), m.x, NO_MOTION, NO_MOTION)
 
 
 class PlantEquations:
@@ -77,37 +81,37 @@ class PlantEquations:
     """
 
     def __init__(self, parameters: PlantParameters):
-        self._at = memory_of(_AT, parameters=tuple(parameters), anchors=UNTOUCHED)
+        self._at = memory_of(_EQUATIONS_RECORD, parameters=tuple(parameters), anchors=INITIAL_ANCHORS)
 
     def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
         """From now on dry friction holds at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
-        self._put(x, theta_m)
-        self._at["anchors"] = UNTOUCHED
+        self._set_state(x, theta_m)
+        self._at["anchors"] = INITIAL_ANCHORS
         _hold(self._at)
 
     def derivative(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
         """dx/dt (8,); outside the workspace NaN."""
-        self._put(x, theta_m)
+        self._set_state(x, theta_m)
         _derive(self._at)
         dx: NDArray[np.float64] = self._at["dx"][0].copy()
         return dx
 
     def outputs(self, x: ArrayLike, theta_m: ArrayLike) -> np.ndarray:
-        """The component's outputs (1,), a record of `MOTION`, with no dry friction that remembers where it was."""
-        self._put(x, theta_m)
-        self._at["anchors"] = UNTOUCHED
-        y = np.empty(1, dtype=MOTION)
-        _read(self._at, y)
+        """The component's outputs (1,), a record of `OUTPUTS_RECORD`, with no dry friction that remembers where it was."""
+        self._set_state(x, theta_m)
+        self._at["anchors"] = INITIAL_ANCHORS
+        y = np.empty(1, dtype=OUTPUTS_RECORD)
+        _read_outputs(self._at, y)
         return y
 
-    def settled(self, x: ArrayLike) -> NDArray[np.float64]:
+    def settle_bristle(self, x: ArrayLike) -> NDArray[np.float64]:
         """`x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
         self._at["x"] = x
         _settle_at(self._at)
         settled: NDArray[np.float64] = self._at["x"][0].copy()
         return settled
 
-    def _put(self, x: ArrayLike, theta_m: ArrayLike) -> None:
+    def _set_state(self, x: ArrayLike, theta_m: ArrayLike) -> None:
         self._at["x"], self._at["theta_m"] = x, theta_m
 
 
@@ -115,15 +119,15 @@ class PlantEquations:
 def outputs_at_start(moving, ramp):
     """The outputs of a plant before its first step, from its state and the motor angles in its inputs."""
 
-    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def start(m, t, h, u, y):
         # a pose may have been set that the old anchors know nothing of
         for leg in range(3):
-            for i in range(ANCHORS):
+            for i in range(ANCHOR_SIZE):
                 m.anchors[leg, i] = math.nan
         settle_friction(m.parameters, m.x, triple(u.theta_m), m.anchors)
         inside = outputs_near(
-            m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
+            m.parameters, m.x, triple(u.theta_m), NO_MOTION, NO_MOTION, apex_frame(m.parameters), m.anchors, y
         )
         return 0 if inside else LEFT_WORKSPACE
 
@@ -143,7 +147,7 @@ def _share(w, a, b, c):
     return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
 
 
-@step_function(MEMORY, outputs=REST_OUTPUTS)
+@step_function(PLANT_MEMORY, outputs=REST_OUTPUTS)
 def rest(m, t, h, u, y):
     # `resting` without a solver of LAPACK, which no FMU has
     p = m.parameters
@@ -159,7 +163,7 @@ def rest(m, t, h, u, y):
     theta = theta_1, theta_2, theta_3
     for leg in range(3):
         left = tau[leg] - arm_torque(p, up, leg, theta[leg]) - stop_torque(p, theta[leg])
-        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0) / series_share(p, leg))
+        d = inverse_stop_deflection(p, left / joint_torque(p, leg, 1.0, 0.0) / series_share(p, leg))
         slack = p.backlash + p.backlash_added[leg]
         gap = 0.0 if d == 0.0 else math.copysign(slack, d)
         y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]

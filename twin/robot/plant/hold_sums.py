@@ -22,23 +22,23 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.port import record
 from twin.robot.plant.deviation import column_value
 
-UNMOVED = 1e-9
+REFERENCE_ROUNDING = 1e-9
 """Largest change of the reference (N) from row to row that is rounding."""
-HYSTERESIS = 0.025
+SWING_HYSTERESIS = 0.025
 """Half width (N) of the band that a swing has to cross to be counted: half a step of the paper's scale."""
 
-SIGNALS = {
+HOLD_SIGNALS = {
     "plant.F_ee_B": 3, "plant.p_B": 3, "controller.triggered": 1, "controller.F_z_ref": 1, "controller.p_ref_B": 3,
     "controller.p_cmd_B": 3, "controller.task": 1, "controller.phase": 1, "monitor.reason": 1, "plant.tau_load": 3,
     "drive.omega_m": 3, "drive.tau_motor": 3, "drive.current": 3, "drive.power": 3,
 }  # fmt: skip
 """Signals that the sums need, and their sizes; a signal of the drives has a value per drive."""
 _F, _P, _ON, _R, _REF, _CMD, _TASK, _PHASE, _TRIP, _LOAD, _OMEGA, _TORQUE, _CURRENT, _POWER = (
-    int(start) for start in np.cumsum([0, *SIGNALS.values()])[:-1]
+    int(start) for start in np.cumsum([0, *HOLD_SIGNALS.values()])[:-1]
 )
-WIDTH = sum(SIGNALS.values())
+SIGNALS_WIDTH = sum(HOLD_SIGNALS.values())
 
-SUMS = record(
+SUMS_RECORD = record(
     # constants; the last four are phases of tasks
     dt="f8", every="f8", grace="f8", task_grace="f8", force_loop="f8", band="f8", w="f8", hold="f8",
     circle="f8", push="f8", tap="f8",
@@ -87,11 +87,11 @@ def _swing(s, e):
     s.x_1, s.y_1, s.y_2 = e, y_1, y_2
     s.swings += y_2 * y_2
     s.span += 1.0
-    if y_2 > HYSTERESIS:
+    if y_2 > SWING_HYSTERESIS:
         if s.sign <= 0.0:
             s.ups += 1.0
         s.sign = 1.0
-    elif y_2 < -HYSTERESIS:
+    elif y_2 < -SWING_HYSTERESIS:
         s.sign = -1.0
 
 
@@ -150,9 +150,9 @@ def _extremes(s, t, tick, F, phase):
     t[9] = tick
 
 
-@entry("nothing", "doubles", "int", "int", "integers", "int", SUMS, "doubles", "int")
+@entry("nothing", "doubles", "int", "int", "integers", "int", SUMS_RECORD, "doubles", "int")
 def add_up(rows, count, width, columns, start, s, task_sums, number_of_tasks):
-    table, column = carray(rows, (count, width)), carray(columns, WIDTH)
+    table, column = carray(rows, (count, width)), carray(columns, SIGNALS_WIDTH)
     tasks = carray(task_sums, (number_of_tasks, TASK_SUMS))
     every = int(s.every)
     for i in range(count):
@@ -176,7 +176,7 @@ def add_up(rows, count, width, columns, start, s, task_sums, number_of_tasks):
             s.touched = 1.0
         on = s.touched if column[_ON] < 0 else column_value(row, column[_ON])
         R = column_value(row, column[_R])
-        s.unmoved = s.unmoved + 1.0 if k > 0.0 and abs(R - s.R_last) <= UNMOVED else 0.0
+        s.unmoved = s.unmoved + 1.0 if k > 0.0 and abs(R - s.R_last) <= REFERENCE_ROUNDING else 0.0
         s.R_last = R
         e = F - R
         if s.s0 < 0.0 and s.touched > 0.0 and on > 0.0 and s.force_loop > 0.0:

@@ -27,9 +27,9 @@ import numpy as np
 from twin.kernel.compiled.function import njit
 from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
 from twin.robot.mechanism.statics import arm_weight
-from twin.robot.plant.contact import GRIPPED, HELD
+from twin.robot.plant.contact import JOINT_ANCHOR, SPRING_ANCHOR
 
-ANCHORS = 5
+ANCHOR_SIZE = 5
 
 
 @njit(cache=True, forceinline=True)
@@ -43,7 +43,7 @@ def upward(parameters):
 
 
 @njit(cache=True, forceinline=True)
-def hanging(up, leg, k_r, k_z):
+def gravity_lever(up, leg, k_r, k_z):
     """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: what it turns the joint by is weight times this."""
     return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
 
@@ -51,11 +51,11 @@ def hanging(up, leg, k_r, k_z):
 @njit(cache=True)
 def arm_torque(parameters, up, leg, theta_l):
     """Torque (N m) with which the weight of the arm of `leg` turns its joint at the angle `theta_l` (rad)."""
-    return arm_weight(parameters) * parameters.l_a * hanging(up, leg, np.cos(theta_l), -np.sin(theta_l))
+    return arm_weight(parameters) * parameters.l_a * gravity_lever(up, leg, np.cos(theta_l), -np.sin(theta_l))
 
 
 @njit(cache=True, forceinline=True)
-def _within(value, limit):
+def _clamp(value, limit):
     """`value`, no larger than `limit` either way; 0 for what is held nowhere yet."""
     if value > limit:
         return limit
@@ -68,33 +68,33 @@ def _within(value, limit):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def friction_torque(parameters, anchors, leg, theta_l):
     """Torque (N m) with which the dry friction of a joint holds it, (P14)."""
-    away = theta_l - anchors[leg, HELD]
-    return _within(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
+    away = theta_l - anchors[leg, JOINT_ANCHOR]
+    return _clamp(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
 
 
 @njit(cache=True, forceinline=True)
-def gripped(parameters, anchors, leg, d):
+def hysteresis_deflection(parameters, anchors, leg, d):
     """The deflection (rad) of a spring without hysteresis that carries what this one does at `d`, (P15)."""
-    return d + _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
+    return d + _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
 @njit(cache=True, forceinline=True)
 def drag(parameters, anchors, leg, theta_l, d):
     """Move the anchors of `leg`, in place, to where the joint at `theta_l` and its spring at `d` (rad) drag them."""
-    anchors[leg, HELD] = theta_l - _within(theta_l - anchors[leg, HELD], parameters.joint_presliding)
-    anchors[leg, GRIPPED] = d - _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
+    anchors[leg, JOINT_ANCHOR] = theta_l - _clamp(theta_l - anchors[leg, JOINT_ANCHOR], parameters.joint_presliding)
+    anchors[leg, SPRING_ANCHOR] = d - _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def stopped(parameters, d):
+def stop_deflection(parameters, d):
     """The deflection (rad) of a spring without a stop that carries what this one does at `d`."""
     over = abs(d) - parameters.spring_stop
     return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
 
 
 @njit(cache=True, error_model="numpy")
-def unstopped(parameters, d):
-    """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stopped` inverted."""
+def inverse_stop_deflection(parameters, d):
+    """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stop_deflection` inverted."""
     over = abs(d) - parameters.spring_stop
     return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
 

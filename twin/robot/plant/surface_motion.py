@@ -21,11 +21,11 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, record, record_of
 from twin.kernel.settings import Settings, Triple, numbers, optional, setting
 
-OUTPUTS = (
+BODY_OUTPUTS = (
     Port("s_B", 3, "m", "displacement of the surface in base frame B"),
     Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B"),
 )
-MEMORY = record(motions="i8", count="i8")
+BODY_MEMORY = record(motions="i8", count="i8")
 """Address and number of the motions."""
 
 
@@ -85,8 +85,8 @@ class Shift(Settings):
         return Motion(MotionKind.SHIFT, **numbers(self))
 
 
-MOTION = record_of(Motion)
-_motions_at = pointer_to(MOTION)
+MOTION_RECORD = record_of(Motion)
+_motions_at = pointer_to(MOTION_RECORD)
 
 
 # numpy's division: a rate or rise of 0 has to give NaN, because an exception of compiled code that the
@@ -123,7 +123,7 @@ def progress(motion, t):
     return there - back, v_there - v_back
 
 
-@step_function(MEMORY, outputs=OUTPUTS)
+@step_function(BODY_MEMORY, outputs=BODY_OUTPUTS)
 def step(m, t, h, u, y):
     motions = carray(_motions_at(m.motions), m.count)
     y.s_B[:] = 0.0
@@ -141,6 +141,6 @@ class Body(NativeComponent):
     """The surface's motion: the sum of `motions`, sampled every tick."""
 
     def __init__(self, motions: Sequence[Motion]):
-        table = np.array([tuple(motion) for motion in motions], dtype=MOTION)
-        memory = np.array([(0, len(table))], dtype=MEMORY)
-        super().__init__("body", (), OUTPUTS, True, step, memory, pointers={"motions": table})
+        table = np.array([tuple(motion) for motion in motions], dtype=MOTION_RECORD)
+        memory = np.array([(0, len(table))], dtype=BODY_MEMORY)
+        super().__init__("body", (), BODY_OUTPUTS, True, step, memory, pointers={"motions": table})

@@ -10,12 +10,12 @@ from pathlib import Path
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.reader import origin
+from twin.kernel.recording.reader import read_metadata
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.faults import FaultComponent
 
-FIXED = {
+FIXED_KEYS = {
     "cosim": "steps and scheme hold for the whole run",
     "controller.period_ms": "calls of the controller are counted from the start",
     "drive": "what a drive holds inside fits no other one; run the experiment again with it",
@@ -25,11 +25,11 @@ FIXED = {
     "robot": "it fills truth and belief before the start; set plant.* or controller.model.*",
 }
 """Keys that cannot be other ones in mid-run, and why; all below them, too."""
-LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
+LENGTH_KEYS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
 """Of the mechanism, in any table: a rod that is suddenly longer is nowhere."""
 
 
-def refuse_fixed(settings: Sequence[str], option: str = "--set") -> None:
+def refuse_fixed_keys(settings: Sequence[str], option: str = "--set") -> None:
     """Refuse settings that cannot act from the middle of a run on.
 
     Args:
@@ -41,10 +41,10 @@ def refuse_fixed(settings: Sequence[str], option: str = "--set") -> None:
     """
     for setting in settings:
         key = setting.partition("=")[0].strip()
-        for fixed, why in FIXED.items():
+        for fixed, why in FIXED_KEYS.items():
             if key == fixed or key.startswith(f"{fixed}."):
                 raise InputRefused(f"{option} {setting}: {fixed} cannot change in mid-run: {why}")
-        if key.rpartition(".")[2] in LENGTHS:
+        if key.rpartition(".")[2] in LENGTH_KEYS:
             raise InputRefused(f"{option} {setting}: lengths of the mechanism cannot change in mid-run")
 
 
@@ -65,20 +65,22 @@ def branched_experiment(
     Raises:
         InputRefused: a setting cannot change in mid-run, or is none that an experiment may have.
     """
-    refuse_fixed(settings)
-    return recorded_experiment(origin(recording), recording, changed=True, settings=settings, faults=faults, body=body)
+    refuse_fixed_keys(settings)
+    return recorded_experiment(
+        read_metadata(recording), recording, changed=True, settings=settings, faults=faults, body=body
+    )
 
 
-def branch_off(simulation: Simulation, saved: SavedState) -> None:
+def start_branch(simulation: Simulation, saved: SavedState) -> None:
     """Let `simulation` of a branch go on from `saved`, the state of the run that it branches from.
 
     Raises:
         InputRefused: a component that was not there needs a past.
     """
-    bring_in(simulation, simulation.adopt(saved))
+    add_components(simulation, simulation.adopt(saved))
 
 
-def bring_in(simulation: Simulation, new: Collection[str]) -> None:
+def add_components(simulation: Simulation, new: Collection[str]) -> None:
     """Let the components with the names `new` come into `simulation`, where all others are in mid-run.
 
     Raises:
@@ -88,7 +90,7 @@ def bring_in(simulation: Simulation, new: Collection[str]) -> None:
         if component.name not in new:
             continue
         if isinstance(component, FaultComponent):
-            component.join(simulation.next_tick)
-            simulation.join(component, component.passed_on)
+            component.join_run(simulation.next_tick)
+            simulation.derive_outputs(component, component.idle_outputs)
         elif component.pieces() or component.holders():
             raise InputRefused(f"{component.name}: was not there before, and cannot begin in mid-run")

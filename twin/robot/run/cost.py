@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.job import LONG, duration_text
+from twin.kernel.process.job import LONG_RUN_DURATION, duration_text
 from twin.robot.experiment.experiment import Experiment
 
 SECONDS_PER_TICK = 20e-6
 """Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
 BYTES_PER_TICK = 350
 """Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
-LARGE = 5e9
+MAX_DISK_BYTES = 5e9
 """Size (bytes) beyond which a run starts only after a question."""
 
 
@@ -29,13 +29,13 @@ def refuse_endless(experiments: Sequence[Experiment], factor: float | None = Non
         factor: simulated time per wall time; None or 0: as fast as it goes.
 
     Raises:
-        InputRefused: more than `LONG` or `LARGE`; it says how much.
+        InputRefused: more than `LONG_RUN_DURATION` or `MAX_DISK_BYTES`; it says how much.
     """
     costs = [estimate(experiment) for experiment in experiments]
     seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))
     if factor:
         seconds = max(seconds, sum(one.duration_ticks * one.cosim.tick for one in experiments) / factor)
-    if seconds <= LONG and size <= LARGE:
+    if seconds <= LONG_RUN_DURATION and size <= MAX_DISK_BYTES:
         return
     raise InputRefused(
         f"{', '.join(experiment.name for experiment in experiments)}: would take about "

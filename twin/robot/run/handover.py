@@ -11,7 +11,7 @@ from typing import Any
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.observers import Observer, simulate
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SavedState, stateless
+from twin.kernel.cosim.state import SavedState, stateless_reasons
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.states import StoredState, stored_state
 from twin.kernel.recording.recorder import EventLog
@@ -41,13 +41,13 @@ class BranchPoint:
         self._experiment, self._recording, self._tick = experiment, recording, tick
         nearest = stored_state(recording, tick * experiment.cosim.tick)
         with assemble(experiment) as assembly:
-            self.lacking = stateless(assembly.system.components)
-            self._saved = None if self.lacking else self._come(assembly, nearest)
+            self.lacking = stateless_reasons(assembly.system.components)
+            self._saved = None if self.lacking else self._state_at_tick(assembly, nearest)
         known = nearest if self._saved else None
         self.how = f"from the state at {known.time:g} s" if known else "run again from the start"
 
     @property
-    def saved(self) -> StoredState:
+    def branch_state(self) -> StoredState:
         """The state.
 
         Raises:
@@ -55,10 +55,10 @@ class BranchPoint:
         """
         if self._saved is None:
             raise InputRefused(f"{self._recording}: this run has no state: {'; '.join(self.lacking)}")
-        return self._stored(self._saved)
+        return self._pack_state(self._saved)
 
     @contextmanager
-    def handed_over(self, branched: Experiment) -> Iterator[StoredState]:
+    def hand_over(self, branched: Experiment) -> Iterator[StoredState]:
         """The state that one branch continues from; components alive in it end with the block.
 
         Args:
@@ -72,33 +72,33 @@ class BranchPoint:
             if self._experiment.stand_ins.get(role) != branched.stand_ins.get(role):
                 raise InputRefused(f"{role} cannot change in mid-run: what a third-party part holds fits no other one")
         if self._saved is not None:
-            yield self.saved
+            yield self.branch_state
             return
         with assemble(self._experiment) as assembly:
             alive = [component for component in assembly.system.components if component.lacks_state()]
             for component in alive:
                 component.alive = True
-            yield self._stored(self._come(assembly), alive)
+            yield self._pack_state(self._state_at_tick(assembly), alive)
 
-    def _come(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
+    def _state_at_tick(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
         """The state at the tick of the run in `assembly`, from the state `nearest` or the start."""
         experiment = self._experiment
         lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
-        observers = [*lasting.values(), _Until(self._tick)]
-        before = nearest.saved if nearest else None
-        done = simulate(assembly, experiment.duration_ticks, observers, state=before, lasting=lasting).completed()
+        observers = [*lasting.values(), _TickStop(self._tick)]
+        before = nearest.saved_state if nearest else None
+        done = simulate(assembly, experiment.duration_ticks, observers, state=before, lasting=lasting).require_success()
         state = done.simulation.state()
         saved = state.saved(observers={name: observer.state() for name, observer in lasting.items()})
         state.close()
         return saved
 
-    def _stored(self, saved: SavedState, alive: list[Component] = []) -> StoredState:  # noqa: B006, it is only read
+    def _pack_state(self, saved: SavedState, alive: list[Component] = []) -> StoredState:  # noqa: B006, it is only read
         time = self._tick * self._experiment.cosim.tick
         named = {component.name: component for component in alive}
         return StoredState(self._recording, time, saved.to_bytes(), branch=True, alive=named)
 
 
-class _Until(Observer):
+class _TickStop(Observer):
     """Ends a simulation at the beginning of a tick."""
 
     def __init__(self, tick: int):
@@ -109,5 +109,5 @@ class _Until(Observer):
         self._simulation = simulation
         self.enough = simulation.next_tick >= self._tick
 
-    def take(self, first: int, rows: Any, events: Any) -> None:
+    def on_rows(self, first: int, rows: Any, events: Any) -> None:
         self.enough = self._simulation.next_tick >= self._tick

@@ -15,19 +15,19 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import jacobian
-from twin.robot.plant.hold_sums import SIGNALS, SUMS, TASK_SUMS, add_up
+from twin.robot.plant.hold_sums import HOLD_SIGNALS, SUMS_RECORD, TASK_SUMS, add_up
 
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 """Phases of tasks that hold a force."""
-GRACE = 2.0
+TOUCH_GRACE = 2.0
 """Time (s) to reach the force in a run without tasks, from the first touch and from each step of the reference."""
 TASK_GRACE = 1.0
 """Time (s) after the first held row of a task until which its overshoot is searched."""
-BAND = 0.05
+SETTLING_BAND = 0.05
 """Share of the reference within which the force has settled."""
 HIGH_PASS = 2.0
 """Corner frequency (Hz) of the high-passes that separate chatter from slow changes of the force."""
-SUBSTITUTES = {"controller.p_ref_B": ("reference.p_ref_B",), "monitor.reason": ("monitor.tripped",)}
+SIGNAL_SUBSTITUTES = {"controller.p_ref_B": ("reference.p_ref_B",), "monitor.reason": ("monitor.tripped",)}
 """Signals that stand for one that a third-party part does not have."""
 
 
@@ -52,7 +52,7 @@ class HoldRequest(NamedTuple):
     stiffness: float = math.nan
 
     @staticmethod
-    def of(experiment: Experiment) -> "HoldRequest":
+    def from_experiment(experiment: Experiment) -> "HoldRequest":
         """The request of an experiment."""
         thinned = experiment.recording.rate == "controller"
         return HoldRequest(
@@ -67,7 +67,7 @@ class HoldRequest(NamedTuple):
         )
 
     @staticmethod
-    def recorded(values: Mapping[str, Any]) -> "HoldRequest":
+    def from_values(values: Mapping[str, Any]) -> "HoldRequest":
         """The request of a recorded experiment.
 
         Args:
@@ -120,7 +120,7 @@ class RowLayout(Protocol):
     def tick(self) -> float:
         """Time from row to row (s)."""
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         """Whether a row has the signal."""
 
     def columns(self, end: str) -> slice:
@@ -131,9 +131,9 @@ def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]
     """Return the columns (size,) of a signal, or of a third-party part's substitute; -1 if both are missing."""
     if name.startswith("drive."):
         each = [name.replace("drive", f"drive_{joint}", 1) for joint in (1, 2, 3)]
-        if all(map(layout.has, each)):
+        if all(map(layout.has_output, each)):
             return np.array([layout.columns(one).start for one in each])
-    found = next(filter(layout.has, (name, *SUBSTITUTES.get(name, ()))), None)
+    found = next(filter(layout.has_output, (name, *SIGNAL_SUBSTITUTES.get(name, ()))), None)
     if found is None:
         return np.full(size, -1)
     columns = layout.columns(found)
@@ -150,11 +150,11 @@ class HoldSums:
 
     def __init__(self, layout: RowLayout, request: HoldRequest):
         self._tick, dt = layout.tick, layout.tick * request.every
-        self._columns = np.concatenate([signal_columns(layout, *signal) for signal in SIGNALS.items()])
+        self._columns = np.concatenate([signal_columns(layout, *signal) for signal in HOLD_SIGNALS.items()])
         self.request = request
         self._memory = memory_of(
-            SUMS, dt=dt, every=request.every, grace=round(GRACE / dt), task_grace=round(TASK_GRACE / dt),
-            force_loop=request.force_loop, band=BAND, w=math.pi * HIGH_PASS * dt, hold=PhaseKind.HOLD,
+            SUMS_RECORD, dt=dt, every=request.every, grace=round(TOUCH_GRACE / dt), task_grace=round(TASK_GRACE / dt),
+            force_loop=request.force_loop, band=SETTLING_BAND, w=math.pi * HIGH_PASS * dt, hold=PhaseKind.HOLD,
             circle=PhaseKind.CIRCLE, push=PhaseKind.PUSH, tap=PhaseKind.TAP,
             s0=-1.0, torque=-1.0, load=-1.0, current=-1.0, outside=-1.0, worst=-1.0,
         )  # fmt: skip
@@ -163,12 +163,12 @@ class HoldSums:
         self._tasks[:, 6], self._tasks[:, 7] = math.inf, -math.inf
 
     def has(self, name: str) -> bool:
-        """Whether rows have the signal `name`, one of `SIGNALS`."""
-        before = takewhile(lambda key: key != name, SIGNALS)
-        return bool(self._columns[sum(SIGNALS[key] for key in before)] >= 0)
+        """Whether rows have the signal `name`, one of `HOLD_SIGNALS`."""
+        before = takewhile(lambda key: key != name, HOLD_SIGNALS)
+        return bool(self._columns[sum(HOLD_SIGNALS[key] for key in before)] >= 0)
 
     def __getitem__(self, name: str) -> float:
-        """A sum by its name in `SUMS`."""
+        """A sum by its name in `SUMS_RECORD`."""
         return float(self._memory[name][0])
 
     @property
@@ -184,7 +184,7 @@ class HoldSums:
         self._memory.view(np.float64)[:] = values[:size]
         self._tasks.flat[:] = values[size:]
 
-    def take(self, first: int, rows: NDArray[np.float64]) -> None:
+    def add_rows(self, first: int, rows: NDArray[np.float64]) -> None:
         """Add rows.
 
         Args:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin.robot.run.hold import HoldSums
 
 
-def fixed(value: float, digits: int, sign: str = "") -> str:
+def fixed_point(value: float, digits: int, sign: str = "") -> str:
     """`value` with `digits` after the point, without a minus before what rounds to nothing."""
     return f"{round(value, digits) + 0.0:{sign}.{digits}f}"
 
@@ -56,7 +56,7 @@ class MeasuredValue:
 
 Value = float | MeasuredValue | None
 Values = Mapping[str, MeasuredValue]
-"""MeasuredValue values by the keys of `MEASURES`."""
+"""MeasuredValue values by the keys of `ROWS_BY_KEY`."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class RunOutcome:
             None: the controller, a third-party one, tells of no reference.
         early_trigger: how long the force loop was on before the first touch (s), until the end if there was none; 0: it
             came on in contact; None: never.
-        measures: every measure by its key in `MEASURES`, SI.
+        measures: every measure by its key in `ROWS_BY_KEY`, SI.
     """
 
     peak: float
@@ -122,9 +122,9 @@ class MeasureRow:
         """Name of a column, with the unit: `hold_error_N`."""
         return f"{self.key}_{self.unit.ending}"
 
-    def shown(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         """`0.094 N`."""
-        return f"{fixed(value * self.unit.per_SI, self.digits)} {self.unit.text}".rstrip()
+        return f"{fixed_point(value * self.unit.per_SI, self.digits)} {self.unit.text}".rstrip()
 
     def differs(self, one: float, other: float) -> bool:
         """Whether two values differ by more than the floor."""
@@ -147,9 +147,9 @@ NOT_FOR_TASKS = "not defined for tasks"
 """Reason of a run with tasks for having no settling time: they lead the force along a ramp."""
 NO_FORCE_LOOP = "no force loop"
 """Reason of a run in position mode."""
-HELD = "while a force is held"
-RUN = "the run, until the safety monitor trips"
-WHOLE = "the whole run"
+HELD_INTERVAL = "while a force is held"
+RUN_INTERVAL = "the run, until the safety monitor trips"
+WHOLE_INTERVAL = "the whole run"
 NO_OUTPUT = "no output of these drives"
 
 
@@ -174,11 +174,11 @@ def _settling(hold: "HoldSums", run: RunOutcome) -> Value:
 
 def _torque(hold: "HoldSums", run: RunOutcome) -> Value:
     if hold["torque"] >= 0.0 or hold["load"] < 0.0:
-        return _reported(hold["torque"])
+        return _reported_value(hold["torque"])
     return MeasuredValue(hold["load"], "load of the springs; these drives report no motor torque")
 
 
-def _reported(largest: float) -> float | None:
+def _reported_value(largest: float) -> float | None:
     return largest if largest >= 0.0 else None
 
 
@@ -198,8 +198,8 @@ def _rms(name: str) -> Callable[["HoldSums", RunOutcome], float]:
     return lambda hold, run: math.sqrt(hold[name] / hold["count"])
 
 
-TABLE = (
-    MeasureRow("hold_error", "hold error", N, "rms of the true pressing force minus its reference", HELD,
+MEASURE_ROWS = (
+    MeasureRow("hold_error", "hold error", N, "rms of the true pressing force minus its reference", HELD_INTERVAL,
                _rms("squares"), floor=FORCE_FLOOR),
     MeasureRow("hold_overshoot", "overshoot", PERCENT,
                "largest true pressing force beyond its reference, as a share of it; of tasks the worst one",
@@ -209,67 +209,67 @@ TABLE = (
                "time until the true pressing force stays within 5 % of its reference; not for tasks",
                "from the first touch with the force loop on until the first hold ends", _settling, 2, TIME_FLOOR,
                missing="not within 5 %"),
-    MeasureRow("chatter", "chatter", N, "amplitude of the force's swings above 2 Hz in the worst hold", HELD,
+    MeasureRow("chatter", "chatter", N, "amplitude of the force's swings above 2 Hz in the worst hold", HELD_INTERVAL,
                _chatter(0), 2, FORCE_FLOOR),
-    MeasureRow("chatter_frequency", "chatter frequency", HZ, "frequency of these swings", HELD, _chatter(1), 1,
+    MeasureRow("chatter_frequency", "chatter frequency", HZ, "frequency of these swings", HELD_INTERVAL, _chatter(1), 1,
                share=0.05),
     MeasureRow("held_lateral_error", "lateral error while held", MM,
-               "rms distance of the true position from the reference in x and y", HELD, _rms("lateral"), 2,
+               "rms distance of the true position from the reference in x and y", HELD_INTERVAL, _rms("lateral"), 2,
                LENGTH_FLOOR),
-    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD, _rms("z"),
+    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD_INTERVAL, _rms("z"),
                3, LENGTH_FLOOR),
-    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN, _torque, share=EFFORT_SHARE),
-    MeasureRow("current", "largest current", A, "largest current of any drive", RUN,
-               lambda hold, run: _reported(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
-    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN,
+    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque, share=EFFORT_SHARE),
+    MeasureRow("current", "largest current", A, "largest current of any drive", RUN_INTERVAL,
+               lambda hold, run: _reported_value(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN_INTERVAL,
                lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
-    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN, lambda hold, run: hold["energy"],
+    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN_INTERVAL, lambda hold, run: hold["energy"],
                2, share=EFFORT_SHARE, missing=NO_OUTPUT),
     MeasureRow("hold_mean_error", "mean force error while held", N,
-               "mean of the true pressing force minus its reference", HELD, _mean("error"), floor=FORCE_FLOOR),
+               "mean of the true pressing force minus its reference", HELD_INTERVAL, _mean("error"), floor=FORCE_FLOOR),
     MeasureRow("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
                "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
-    MeasureRow("hold_begin", "held from", S, "first held tick", HELD, lambda hold, run: hold["first"] * hold["dt"]),
-    MeasureRow("hold_end", "held until", S, "last held tick", HELD, lambda hold, run: hold["last"] * hold["dt"]),
-    MeasureRow("holds", "holds", COUNT, "number of times that a force is held without a break", HELD,
+    MeasureRow("hold_begin", "held from", S, "first held tick", HELD_INTERVAL, lambda hold, run: hold["first"] * hold["dt"]),
+    MeasureRow("hold_end", "held until", S, "last held tick", HELD_INTERVAL, lambda hold, run: hold["last"] * hold["dt"]),
+    MeasureRow("holds", "holds", COUNT, "number of times that a force is held without a break", HELD_INTERVAL,
                lambda hold, run: hold.holds, 0),
     MeasureRow("felt_stiffness", "stiffness felt", N_PER_M,
-               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD,
+               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD_INTERVAL,
                lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
     MeasureRow("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
                "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
                missing="no touch with the force loop on"),
-    MeasureRow("peak", "largest force", N, "largest true pressing force", WHOLE, lambda hold, run: run.peak, 2,
+    MeasureRow("peak", "largest force", N, "largest true pressing force", WHOLE_INTERVAL, lambda hold, run: run.peak, 2,
                FORCE_FLOOR),
-    MeasureRow("peak_time", "time of the largest force", S, "time of the largest true pressing force", WHOLE,
+    MeasureRow("peak_time", "time of the largest force", S, "time of the largest true pressing force", WHOLE_INTERVAL,
                lambda hold, run: run.peak_time, 2),
     MeasureRow("end", "force at the end", N, "mean true pressing force", "the last second", lambda hold, run: run.end,
                2, FORCE_FLOOR),
     MeasureRow("lateral_error", "lateral error", MM,
-               "rms distance of the true position from the pre-defined reference in x and y", WHOLE,
+               "rms distance of the true position from the pre-defined reference in x and y", WHOLE_INTERVAL,
                lambda hold, run: run.lateral_error, 2, LENGTH_FLOOR),
-    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE,
+    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE_INTERVAL,
                lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
-    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE,
+    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE_INTERVAL,
                lambda hold, run: run.early_trigger, missing="the force loop is never on"),
 )  # fmt: skip
 """Every measure, the first ones first."""
-MEASURES = {measure.key: measure for measure in TABLE}
-HEADLINE = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
+ROWS_BY_KEY = {measure.key: measure for measure in MEASURE_ROWS}
+HEADLINE_KEYS = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
 """Measures that stand before all others."""
-NEXT = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
+SECOND_KEYS = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
 """Measures that follow them."""
-OF_A_FORCE = (
-    *HEADLINE, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
+FORCE_KEYS = (
+    *HEADLINE_KEYS, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
     "end",
 )  # fmt: skip
 """Measures that a force and its reference are enough for."""
-_OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
+_HOLD_KEYS = (*HEADLINE_KEYS, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
               "hold_overshoot_force", "hold_begin", "hold_end", "holds",
               "felt_stiffness")  # fmt: skip
 
 
-def measured(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
+def compute_measures(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
     """Compute every measure of the table."""
     no_hold = "" if hold["count"] else _no_hold(hold, run)
     remark = ", ".join(
@@ -281,8 +281,8 @@ def measured(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
         if applies
     )
     found = {}
-    for measure in TABLE:
-        of_a_hold = measure.key in _OF_A_HOLD
+    for measure in MEASURE_ROWS:
+        of_a_hold = measure.key in _HOLD_KEYS
         if of_a_hold and no_hold:
             found[measure.key] = MeasuredValue(None, no_hold)
             continue
@@ -315,27 +315,27 @@ def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
     return "the reference is 0 N" if hold["R_last"] <= 0.0 else "the run ends before a force was held for 2 s"
 
 
-def unmeasured(reason: str) -> dict[str, MeasuredValue]:
+def missing_measures(reason: str) -> dict[str, MeasuredValue]:
     """Return every measure as missing, for one reason."""
-    return {measure.key: MeasuredValue(None, reason) for measure in TABLE}
+    return {measure.key: MeasuredValue(None, reason) for measure in MEASURE_ROWS}
 
 
-def shown(key: str, values: Values) -> str:
+def value_text(key: str, values: Values) -> str:
     """`0.094 N`, or `none (no force loop)`; a remark follows in brackets."""
     found = values.get(key, MeasuredValue(None, "not measured"))
     if found.value is None:
         return f"none ({found.reason})"
-    return MEASURES[key].shown(found.value) + (f" ({found.reason})" if found.reason else "")
+    return ROWS_BY_KEY[key].format_value(found.value) + (f" ({found.reason})" if found.reason else "")
 
 
-def labelled(key: str, values: Values) -> str:
+def labelled_text(key: str, values: Values) -> str:
     """`hold error 0.094 N`."""
-    return f"{MEASURES[key].text} {shown(key, values)}"
+    return f"{ROWS_BY_KEY[key].text} {value_text(key, values)}"
 
 
 def first_measures(values: Values) -> list[str]:
-    """The measures of `HEADLINE` as text, without one that tasks do not have."""
-    return [labelled(key, values) for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
+    """The measures of `HEADLINE_KEYS` as text, without one that tasks do not have."""
+    return [labelled_text(key, values) for key in HEADLINE_KEYS if values[key].reason != NOT_FOR_TASKS]
 
 
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:
@@ -348,5 +348,5 @@ def with_units(values: Values) -> dict[str, Any]:
     return {
         key: {"value": one.value, "unit": unit.SI or unit.text, "reason": one.reason}
         for key, one in values.items()
-        for unit in [MEASURES[key].unit]
+        for unit in [ROWS_BY_KEY[key].unit]
     }

@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
-from twin.robot.assembly.drives import ENABLE
+from twin.robot.assembly.drives import ENABLE_ROLE
 
 
 class MonitorWork(Observer):
@@ -42,13 +42,13 @@ class MonitorWork(Observer):
         own = int(system.y_start[system.components.index(monitor)])
         read = system.sources[(system.sources >= own) & (system.sources < own + len(monitor.initial_outputs))]
         passed = [*range(self._gives.start, self._gives.stop), self._power]
-        switched = any(port.name == ENABLE for component in system.components for port in component.inputs)
+        switched = any(port.name == ENABLE_ROLE for component in system.components for port in component.inputs)
         if switched or not set(read.tolist()) <= set(passed):
             self.first = 0
         elif self._past is not None and self._past.first < simulation.next_tick:
             self.first = self._past.first
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if self.first == math.inf:
             given, gives = (np.ascontiguousarray(rows[:, c]).view(np.int64) for c in (self._given, self._gives))
             works = np.any(given != gives, axis=1) | (rows[:, self._power] != 1.0)

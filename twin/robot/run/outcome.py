@@ -12,13 +12,13 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
 from twin.robot.plant.deviation import DeviationSums
 from twin.robot.run.hold import HeldForces, HoldRequest, HoldSums, RowLayout, signal_columns
-from twin.robot.run.measures import RunOutcome, measured
+from twin.robot.run.measures import RunOutcome, compute_measures
 
-END = 1.0
+END_TIME = 1.0
 """The end of a run is its last second (s)."""
-BLOCK = 1000
+BLOCK_ROWS = 1000
 """Rows that are summed up at once."""
-LOOKED_AT = slice(2, None)
+DEVIATION_COLUMNS = slice(2, None)
 """Of the columns, where x and y of the force are for the end of the run only."""
 DEVIATION_SIGNALS = {
     "plant.F_ee_B": 3, "plant.p_B": 3, "controller.p_ref_B": 3, "controller.triggered": 1, "controller.F_z_ref": 1,
@@ -45,8 +45,8 @@ class Tally(Observer):
         self._columns = np.concatenate([signal_columns(system, *signal) for signal in DEVIATION_SIGNALS.items()])
         # of rows that wait for the others of their block
         self._waiting_columns = np.where(self._columns < 0, -1, np.arange(len(self._columns)))
-        self._waiting, self._filled = np.empty((BLOCK, len(self._columns))), 0
-        self._deviation = DeviationSums(BLOCK)
+        self._waiting, self._filled = np.empty((BLOCK_ROWS, len(self._columns))), 0
+        self._deviation = DeviationSums(BLOCK_ROWS)
         self._count = self._controlled = 0
         self._squares = np.zeros(3)
         self._force_squares = 0.0
@@ -71,7 +71,7 @@ class Tally(Observer):
 
     @_rows_waiting.setter
     def _rows_waiting(self, rows: NDArray[np.float64]) -> None:
-        if len(rows) >= BLOCK or rows.shape[1:] != self._waiting.shape[1:]:
+        if len(rows) >= BLOCK_ROWS or rows.shape[1:] != self._waiting.shape[1:]:
             raise InputRefused("the state has other rows than the outcome of a run is made of")
         self._waiting[: len(rows)], self._filled = rows, len(rows)
 
@@ -79,7 +79,7 @@ class Tally(Observer):
     def _rows_at_end(self) -> NDArray[np.float64]:
         """Of the last second those that its end may still need."""
         ahead = self._simulation.last_tick - self._simulation.next_tick + 1
-        needed = max(0, round(END / self._tick) - ahead)
+        needed = max(0, round(END_TIME / self._tick) - ahead)
         return self._last[max(0, len(self._last) - needed) :]
 
     @_rows_at_end.setter
@@ -88,24 +88,24 @@ class Tally(Observer):
             raise InputRefused("the state has other rows than the outcome of a run is made of")
         self._last = rows
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self._hold.take(first, rows)
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self._hold.add_rows(first, rows)
         # sums of floating-point numbers depend on their order: these are always of the same rows
         while len(rows):
-            if not self._filled and len(rows) >= BLOCK:
-                self._add(rows[:BLOCK], self._columns)
-                rows = rows[BLOCK:]
+            if not self._filled and len(rows) >= BLOCK_ROWS:
+                self._add(rows[:BLOCK_ROWS], self._columns)
+                rows = rows[BLOCK_ROWS:]
                 continue
-            some = rows[: BLOCK - self._filled]
+            some = rows[: BLOCK_ROWS - self._filled]
             self._waiting[self._filled : self._filled + len(some)] = some[:, self._columns]
             self._filled, rows = self._filled + len(some), rows[len(some) :]
-            if self._filled == BLOCK:
+            if self._filled == BLOCK_ROWS:
                 self._add(self._waiting, self._waiting_columns)
                 self._filled = 0
 
     def _add(self, rows: np.ndarray, columns: np.ndarray) -> None:
         block = self._deviation
-        block.look(rows, columns[LOOKED_AT], self._touch_tick >= 0)
+        block.add_block(rows, columns[DEVIATION_COLUMNS], self._touch_tick >= 0)
         if self._touch_tick < 0 <= block.touch:
             self._touch_tick = self._count + block.touch
         if self._trigger_tick < 0 <= block.trigger:
@@ -116,12 +116,12 @@ class Tally(Observer):
         self._force_squares += float(np.sum(block.off))
         self._squares = self._squares + block.squares
         self._count += len(rows)
-        wanted = round(END / self._tick)
+        wanted = round(END_TIME / self._tick)
         recent = rows[-wanted:, columns[:3]]
         self._last = recent if len(recent) == wanted else np.concatenate([self._last, recent])[-wanted:]
 
     @property
-    def held(self) -> tuple[HeldForces, ...]:
+    def held_forces(self) -> tuple[HeldForces, ...]:
         """The force of each task, in their order; empty if the controller does not report which task is on."""
         return self._hold.tasks
 
@@ -144,7 +144,7 @@ class Tally(Observer):
             z_error=None if math.isnan(z) else math.sqrt(z),
             early_trigger=total._early_trigger(),
         )
-        return replace(found, measures=measured(self._hold, found))
+        return replace(found, measures=compute_measures(self._hold, found))
 
     def _early_trigger(self) -> float | None:
         if self._trigger_tick < 0:

@@ -9,42 +9,42 @@ from typing import Any
 
 import numpy as np
 
+from twin.kernel.atomic_write import make_folder, write_json
 from twin.kernel.cosim.observers import ProgressObserver
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.variable import FILE, to_json
+from twin.kernel.fmi.variable import FILE_PREFIX, to_json
 from twin.kernel.process.states import (
     RunStates,
     StoredState,
-    asked_ticks,
-    continues,
+    continuation_metadata,
     identity,
     refuse_other_run,
     simulate_saving,
+    state_ticks,
 )
-from twin.kernel.recording.folder import RECORDING
+from twin.kernel.recording.folder import RECORDING_FILE
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
-from twin.kernel.writing import made_folder, write_json
-from twin.robot.assembly.assemble import HERE, Assembly, assemble
+from twin.robot.assembly.assemble import IN_PROCESS_MAKER, Assembly, assemble
 from twin.robot.assembly.build import DriveMaker, plant_parameters
 from twin.robot.assembly.drives import DrivePlan
-from twin.robot.assembly.roles import facts_of
+from twin.robot.assembly.roles import origin_metadata
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.source import NAMING, RETAINED
+from twin.robot.experiment.source import FILE_KEYS, RETAINED_KEYS
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.component import trip_reason
-from twin.robot.plant.component import resting
-from twin.robot.plant.dynamics import STATES, PlantParameters
+from twin.robot.plant.component import rest_state
+from twin.robot.plant.dynamics import STATE_SIZE, PlantParameters
 from twin.robot.plant.equations import PlantEquations
-from twin.robot.run.branch import branch_off, branched_experiment
+from twin.robot.run.branch import branched_experiment, start_branch
 from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
+from twin.robot.run.viewer import Pace, Punctuality, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
@@ -69,30 +69,34 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
                 "mapped": [str(binding) for binding in plan.bindings],
             }
         )
-        for name, plan in driven(assembly)
+        for name, plan in drive_plans(assembly)
         for part, fmu in plan.parts.items()
     }
     fmus |= {
         name: json.dumps(
-            {"file": plan.label, "sha256": plan.system.sha256, **facts_of(plan.system), "set": {},
+            {"file": plan.label, "sha256": plan.system.sha256, **origin_metadata(plan.system), "set": {},
              "mapped": [str(binding) for binding in plan.bindings]}
         )
-        for name, plan in driven(assembly)
+        for name, plan in drive_plans(assembly)
         if plan.system is not None
     }  # fmt: skip
-    fmus |= {role: json.dumps(part.facts) for role, part in assembly.others.items() if part.fmu}
-    classes = {role: json.dumps(part.facts) for role, part in assembly.others.items() if not part.fmu}
-    values = named_files(experiment.values)
+    fmus |= {role: json.dumps(part.metadata) for role, part in assembly.third_party.items() if part.fmu}
+    classes = {role: json.dumps(part.metadata) for role, part in assembly.third_party.items() if not part.fmu}
+    values = without_folders(experiment.values)
     if "controller" in assembly.substituted:
         # gains of a law that did not run
-        values["controller"] = {k: v for k, v in values["controller"].items() if k in RETAINED["controller"]}
+        values["controller"] = {k: v for k, v in values["controller"].items() if k in RETAINED_KEYS["controller"]}
     return {
         "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
         # sorted: the same experiment may be spread over files in many ways
         "origins": dict(sorted(experiment.origins.items())),
         "fmu": fmus,
         **({"python": classes} if classes else {}),
-        **({"part": {role: part.sentence for role, part in assembly.others.items()}} if assembly.others else {}),
+        **(
+            {"part": {role: part.sentence for role, part in assembly.third_party.items()}}
+            if assembly.third_party
+            else {}
+        ),
         **({"substituted": assembly.substituted} if assembly.substituted else {}),
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
         "versions": versions(),
@@ -103,7 +107,7 @@ NO_STATE_DEPENDS_ON = ("recording", "title")
 """Keys of an experiment."""
 
 
-def _identified(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], dict[str, str], dict[str, Any]]:
+def _identity_parts(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], dict[str, str], dict[str, Any]]:
     """Versions of packages, SHA-256 of files by the names of parts, and the values of the experiment, of a run."""
     values = json.loads(provenance["experiment"]["values"])
     values = {key: value for key, value in values.items() if key not in NO_STATE_DEPENDS_ON}
@@ -113,7 +117,7 @@ def _identified(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], 
     return provenance["versions"], {name: json.loads(text)["sha256"] for name, text in parts.items()}, values
 
 
-def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
+def drive_plans(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
     """(`drive_1`, its plan) and so on of the joints that the experiment's own drives move."""
     if "drive" in assembly.substituted:
         return []
@@ -121,42 +125,42 @@ def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
     return [(name, plan) for name, plan in named if name not in assembly.substituted]
 
 
-def named_files(values: dict[str, Any]) -> dict[str, Any]:
+def without_folders(values: dict[str, Any]) -> dict[str, Any]:
     """`values` with FMUs, Python and other files by name only: where they lie on this machine is private."""
-    return {key: _named(key, value) for key, value in values.items()}
+    return {key: _without_folder(key, value) for key, value in values.items()}
 
 
-def _named(key: str, value: Any) -> Any:
+def _without_folder(key: str, value: Any) -> Any:
     if isinstance(value, dict):
-        return named_files(value)
+        return without_folders(value)
     if isinstance(value, (list, tuple)):
-        return [_named("", v) for v in value]
-    if isinstance(value, str) and value.startswith(FILE):
-        return FILE + Path(value.removeprefix(FILE)).name
-    return Path(value).name if key in NAMING else value
+        return [_without_folder("", v) for v in value]
+    if isinstance(value, str) and value.startswith(FILE_PREFIX):
+        return FILE_PREFIX + Path(value.removeprefix(FILE_PREFIX)).name
+    return Path(value).name if key in FILE_KEYS else value
 
 
-STABLE = 2.7
+MAX_POLE_STEP = 2.7
 """|pole| times step up to which classical Runge-Kutta is stable: 2.78 on the real axis, 2.83 on the imaginary one."""
-SMALL = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
+DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
 """Steps of the numerical derivatives: m, m/s, and m of the bristle."""
-PRESSED = 1e-3
+PRESSED_DEPTH = 1e-3
 """How deep (m) the platform is in the surface where the poles of contact are looked at."""
 
 
-def too_fast(experiment: Experiment) -> str:
+def fast_pole_remedy(experiment: Experiment) -> str:
     """What to do about the plant's fastest pole, in a sentence; "" if the integrator follows it."""
     step = experiment.cosim.tick / experiment.plant.substeps
     pole = fastest_pole(experiment)
-    if not pole * step > STABLE:
+    if not pole * step > MAX_POLE_STEP:
         return ""
     if pole == np.inf:
         return "The plant's poles are no numbers: look for a stiffness, mass or damping that is absurd."
-    needed = int(np.ceil(pole * experiment.cosim.tick / STABLE))
+    needed = int(np.ceil(pole * experiment.cosim.tick / MAX_POLE_STEP))
     remedy = f"set [plant] substeps = {needed}, or " if needed <= 1000 else ""
     return (
         f"The plant's fastest pole is about {pole:.2g} 1/s, and steps of {1e6 * step:g} us ([cosim] tick_ms / [plant] "
-        f"substeps) follow at most {STABLE / step:.2g} 1/s: {remedy}look for a stiffness or damping that is too large "
+        f"substeps) follow at most {MAX_POLE_STEP / step:.2g} 1/s: {remedy}look for a stiffness or damping that is too large "
         "or a mass that is too small."
     )
 
@@ -166,24 +170,24 @@ def fastest_pole(experiment: Experiment) -> float:
     it is made of gives no numbers."""
     parameters = plant_parameters(experiment.plant, experiment.contact)
     start = np.array(experiment.start)
-    x, theta_m = resting(parameters, start)
-    poles = [_fastest(parameters, x, theta_m)]
+    x, theta_m = rest_state(parameters, start)
+    poles = [_fastest_eigenvalue(parameters, x, theta_m)]
     try:
-        pressed = resting(parameters, [*start[:2], parameters.z_s - PRESSED])
-        poles.append(_fastest(parameters, *pressed))
+        pressed = rest_state(parameters, [*start[:2], parameters.z_s - PRESSED_DEPTH])
+        poles.append(_fastest_eigenvalue(parameters, *pressed))
     except Unreachable:
         # what it cannot reach it has not touched
         pass
     return max(poles)
 
 
-def _fastest(parameters: PlantParameters, x: np.ndarray, theta_m: np.ndarray) -> float:
-    jacobian = np.empty((STATES, STATES))
+def _fastest_eigenvalue(parameters: PlantParameters, x: np.ndarray, theta_m: np.ndarray) -> float:
+    jacobian = np.empty((STATE_SIZE, STATE_SIZE))
     plant = PlantEquations(parameters)
     # dry friction is stiffest while it holds
     plant.hold(x, theta_m)
-    for i, small in enumerate(SMALL):
-        step = small * np.eye(STATES)[i]
+    for i, small in enumerate(DERIVATIVE_STEPS):
+        step = small * np.eye(STATE_SIZE)[i]
         jacobian[:, i] = (plant.derivative(x + step, theta_m) - plant.derivative(x - step, theta_m)) / (2.0 * small)
     if not np.isfinite(jacobian).all():
         return np.inf
@@ -191,7 +195,7 @@ def _fastest(parameters: PlantParameters, x: np.ndarray, theta_m: np.ndarray) ->
 
 
 SLICE_TICKS = BLOCK_TICKS
-SUMMARY = "summary.json"
+SUMMARY_FILE = "summary.json"
 
 Report = Callable[[int, int], None]
 
@@ -246,7 +250,7 @@ class Run:
         if not 0 <= tick <= experiment.duration_ticks:
             end = experiment.duration_ticks * experiment.cosim.tick
             raise InputRefused(f"{self.recording}: no state at {at:g} s; expected a time from 0 to {end:g} s")
-        return BranchPoint(experiment, self.recording, tick).saved.saved
+        return BranchPoint(experiment, self.recording, tick).branch_state.saved_state
 
 
 def execute(
@@ -255,7 +259,7 @@ def execute(
     progress: Report = lambda done, total: None,
     substitutes: Mapping[str, Any] | None = None,
     timed: bool = False,
-    maker: DriveMaker = HERE,
+    maker: DriveMaker = IN_PROCESS_MAKER,
     factor: float | None = None,
     viewer: Viewer | None = None,
     state: StoredState | None = None,
@@ -278,20 +282,20 @@ def execute(
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
         NotWritten: the disk is full; likewise.
     """
-    path = made_folder(Path(folder)) / RECORDING
+    path = make_folder(Path(folder)) / RECORDING_FILE
     with assemble(experiment, substitutes, maker, state.alive if state else {}) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
-        run = _recorded(experiment, assembly, path, progress, timed, pace, viewer, state)
+        run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # here and not in the recording, which is shared: paths of this machine are private
         summary["typed"] = experiment.typed
         summary["outcome"]["measures"] = with_units(run.outcome.measures)
         # before the FMUs are freed: one that crashes then shall take nothing with it
-        write_json(path.with_name(SUMMARY), summary)
+        write_json(path.with_name(SUMMARY_FILE), summary)
     return run
 
 
-def _recorded(
+def _execute_and_record(
     experiment: Experiment,
     assembly: Assembly,
     path: Path,
@@ -307,25 +311,25 @@ def _recorded(
     scene, own = Scene(experiment, system), run_observers(experiment, assembly)
     tuning = own.tuning
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
-    about, saved = identity(system, *_identified(described)), state.saved if state else None
+    about, saved = identity(system, *_identity_parts(described)), state.saved_state if state else None
     if state and saved:
         if not state.branch:
             refuse_other_run(saved, about, str(state.recording))
         scene.begin_at(saved.tick)
-        described |= continues(state)
+        described |= continuation_metadata(state)
     with Writer(path, topics, system.tick, described, scene.forms) as writer:
         recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
         lasting = own._asdict() | {"recorder": recorder}
-        asked = asked_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
+        asked = state_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
         states = RunStates(asked, last_tick, system.tick, about, lasting)
         observers = [*lasting.values(), ProgressObserver(progress, last_tick + 1)]
         observers += [pace] if pace else []
-        observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
+        observers += [ViewerObserver(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
         branches = state is not None and state.branch
         # what was changed by hand before a branch is not the branch's
         going_on = {name: one for name, one in lasting.items() if not branches or one is not tuning}
-        adopt = branch_off if branches else None
+        adopt = start_branch if branches else None
         done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
         tuning.close()
         if done.failure:
@@ -338,14 +342,14 @@ def _recorded(
         writing=recorder.writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),
         trip=trip_reason(done.simulation),
-        drives=tuple(_describe_drive(plan) for _, plan in driven(assembly)),
+        drives=tuple(_describe_drive(plan) for _, plan in drive_plans(assembly)),
         substituted=assembly.substituted,
         outcome=own.tally.outcome,
         microseconds={name: 1e6 * cost for name, cost in done.costs.items()},
         changed=bool(tuning.first),
         punctuality=pace.punctuality() if pace else None,
-        parts={role: part.sentence for role, part in assembly.others.items()},
-        held=own.tally.held,
+        parts={role: part.sentence for role, part in assembly.third_party.items()},
+        held=own.tally.held_forces,
     )
 
 
@@ -367,13 +371,13 @@ def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assem
     given = simulation.inputs(known[simulation.culprit])
     # an encoder fails by what it is given only
     if simulation.culprit in ("plant", "encoder") or not np.isfinite(given).all():
-        hint = too_fast(experiment)
+        hint = fast_pole_remedy(experiment)
         sentences += [hint] if hint else []
     elif simulation.culprit in culprits:
         plan = culprits[simulation.culprit]
         fmus = [str(fmu.path) for fmu in ([plan.system] if plan.system else plan.parts.values())]
         sentences += [f"Try: {shlex.join(['twin', 'drive', 'check', fmu])}" for fmu in fmus]
-    elif simulation.culprit in assembly.others:
+    elif simulation.culprit in assembly.third_party:
         table = experiment.stand_ins[simulation.culprit]
         part = table.fmu or table.python or ""
         sentences += [f"Try: {shlex.join(['twin', 'component', 'check', simulation.culprit, part])}"]

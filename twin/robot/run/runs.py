@@ -10,20 +10,20 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
-from twin.kernel.cosim.observers import Observer, Simulated, TickEvent, simulate
+from twin.kernel.cosim.observers import Observer, SimulationResult, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.monitor.checks import Trip
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.monitor.component import own_monitor, trip_reason
+from twin.robot.monitor.reasons import Trip
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import RunOutcome
 from twin.robot.run.monitor_work import MonitorWork
 from twin.robot.run.outcome import Tally
-from twin.robot.run.past import SharedPast, before_fault
+from twin.robot.run.shared_prefix import SharedPrefix, prefix_experiment
 from twin.robot.run.trace import Trace
 
 
@@ -72,7 +72,7 @@ class Outcome:
     failure: ComponentFailed | None
     stepping: float
 
-    def completed(self) -> Self:
+    def require_success(self) -> Self:
         """Return the outcome of a run in which no component failed.
 
         Raises:
@@ -102,11 +102,11 @@ class _Watch:
         if request.idle and experiment.monitor:
             self.work = MonitorWork(past.work if past else None)
         if request.tally:
-            self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
+            self.tally = _SharedTally(HoldRequest.from_experiment(experiment), past.tally if past else None)
         check = _Check(request.check, experiment) if request.check else None
         self.observers: list[Observer] = [one for one in (check, self.trace, self.work, self.tally) if one is not None]
 
-    def outcome(self, done: Simulated) -> Outcome:
+    def outcome(self, done: SimulationResult) -> Outcome:
         monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
         return Outcome(
             status="failed" if done.failure else "tripped" if trip else "done",
@@ -155,17 +155,17 @@ class _SharedTally(Observer):
         if self._past is None:
             self._states[tick] = self.tally.state()
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self.tally.take(first, rows, events)
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self.tally.on_rows(first, rows, events)
 
 
 @dataclass
-class _Past:
+class _PrefixEntry:
     """A past: what identifies it, the number of runs that had it, and, once it was run, the run and its observers."""
 
     key: Experiment
     runs: int = 0
-    shared: SharedPast | None = None
+    shared: SharedPrefix | None = None
     watch: _Watch | None = None
 
 
@@ -183,7 +183,7 @@ class Runs:
 
     def __init__(self, request: RunRequest, after: int = 0, most: int = 2):
         self.request, self._after, self._most = request, after, most
-        self._pasts: list[_Past] = []
+        self._pasts: list[_PrefixEntry] = []
 
     def __enter__(self) -> Self:
         return self
@@ -203,7 +203,7 @@ class Runs:
         Raises:
             InputRefused: a part of the robot, a fault or a change does not fit.
         """
-        past = self._past(experiment)
+        past = self._find_prefix(experiment)
         if past is None or past.shared is None:
             watch = _Watch(self.request, experiment)
             with assemble(experiment) as assembly:
@@ -211,34 +211,34 @@ class Runs:
         watch = _Watch(self.request, experiment, past.watch)
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
         first = min(later, default=experiment.duration_ticks)
-        return watch.outcome(past.shared.go_on(experiment, first, watch.observers))
+        return watch.outcome(past.shared.run_variant(experiment, first, watch.observers))
 
-    def _past(self, experiment: Experiment) -> _Past | None:
+    def _find_prefix(self, experiment: Experiment) -> _PrefixEntry | None:
         """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
-        base = replace(before_fault(experiment), changes=())
+        base = replace(prefix_experiment(experiment), changes=())
         if not self._most or self.request.signals is None:
             return None
-        if len(experiment.faults) > 1 and any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults):
+        if len(experiment.faults) > 1 and any(FAULT_KINDS[fault.kind].mechanism == "drive" for fault in base.faults):
             # which of several faults an idle shaft stands for is unknown
             return None
-        key = _identifying(base)
-        past = next((one for one in self._pasts if one.key == key), None) or _Past(key)
+        key = _prefix_key(base)
+        past = next((one for one in self._pasts if one.key == key), None) or _PrefixEntry(key)
         self._pasts = [one for one in self._pasts if one is not past] + [past]
         while len(self._pasts) > self._most:
             _free(self._pasts.pop(0))
         past.runs += 1
         if past.shared is None and past.runs > self._after:
             past.watch = _Watch(self.request, base)
-            past.shared = SharedPast(base, past.watch.observers)
+            past.shared = SharedPrefix(base, past.watch.observers)
         return past
 
 
-def _identifying(base: Experiment) -> Experiment:
+def _prefix_key(base: Experiment) -> Experiment:
     """`base` without what does not change its run."""
     noisy = base.plant.motor_noise > 0.0 or base.plant.joint_noise > 0.0
     return replace(base, name="", title="", seed=base.seed if noisy else 0, measures=(), values={}, origins={})
 
 
-def _free(past: _Past) -> None:
+def _free(past: _PrefixEntry) -> None:
     if past.shared is not None:
         past.shared.close()

@@ -14,7 +14,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import UnknownSeries, nearest
 from twin.kernel.recording.messages import VALUE_TYPES, Field, Topic
 from twin.kernel.recording.recorder import RowStream, port_fields
-from twin.kernel.recording.scan import NANOSECONDS
+from twin.kernel.recording.scan import NS_PER_S
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
 
@@ -87,7 +87,7 @@ class Trace(Observer):
                 before = self._past.values[: self._count, self._past._signal(name).columns]
                 self._memory[: self._count, chosen.columns] = before
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         chosen = rows[-first % self._every :: self._every, self._taken]
         self._memory[self._count : self._count + len(chosen)] = chosen
         self._count += len(chosen)
@@ -134,7 +134,7 @@ class Trace(Observer):
                 f"run in memory: no topic {topic!r}; {nearest(topic, periods, 'it holds {}', 3)}", topic
             )
         ticks = np.arange(0, self._count, self._stride(periods[topic])) * self._every
-        return np.rint(ticks * (self.tick * NANOSECONDS)) / NANOSECONDS
+        return np.rint(ticks * (self.tick * NS_PER_S)) / NS_PER_S
 
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the components."""
@@ -160,5 +160,5 @@ def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] 
     """
     trace = Trace(every, only)
     with assemble(experiment) as assembly:
-        simulate(assembly, experiment.duration_ticks, [trace]).completed()
+        simulate(assembly, experiment.duration_ticks, [trace]).require_success()
     return trace

@@ -7,10 +7,10 @@ import numpy as np
 
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.assemble import Assembly, tunables
-from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.assemble import Assembly, tunable_parameters
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.mistakes import unknown
+from twin.robot.experiment.mistakes import unknown_key
 from twin.robot.experiment.schema import changed_value
 
 
@@ -28,7 +28,7 @@ class Tuning(Observer):
     def __init__(self, experiment: Experiment, assembly: Assembly):
         self.first = ""
         self._experiment = experiment
-        self._tunables = tunables(experiment, assembly.system)
+        self._tunables = tunable_parameters(experiment, assembly.system)
         self._values = {key: float(tunable.number) for key, tunable in self._tunables.items()}
         self._asked: dict[str, tuple[float, float]] = {}
         self._changes: list[TickEvent] = []
@@ -50,8 +50,8 @@ class Tuning(Observer):
             InputRefused: no such parameter, a value that the experiment's schema refuses, or the run is over.
         """
         if key not in self._tunables:
-            raise InputRefused(f"{unknown(key, list(self._tunables))}; only these can be changed while it runs")
-        value = changed_value(DECLARED, key, number, self._experiment.values)
+            raise InputRefused(f"{unknown_key(key, list(self._tunables))}; only these can be changed while it runs")
+        value = changed_value(DECLARED_TABLES, key, number, self._experiment.values)
         with self._lock:
             if not self._open:
                 raise InputRefused(f"{key} = {number}: the run is over, nothing can be changed any more")
@@ -65,7 +65,7 @@ class Tuning(Observer):
             if key not in before:
                 raise InputRefused(f"the state has {key} = {number}, which cannot be changed in this run")
             if number != before[key]:
-                self._tunables[key].memory[...] = changed_value(DECLARED, key, number, self._experiment.values)
+                self._tunables[key].memory[...] = changed_value(DECLARED_TABLES, key, number, self._experiment.values)
 
     def ready(self, tick: int) -> None:
         """Make the changes asked for, so that they act from `tick` on."""
@@ -74,21 +74,21 @@ class Tuning(Observer):
             for key, (number, value) in asked.items():
                 if number != self._values[key]:
                     self._tunables[key].memory[...] = value
-                    self._tell(tick, key, number, " (live)")
+                    self._log_change(tick, key, number, " (live)")
                     self.first = self.first or self._changes[0].text
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """Tell what was changed by hand before this slice, and by the experiment itself in it."""
         with self._lock:
             for change in self._experiment.changes:
                 if first <= change.tick < first + len(rows) and change.key in self._values:
-                    self._tell(change.tick, change.key, change.number)
+                    self._log_change(change.tick, change.key, change.number)
         events += self._changes
         self._changes = []
 
-    def _tell(self, tick: int, key: str, number: float, how: str = "") -> None:
+    def _log_change(self, tick: int, key: str, number: float, how: str = "") -> None:
         before, self._values[key] = self._values[key], number
-        change = f"{key}: {_written(before)} -> {_written(number)}{how}"
+        change = f"{key}: {_number_text(before)} -> {_number_text(number)}{how}"
         self._changes.append(TickEvent(tick, "INFO", change, "tuning"))
 
     def close(self) -> None:
@@ -97,6 +97,6 @@ class Tuning(Observer):
             self._open = False
 
 
-def _written(number: float) -> str:
+def _number_text(number: float) -> str:
     """With every digit that it takes to get the same number back."""
     return repr(number).removesuffix(".0")

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.recording.messages import Field
-from twin.kernel.recording.scan import NANOSECONDS
-from twin.robot.run.hold import SIGNALS, SUBSTITUTES, HoldRequest
-from twin.robot.run.outcome import BLOCK, DEVIATION_SIGNALS, RunOutcome, Tally
+from twin.kernel.recording.scan import NS_PER_S
+from twin.robot.run.hold import HOLD_SIGNALS, SIGNAL_SUBSTITUTES, HoldRequest
+from twin.robot.run.outcome import BLOCK_ROWS, DEVIATION_SIGNALS, RunOutcome, Tally
 
 
 class RunView(Protocol):
@@ -85,11 +85,11 @@ class _Rows:
 
     def __init__(self, run: RunView):
         t, known = run.time("plant"), run.fields()
-        self.tick = round((t[-1] - t[0]) / max(1, len(t) - 1) * NANOSECONDS) / NANOSECONDS
-        others = [name for names in SUBSTITUTES.values() for name in names]
+        self.tick = round((t[-1] - t[0]) / max(1, len(t) - 1) * NS_PER_S) / NS_PER_S
+        others = [name for names in SIGNAL_SUBSTITUTES.values() for name in names]
         drives = [
             f"{drive}.{name.rpartition('.')[2]}"
-            for name in SIGNALS
+            for name in HOLD_SIGNALS
             if name.startswith("drive.")
             for drive in ("drive", "drive/1", "drive/2", "drive/3")
         ]
@@ -97,7 +97,7 @@ class _Rows:
         held: dict[str, NDArray[np.intp]] = {}
         blocks: list[NDArray[np.float64]] = []
         width = 0
-        for key in dict.fromkeys([*SIGNALS, *DEVIATION_SIGNALS, *others, *drives]):
+        for key in dict.fromkeys([*HOLD_SIGNALS, *DEVIATION_SIGNALS, *others, *drives]):
             if key not in known:
                 continue
             topic = key.rpartition(".")[0]
@@ -109,7 +109,7 @@ class _Rows:
             width += values.shape[1]
         self.rows = np.hstack(blocks)
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         return end in self._columns
 
     def columns(self, end: str) -> slice:
@@ -127,6 +127,6 @@ def outcome_of(run: RunView, request: HoldRequest) -> RunOutcome | None:
         return None
     rows = _Rows(run)
     tally = Tally(rows, request._replace(every=1))
-    for first in range(0, len(rows.rows), BLOCK):
-        tally.take(first, rows.rows[first : first + BLOCK], [])
+    for first in range(0, len(rows.rows), BLOCK_ROWS):
+        tally.on_rows(first, rows.rows[first : first + BLOCK_ROWS], [])
     return tally.outcome

@@ -14,7 +14,7 @@ from twin.kernel.recording.recorder import RowStream
 from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
 
-SLICE = 0.01
+SLICE_TIME = 0.01
 """Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with what it costs."""
 
 
@@ -40,7 +40,7 @@ class Viewer(Protocol):
         """
 
 
-class Shown(Observer):
+class ViewerObserver(Observer):
     """Shows a run to `viewer`; the arguments are those of its `begin`."""
 
     def __init__(self, viewer: Viewer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
@@ -49,7 +49,7 @@ class Shown(Observer):
     def begin(self, simulation: Simulation) -> None:
         self._viewer.begin(self._streams, self._scene, simulation.system.tick, self._tuning)
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self._viewer.show(first, rows, events)
 
 
@@ -101,8 +101,8 @@ class Pace(Observer):
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Ticks between two looks at what has come: at most `SLICE`, at least one tick, and a divisor of `block`."""
-        most = max(1, math.floor(SLICE / self.tick_time + 1e-9))
+        """Ticks between two looks at what has come: at most `SLICE_TIME`, at least one tick, and a divisor of `block`."""
+        most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
     def begin(self, simulation: Simulation) -> None:

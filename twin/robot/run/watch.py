@@ -5,23 +5,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.observers import Observer, TickEvent, messages
+from twin.kernel.cosim.observers import Observer, TickEvent, message_events
 from twin.robot.assembly.assemble import Assembly
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.monitor.checks import trip_sentence
 from twin.robot.monitor.component import other_trip, own_monitor
+from twin.robot.monitor.reasons import trip_message
 from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.tuning import Tuning
 
-PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
-UNREACHED = "did not reach the force down to the floor of the approach"
-CUT_SHORT = {
+PRESSING_PHASES = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
+UNREACHED_TEXT = "did not reach the force down to the floor of the approach"
+CUT_SHORT_TEXTS = {
     PhaseKind.DESCEND: "felt nothing down to the floor of the approach",
-    PhaseKind.PROBE: UNREACHED,
-    PhaseKind.TAP: UNREACHED,
-    **dict.fromkeys(PRESSING, "lost contact"),
+    PhaseKind.PROBE: UNREACHED_TEXT,
+    PhaseKind.TAP: UNREACHED_TEXT,
+    **dict.fromkeys(PRESSING_PHASES, "lost contact"),
 }
 """What it means if a phase is followed by the retraction that is not its turn."""
 
@@ -40,27 +40,27 @@ class Watch(Observer):
             "controller.F_z",
         )
         # a third-party one need not tell
-        known = all(assembly.system.has(name) for name in names)
+        known = all(assembly.system.has_output(name) for name in names)
         self._watched = [assembly.system.columns(name).start for name in names] if known else []
         self._before = np.zeros(len(names) - 1)
         of_touch = ("plant.F_ee_B", "controller.triggered")
         self._of_touch = (
             [assembly.system.columns(of_touch[0]).start + 2, assembly.system.columns(of_touch[1]).start]
-            if all(assembly.system.has(name) for name in of_touch)
+            if all(assembly.system.has_output(name) for name in of_touch)
             else []
         )
         self._touched, self._early = False, -1
         self._monitor = own_monitor(assembly.system)
         self._tripped, self._power = False, True
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if len(rows):
             events += [
                 *self._faults(first, len(rows)),
                 *self._progress(first, rows),
                 *self._false_trigger(first, rows),
                 *self._trips(first, rows),
-                *messages(self._system),
+                *message_events(self._system),
             ]
             events.sort(key=lambda event: event.tick)
 
@@ -103,8 +103,8 @@ class Watch(Observer):
         was = PhaseKind(int(before[1])) if before[1] else PhaseKind.DONE
         # a probe is followed by a retraction either way; what tells them apart is the force
         felt = was is PhaseKind.PROBE and F_z >= self._experiment.tasks[number - 1].force
-        if phase is PhaseKind.RETRACT and was in CUT_SHORT and not felt:
-            yield TickEvent(tick, "WARNING", f"{name} {CUT_SHORT[was]}", "controller")
+        if phase is PhaseKind.RETRACT and was in CUT_SHORT_TEXTS and not felt:
+            yield TickEvent(tick, "WARNING", f"{name} {CUT_SHORT_TEXTS[was]}", "controller")
         yield TickEvent(tick, "DEBUG", f"{name}: {phase.phrase}", "controller")
 
     def _trips(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
@@ -114,7 +114,7 @@ class Watch(Observer):
         trip = self._monitor.trip
         if trip is not None and not self._tripped:
             self._tripped = True
-            yield TickEvent(trip.tick, "ERROR", trip_sentence(trip), "monitor")
+            yield TickEvent(trip.tick, "ERROR", trip_message(trip), "monitor")
         off = self._monitor.power_off_tick
         if off is not None and self._power:
             self._power = False
@@ -122,7 +122,7 @@ class Watch(Observer):
 
     def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
         """That of a third-party monitor, of which it is known only that."""
-        if self._tripped or not self._system.has("monitor.tripped"):
+        if self._tripped or not self._system.has_output("monitor.tripped"):
             return
         at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
         if len(at):
@@ -154,5 +154,5 @@ class RunObservers(NamedTuple):
 def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
     """New observers of a run of `experiment`, which `assembly` was made of."""
     system = assembly.system
-    tally = Tally(system, HoldRequest.of(experiment))
+    tally = Tally(system, HoldRequest.from_experiment(experiment))
     return RunObservers(Tuning(experiment, assembly), Watch(assembly, experiment), tally)

@@ -27,16 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.roles import refuse_other_parts
-from twin.robot.experiment.experiment import Experiment, exactly_measured, with_cosim, with_model, with_plant
+from twin.robot.assembly.roles import refuse_third_party_parts
+from twin.robot.experiment.experiment import Experiment, with_cosim, with_exact_encoders, with_model, with_plant
 from twin.robot.mechanism.geometry import Model
 from twin.robot.plant.dynamics import TrueRobot
 from twin.robot.run.trace import run_in_memory
-from twin.studies.command import Say, Steps, silent
+from twin.studies.command import Say, Steps, ignore_progress
 from twin.studies.result import Block, Column, Note, Result, Table
 
 ONE_TICK = "one tick"
-MAGNET = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
+MAGNET_REASON = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
 NOT_MODELLED = (
     ("bending links, yielding rods", 0.013, "3 N at the end of 60 mm of 9 mm aluminium: 0.01 mm"),
     ("play of ball joints", 0.0, "none: held closed by springs or magnets, as deltas are"),
@@ -45,20 +45,20 @@ NOT_MODELLED = (
     ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
 )
 """(what, at most N, why): estimates of docs/small_effects.md."""
-SPRING = "two fits of the same springs differ by this much; the paper's own fit has one pose"
-WEIGHED = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
-MACHINED = "of machined parts with ball joints"
-STOPPED = "of a zero that is set against a mechanical stop"
-PRESSING = 0.5
+SPRING_REASON = "two fits of the same springs differ by this much; the paper's own fit has one pose"
+MASS_REASON = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
+LENGTH_REASON = "of machined parts with ball joints"
+ZERO_REASON = "of a zero that is set against a mechanical stop"
+MIN_PRESSING_FORCE = 0.5
 """Pressing force (N) above which an instant counts."""
-SETTLED = 1.0
+TOUCHDOWN_TIME = 1.0
 """Time (s) after the first such instant that is left out: the touch-down is not what a massage is."""
-FINER = 8
+FINE_STEPS = 8
 """Steps of the fine coupling per tick of the experiment."""
-BELIEFS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
+BELIEVED_PARAMETERS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
 """What a controller believes besides its encoders' resolution."""
-NAME = 36
-NUMBERS = (Column("bias", 8, "+.4f"), Column("std", 8, ".4f"), Column("rms", 8, ".4f"))
+NAME_WIDTH = 36
+NUMBER_COLUMNS = (Column("bias", 8, "+.4f"), Column("std", 8, ".4f"), Column("rms", 8, ".4f"))
 
 
 @dataclass(frozen=True)
@@ -81,32 +81,32 @@ class Effect:
         """What is assumed, in words."""
         return f"{self.name}, {self.amount}"
 
-    def in_force(self, experiment: Experiment) -> bool:
+    def is_present(self, experiment: Experiment) -> bool:
         """Whether the experiment has it."""
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
-    def of(self, experiment: Experiment, like: Experiment) -> Experiment:
+    def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
         """`experiment` with the effect as `like` has it, or, if it has not, a plausible one."""
         given = {name: getattr(like.plant, name) for name in self.values}
-        if not self.in_force(like):
+        if not self.is_present(like):
             given = {name: experiment.cosim.tick if value is ONE_TICK else value for name, value in self.values.items()}
         return with_plant(experiment, **given)
 
 
 def without_effects(experiment: Experiment) -> Experiment:
     """A robot that has none of them."""
-    names = {name for effect in EFFECTS for name in effect.values}
+    names = {name for effect in SMALL_EFFECTS for name in effect.values}
     return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
 
-EFFECTS = (
+SMALL_EFFECTS = (
     Effect("joint friction", "2 mN m", {"joint_friction": 2e-3}, "four plain ball joints of 3 mm under 1.5 N, mu 0.1"),
     Effect("spring hysteresis", "2 %", {"spring_hysteresis": 0.02}, "of a steel spring that is clamped; assumed"),
     Effect(
         "belt", "0.004 rad/(N m)", {"belt_compliance": 4e-3}, "two spans of 60 mm, EA = 30 kN, on a pulley of 16 mm"
     ),
-    Effect("motor encoders eccentric", "0.3 deg", {"motor_eccentricity": (radians(0.3),) * 3}, MAGNET),
-    Effect("joint encoders eccentric", "0.3 deg", {"joint_eccentricity": (radians(0.3),) * 3}, MAGNET),
+    Effect("motor encoders eccentric", "0.3 deg", {"motor_eccentricity": (radians(0.3),) * 3}, MAGNET_REASON),
+    Effect("joint encoders eccentric", "0.3 deg", {"joint_eccentricity": (radians(0.3),) * 3}, MAGNET_REASON),
     Effect("late encoders", "a tick", {"encoder_latency": ONE_TICK}, "1 ms as a rule: a message of a bus at 1 kHz"),
     Effect(
         "tilted base", "2 deg", {"mounting_tilt": radians(2.0), "mounting_tilt_x": radians(2.0)},
@@ -140,7 +140,7 @@ class Uncertainty:
     amount: float = 0.0
     reason: str = ""
 
-    def of(self, experiment: Experiment) -> Experiment:
+    def apply_to(self, experiment: Experiment) -> Experiment:
         """`experiment` whose controller believes otherwise by this; what is true stays."""
         model = experiment.controller.model
         off: dict[str, object] = {}
@@ -154,14 +154,14 @@ class Uncertainty:
 
 
 UNCERTAINTIES = (
-    Uncertainty("k_s +2 %", ("k_s",), share=0.02, reason=SPRING),
+    Uncertainty("k_s +2 %", ("k_s",), share=0.02, reason=SPRING_REASON),
     # less, because no belt gives back more than it is given
     Uncertainty("eta -2 %", ("eta",), share=-0.02, reason="belts of this kind lose 0 to 4 %"),
-    Uncertainty("masses +5 %", ("m_a", "m_b", "m_p"), share=0.05, reason=WEIGHED),
-    *(Uncertainty(f"{name} +0.1 mm", (name,), amount=1e-4, reason=MACHINED) for name in ("a", "b", "l_a", "l_b")),
+    Uncertainty("masses +5 %", ("m_a", "m_b", "m_p"), share=0.05, reason=MASS_REASON),
+    *(Uncertainty(f"{name} +0.1 mm", (name,), amount=1e-4, reason=LENGTH_REASON) for name in ("a", "b", "l_a", "l_b")),
     *(
         Uncertainty(f"zero of {encoder} encoder {joint + 1} +0.05 deg", (name,), joint, amount=radians(0.05),
-                    reason=STOPPED)
+                    reason=ZERO_REASON)
         for encoder, name in (("motor", "motor_zero"), ("joint", "joint_zero"))
         for joint in range(3)
     ),
@@ -216,7 +216,7 @@ class Budget:
     parameters: float
     as_is: Contribution
 
-    def of(self, group: Group) -> tuple[Contribution, ...]:
+    def contributions_of(self, group: Group) -> tuple[Contribution, ...]:
         """The contributions of one group."""
         return tuple(one for one in self.contributions if one.group == group)
 
@@ -233,13 +233,13 @@ class _Trace:
         return self.estimate - self.true
 
 
-def accuracy_budget(experiment: Experiment, say: Say = silent) -> Budget:
+def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
     """Run `experiment` as it is, without any imperfection, and with each of them alone; `say` is called with its name.
 
     Raises:
         InputRefused: it has faults, taps, or never presses. ComponentFailed: a component failed.
     """
-    refuse_other_parts(experiment, "a budget of the force error", ("estimator",))
+    refuse_third_party_parts(experiment, "a budget of the force error", ("estimator",))
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, which an accuracy budget does not cover; remove [[fault]]")
     if any(task.kind == "tap" for task in experiment.tasks):
@@ -252,18 +252,18 @@ def accuracy_budget(experiment: Experiment, say: Say = silent) -> Budget:
     exact = _perfect(experiment)
     traces, believed = {}, {}
     alone = list(_ablations(experiment, exact))
-    steps = Steps(say, len(alone) + len(EFFECTS) + len(UNCERTAINTIES))
+    steps = Steps(say, len(alone) + len(SMALL_EFFECTS) + len(UNCERTAINTIES))
     for name, one in alone:
         steps.next(name)
         traces[name] = _trace(one)
     others: list[tuple[Effect, _Trace]] = []
-    for effect in EFFECTS:
+    for effect in SMALL_EFFECTS:
         steps.next(effect.label)
         # the coupling's error is in both that are compared, so that no fine one is needed
-        others.append((effect, _trace(effect.of(exact, experiment))))
+        others.append((effect, _trace(effect.apply_to(exact, experiment))))
     for uncertainty in UNCERTAINTIES:
         steps.next(uncertainty.label)
-        believed[uncertainty] = _trace(uncertainty.of(_fine(exact)))
+        believed[uncertainty] = _trace(uncertainty.apply_to(_fine(exact)))
     window = _window(experiment, [*traces.values(), *(trace for _, trace in others), *believed.values()])
     ideal = traces["ideal"]
 
@@ -287,7 +287,7 @@ def accuracy_budget(experiment: Experiment, say: Say = silent) -> Budget:
             "as it is, instead of none" if own else effect.reason, "imperfection" if own else "effect",
         )
         for effect, trace in others
-        for own in (effect.in_force(experiment),)
+        for own in (effect.is_present(experiment),)
     ]  # fmt: skip
     imperfections += [one for one in effects if one.group == "imperfection"]
     meaning = "true force at the experiment's coupling less that at a fine one: the twin's error, not the robot's"
@@ -320,15 +320,15 @@ def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str,
     yield "counts", _fine(with_model(counting, **counts))
     loose = with_plant(exact, backlash=p.backlash)
     yield "backlash", _fine(_with_dead_zone(loose, computer.dead_zone))
-    believed = {name: getattr(computer.model, name) for name in BELIEFS}
-    if believed != {name: getattr(p, name) for name in BELIEFS}:
+    believed = {name: getattr(computer.model, name) for name in BELIEVED_PARAMETERS}
+    if believed != {name: getattr(p, name) for name in BELIEVED_PARAMETERS}:
         yield "belief", _fine(with_model(exact, **believed))
 
 
 def _perfect(experiment: Experiment) -> Experiment:
-    """Exact encoders, no backlash and no belief in any, none of `EFFECTS`, a controller that knows every parameter."""
-    exact = exactly_measured(without_effects(with_plant(experiment, backlash=0.0)))
-    return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEFS}), 0.0)
+    """Exact encoders, no backlash and no belief in any, none of `SMALL_EFFECTS`, a controller that knows every parameter."""
+    exact = with_exact_encoders(without_effects(with_plant(experiment, backlash=0.0)))
+    return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEVED_PARAMETERS}), 0.0)
 
 
 def _with_dead_zone(experiment: Experiment, half_width: float) -> Experiment:
@@ -336,7 +336,7 @@ def _with_dead_zone(experiment: Experiment, half_width: float) -> Experiment:
 
 
 def _fine(experiment: Experiment) -> Experiment:
-    return with_cosim(experiment, tick=experiment.cosim.tick / FINER, scheme="gauss_seidel", inputs="linear")
+    return with_cosim(experiment, tick=experiment.cosim.tick / FINE_STEPS, scheme="gauss_seidel", inputs="linear")
 
 
 def _trace(experiment: Experiment) -> _Trace:
@@ -346,14 +346,18 @@ def _trace(experiment: Experiment) -> _Trace:
 
 
 def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
-    """Instants at which the robot presses in every run, from `SETTLED` after the first on, (n,)."""
-    pressing = np.all([trace.true > PRESSING for trace in traces], axis=0)
+    """Instants at which the robot presses in every run, from `TOUCHDOWN_TIME` after the first on, (n,)."""
+    pressing = np.all([trace.true > MIN_PRESSING_FORCE for trace in traces], axis=0)
     if not pressing.any():
-        raise InputRefused(f"{experiment.name}: presses with {PRESSING:g} N at most, so there is no force error")
-    first = int(np.argmax(pressing)) + round(SETTLED / (experiment.controller_ticks * experiment.cosim.tick))
+        raise InputRefused(
+            f"{experiment.name}: presses with {MIN_PRESSING_FORCE:g} N at most, so there is no force error"
+        )
+    first = int(np.argmax(pressing)) + round(TOUCHDOWN_TIME / (experiment.controller_ticks * experiment.cosim.tick))
     pressing[:first] = False
     if not pressing.any():
-        raise InputRefused(f"{experiment.name}: ends within {SETTLED:g} s of its first press; let it press longer")
+        raise InputRefused(
+            f"{experiment.name}: ends within {TOUCHDOWN_TIME:g} s of its first press; let it press longer"
+        )
     return pressing
 
 
@@ -366,10 +370,15 @@ Row = tuple[str, float | None, float | None, float]
 
 def accuracy_result(budget: Budget, facts: str) -> Result:
     """The whole report. facts: path of the file."""
-    imperfections, twin = budget.of("imperfection"), budget.of("twin")
+    imperfections, twin = budget.contributions_of("imperfection"), budget.contributions_of("twin")
     together = ("sum of biases, root of squares", budget.bias, None, budget.together)
-    left_out = [f"  {what:<{NAME - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED]
-    beliefs = [*map(row, budget.of("parameter")), ("root of the sum of squares", None, None, budget.parameters)]
+    left_out = [
+        f"  {what:<{NAME_WIDTH - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED
+    ]
+    beliefs = [
+        *map(row, budget.contributions_of("parameter")),
+        ("root of the sum of squares", None, None, budget.parameters),
+    ]
     parts: list[Block] = [
         *(Note(sentence, "  ") for sentence in details(budget)),
         "",
@@ -377,7 +386,7 @@ def accuracy_result(budget: Budget, facts: str) -> Result:
         "",
         _table("the twin itself, N", [*map(row, twin)]),
         "",
-        _table("left out; if the robot had, N", [*map(row, budget.of("effect")), *left_out]),
+        _table("left out; if the robot had, N", [*map(row, budget.contributions_of("effect")), *left_out]),
         "",
         _table("if the controller believed, N", beliefs),
         "",
@@ -389,7 +398,7 @@ def accuracy_result(budget: Budget, facts: str) -> Result:
 
 
 def _table(title: str, rows: Sequence[Row | str]) -> Table:
-    return Table([Column(title, NAME, left=True), *NUMBERS], rows)
+    return Table([Column(title, NAME_WIDTH, left=True), *NUMBER_COLUMNS], rows)
 
 
 def headline(budget: Budget) -> str:
@@ -399,7 +408,7 @@ def headline(budget: Budget) -> str:
 
 def details(budget: Budget) -> tuple[str, str]:
     """What the error consists of, and what might be added; half a sentence each."""
-    total, worst = budget.as_is, max(budget.of("imperfection"), key=lambda one: one.rms)
+    total, worst = budget.as_is, max(budget.contributions_of("imperfection"), key=lambda one: one.rms)
     off = f"{abs(total.bias):.3f} N too {'high' if total.bias > 0.0 else 'low'}"
     # three digits, as they are shown
     off = off if abs(total.bias) >= 5e-4 else "right"

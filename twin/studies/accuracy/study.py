@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
-HOME = Path("results") / "accuracy"
-FACTS = "accuracy.json"
+RESULTS_FOLDER = Path("results") / "accuracy"
+FACTS_FILE = "accuracy.json"
 
 
 @study(isolated=True, before=[load_experiments])
@@ -31,14 +31,14 @@ def accuracy(
         InputRefused: the experiment, a drive or the folder cannot be used.
         ComponentFailed: a component failed.
     """
-    from twin.kernel.writing import made_folder, write_json
+    from twin.kernel.atomic_write import make_folder, write_json
     from twin.robot.assembly.load import load_experiment
     from twin.studies.accuracy.budget import accuracy_budget, accuracy_facts, accuracy_result
 
     loaded = load_experiment(experiment, settings, drive)
-    folder = made_folder(out or HOME / loaded.name)
+    folder = make_folder(out or RESULTS_FOLDER / loaded.name)
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     found = accuracy_budget(loaded, say)
-    write_json(home / FACTS, accuracy_facts(found))
-    return accuracy_result(found, str(folder / FACTS))
+    write_json(home / FACTS_FILE, accuracy_facts(found))
+    return accuracy_result(found, str(folder / FACTS_FILE))

@@ -12,19 +12,19 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment, with_model, with_plant
 from twin.studies.analyse.linear.loops import Matrix, closed_poles
-from twin.studies.analyse.linearised import Linearised
-from twin.studies.analyse.nudge import NUDGED, nudged_paths
+from twin.studies.analyse.linearised import Linearisation
+from twin.studies.analyse.nudge import NUDGE_TIME, nudged_paths
 from twin.studies.analyse.operating_point import OperatingPoint, resting_point
 
-INSIDE, OUTSIDE = 0.85, 1.15
+STABLE_SHARE, UNSTABLE_SHARE = 0.85, 1.15
 """Of the predicted mass: off by 15 % at most, as gain limits are allowed to be."""
-NUDGE = 3e-4
+NUDGE_SIZE = 3e-4
 """m: several counts of the encoders it would be, were they not exact; far below what drives saturate at."""
-LONG = 25.0
+TRIAL_TIME = 25.0
 """s. What changes by a tenth of its size a second is seen."""
-WINDOW = 2.0
+SWING_WINDOW = 2.0
 """s, of which the swing is taken."""
-HALVINGS = 20
+MASS_HALVINGS = 20
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class PassivityTrial:
 
     Attributes:
         mass: at which the linear model begins to swing (kg).
-        predicted: growth at `INSIDE` and `OUTSIDE` of it (1/s).
+        predicted: growth at `STABLE_SHARE` and `UNSTABLE_SHARE` of it (1/s).
         simulated: the same of the co-simulation; infinite: it flew off.
     """
 
@@ -43,62 +43,68 @@ class PassivityTrial:
     simulated: tuple[float, float]
 
     @property
-    def confirmed(self) -> bool:
+    def agrees(self) -> bool:
         """Whether a nudge dies out just inside and grows just outside."""
         return self.simulated[0] < 0.0 < self.simulated[1]
 
     @property
-    def tried(self) -> tuple[float, float]:
+    def tried_masses(self) -> tuple[float, float]:
         """Masses (kg) that were tried."""
-        return INSIDE * self.mass, OUTSIDE * self.mass
+        return STABLE_SHARE * self.mass, UNSTABLE_SHARE * self.mass
 
-    JSON_KEYS = "p_B=point.p_B mass tried growth_predicted=predicted growth_simulated=simulated confirmed"
+    JSON_KEYS = (
+        "p_B=point.p_B mass tried=tried_masses growth_predicted=predicted growth_simulated=simulated confirmed=agrees"
+    )
 
 
-def tried_mass(shared: Linearised, points: list[OperatingPoint], most: float) -> PassivityTrial | None:
+def tried_mass(shared: Linearisation, points: list[OperatingPoint], most: float) -> PassivityTrial | None:
     """The mass on the platform with which the robot begins to swing in the air, tried; None: none up to `most` (kg)."""
     air = next((point for point in points if not point.in_contact), None)
     if air is None or _growth(shared, air, most) <= 0.0 or _growth(shared, air, 0.0) >= 0.0:
         return None
     low, high = 0.0, most
-    for _ in range(HALVINGS):
+    for _ in range(MASS_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if _growth(shared, air, middle) > 0.0 else (middle, high)
-    tried = INSIDE * low, OUTSIDE * low
+    tried = STABLE_SHARE * low, UNSTABLE_SHARE * low
     predicted = _growth(shared, air, tried[0]), _growth(shared, air, tried[1])
-    simulated = _simulated(shared.experiment, air, tried[0]), _simulated(shared.experiment, air, tried[1])
+    simulated = _simulated_growth(shared.experiment, air, tried[0]), _simulated_growth(shared.experiment, air, tried[1])
     return PassivityTrial(air, low, predicted, simulated)
 
 
-def _carrying(point: OperatingPoint, mass: float) -> OperatingPoint:
+def _point_with_mass(point: OperatingPoint, mass: float) -> OperatingPoint:
     parameters = point.parameters._replace(m_p=point.parameters.m_p + mass)
     return resting_point(point.name, parameters, point.p_B, point.force_on)
 
 
-def _growth(shared: Linearised, point: OperatingPoint, mass: float) -> float:
+def _growth(shared: Linearisation, point: OperatingPoint, mass: float) -> float:
     """1/s, of the linear model with `mass` (kg) more on the platform; infinite where it cannot rest."""
     try:
-        linear = shared.of(_loaded(shared.experiment, mass)).at(_carrying(point, mass))
+        linear = shared.with_experiment(_experiment_with_mass(shared.experiment, mass)).linear_point(
+            _point_with_mass(point, mass)
+        )
     except InputRefused:
         return np.inf
     poles = closed_poles(linear.loops, linear.gains)
     return float(np.log(np.abs(poles).max()) / linear.loops.dt)
 
 
-def _loaded(experiment: Experiment, mass: float) -> Experiment:
+def _experiment_with_mass(experiment: Experiment, mass: float) -> Experiment:
     """With `mass` (kg) on the platform, of which the controller knows."""
     heavy = with_plant(experiment, m_p=experiment.plant.m_p + mass)
     return with_model(heavy, m_p=experiment.controller.model.m_p + mass)
 
 
-def _simulated(experiment: Experiment, point: OperatingPoint, mass: float) -> float:
+def _simulated_growth(experiment: Experiment, point: OperatingPoint, mass: float) -> float:
     """Growth (1/s) of a nudge in the co-simulation; infinite: the platform flew off."""
     law = "position"
-    (path,) = nudged_paths(_loaded(experiment, mass), _carrying(point, mass), law, 1.0, [NUDGE], LONG)
+    (path,) = nudged_paths(
+        _experiment_with_mass(experiment, mass), _point_with_mass(point, mass), law, 1.0, [NUDGE_SIZE], TRIAL_TIME
+    )
     tick = experiment.cosim.tick
-    if len(path) <= round(LONG / tick):
+    if len(path) <= round(TRIAL_TIME / tick):
         return np.inf
-    width, begin = round(WINDOW / tick), round((NUDGED + 0.4 * (LONG - NUDGED)) / tick)
+    width, begin = round(SWING_WINDOW / tick), round((NUDGE_TIME + 0.4 * (TRIAL_TIME - NUDGE_TIME)) / tick)
     early, late = _swing(path[begin : begin + width]), _swing(path[-width:])
     return float(np.log(late / early) / ((len(path) - width - begin) * tick))
 

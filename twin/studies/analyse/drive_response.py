@@ -22,20 +22,20 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.drives import DrivePlan
-from twin.studies.analyse.linear.loops import DriveModel, fitted_drive
+from twin.studies.analyse.linear.loops import DriveModel, fit_drive
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import on_bench, refuse_impossible
 from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE
 
-PERIOD = 1.0
+SINE_PERIOD = 1.0
 """Of the sum of sines (s)."""
-LINES = 32
+LINE_COUNT = 32
 """Sines, evenly spaced over the logarithm of the frequency as far as whole periods allow."""
-HIGHEST = 0.2
+MAX_FREQUENCY_RATIO = 0.2
 """Highest frequency over the rate of ticks."""
-DRAWS = 4
-SEED = 1
-PROPORTIONAL = 0.05
+PHASE_DRAWS = 4
+PHASE_SEED = 1
+MAX_LINEAR_RESIDUAL = 0.05
 """Residual up to which a drive answers small signals in proportion."""
 
 
@@ -48,13 +48,13 @@ class Excitation(NamedTuple):
 
 
 AT_REST = Excitation(0.0, 0.02 * SPEED_IN_USE, 0.02 * LOAD_IN_USE)
-TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
+WHILE_TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
 """Fast enough that, with the sines and under load, friction does not change sign."""
 Inputs = tuple[float, float]
 """Command (rad/s) and load (N m)."""
 
 
-def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
+def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
     """The linear model of a drive around a steady load `tau_load` (N m).
 
     The same drive gives the same model: the draws of the phases are always the same.
@@ -62,10 +62,10 @@ def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
     measured = frequency_response(plan, tick, tau_load, AT_REST)
     # whatever it refuses, the measurement of the turning shaft may still be shown
     with suppress(InputRefused):
-        at_rest = fitted_drive(*measured, tick, plan.label)
-        if at_rest.residual <= PROPORTIONAL:
+        at_rest = fit_drive(*measured, tick, plan.label)
+        if at_rest.residual <= MAX_LINEAR_RESIDUAL:
             return at_rest
-    turning = fitted_drive(*frequency_response(plan, tick, tau_load, TURNING), tick, plan.label)
+    turning = fit_drive(*frequency_response(plan, tick, tau_load, WHILE_TURNING), tick, plan.label)
     return replace(turning, turning=True)
 
 
@@ -76,19 +76,19 @@ def frequency_response(
 
     The uncertainty (n, 2) is the standard deviation of the mean over the draws.
     """
-    samples = round(PERIOD / tick)
-    lines = np.unique(np.round(np.geomspace(1.0, HIGHEST * samples, LINES)).astype(int))
+    samples = round(SINE_PERIOD / tick)
+    lines = np.unique(np.round(np.geomspace(1.0, MAX_FREQUENCY_RATIO * samples, LINE_COUNT)).astype(int))
     steady = (excitation.steady, tau_load)
-    drawn = np.zeros((DRAWS, 1 + len(lines), 2), dtype=complex)
+    drawn = np.zeros((PHASE_DRAWS, 1 + len(lines), 2), dtype=complex)
     for channel, step in enumerate((excitation.command, excitation.load)):
         drawn[:, 0, channel] = _steady_gain(plan, tick, samples, steady, channel, step)
-        random = np.random.default_rng(SEED)
-        for draw in range(DRAWS):
+        random = np.random.default_rng(PHASE_SEED)
+        for draw in range(PHASE_DRAWS):
             wave = step * sum_of_sines(samples, lines, random.uniform(0.0, 2.0 * np.pi, len(lines)))
-            advance = _advance(plan, tick, _played(steady, channel, np.tile(wave, 2)))[samples:]
+            advance = _advance(plan, tick, _input_samples(steady, channel, np.tile(wave, 2)))[samples:]
             drawn[draw, 1:, channel] = np.fft.rfft(advance)[lines] / np.fft.rfft(wave)[lines]
     frequencies = np.concatenate([[0.0], lines / (samples * tick)])
-    return frequencies, drawn.mean(axis=0), drawn.std(axis=0, ddof=1) / np.sqrt(DRAWS)
+    return frequencies, drawn.mean(axis=0), drawn.std(axis=0, ddof=1) / np.sqrt(PHASE_DRAWS)
 
 
 def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve:
@@ -105,13 +105,13 @@ def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve
 def _steady_gain(plan: DrivePlan, tick: float, samples: int, steady: Inputs, channel: int, step: float) -> float:
     """Mean advance over the second period with the input `channel` higher by `step`, less that with it lower."""
     means = [
-        np.mean(_advance(plan, tick, _played(steady, channel, np.full(2 * samples, sign * step)))[samples:])
+        np.mean(_advance(plan, tick, _input_samples(steady, channel, np.full(2 * samples, sign * step)))[samples:])
         for sign in (1.0, -1.0)
     ]
     return float(means[0] - means[1]) / (2.0 * step)
 
 
-def _played(steady: Inputs, channel: int, added: Curve) -> Curve:
+def _input_samples(steady: Inputs, channel: int, added: Curve) -> Curve:
     inputs = np.tile(steady, (len(added), 1))
     inputs[:, channel] += added
     return inputs

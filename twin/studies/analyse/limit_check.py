@@ -12,20 +12,20 @@ from functools import cache
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import DriveModel
 from twin.studies.analyse.linear.margins import LARGEST_GAIN
-from twin.studies.analyse.nudge import aftermaths
+from twin.studies.analyse.nudge import residual_swings
 from twin.studies.analyse.operating_point import OperatingPoint
 
-HOLDS = 0.15
+LIMIT_TOLERANCE = 0.15
 """What a predicted gain limit may be off the simulated one, as a share of that."""
-CLOSE = 1.05
+BRACKET_RATIO = 1.05
 """Ratio of gains between which the simulated limit is left."""
-STRIDE = 1.5
+SEARCH_RATIO = 1.5
 """Ratio of one gain to the next while the limit is looked for."""
-FARTHEST = 10.0
+MAX_SEARCH_FACTOR = 10.0
 """How far from its prediction, as a factor, a limit is looked for."""
-SMALL, LARGE, LARGE_PRESSING = 1e-4, 1e-3, 3e-4
+SMALL_NUDGE, LARGE_NUDGE, PRESSING_NUDGE = 1e-4, 1e-3, 3e-4
 """Nudges (m): about what the encoders resolve of the platform; a push in air; one that no contact is lost by."""
-Lasting = tuple[float, ...]
+LastingNudges = tuple[float, ...]
 """Nudges (m) that last."""
 
 
@@ -36,7 +36,7 @@ class LimitCheck:
     Attributes:
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
-        holds: whether the prediction is confirmed within `HOLDS`.
+        holds: whether the prediction is confirmed within `LIMIT_TOLERANCE`.
         reason: why not, as far as it was measured; "" if it holds.
     """
 
@@ -49,7 +49,7 @@ class LimitCheck:
     reason: str = ""
 
     @property
-    def simulated(self) -> float | None:
+    def simulated_limit(self) -> float | None:
         """Factor from which a nudge lasts, found by bisection; None if the prediction holds, or it was not found."""
         if self.holds or self.high is None or self.low is None:
             return None
@@ -61,20 +61,20 @@ class LimitCheck:
         return self.high is not None and self.high <= 1.0
 
     @property
-    def between(self) -> tuple[float | None, float | None]:
+    def limit_bounds(self) -> tuple[float | None, float | None]:
         """`low` and `high`."""
         return self.low, self.high
 
-    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated simulated_between=between reason"
+    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated=simulated_limit simulated_between=limit_bounds reason"
 
 
-def checked_limit(
+def check_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
     """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides."""
 
     @cache
-    def lasting(factor: float) -> Lasting:
+    def lasting(factor: float) -> LastingNudges:
         return lasting_nudges(experiment, point, law, factor)
 
     expected = LARGEST_GAIN if predicted is None else max(predicted, 1.0 / LARGEST_GAIN)
@@ -85,23 +85,23 @@ def checked_limit(
 
 def borders(expected: float) -> tuple[float, float]:
     """Between which the simulated limit has to be for `expected` to hold."""
-    return expected / (1.0 + HOLDS), expected / (1.0 - HOLDS)
+    return expected / (1.0 + LIMIT_TOLERANCE), expected / (1.0 - LIMIT_TOLERANCE)
 
 
 def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:
     """(highest factor tried at which no nudge lasts, next one at which one does), None for an end that is too far off.
 
-    These are `borders` if the limit is between them, else at most `CLOSE` apart.
+    These are `borders` if the limit is between them, else at most `BRACKET_RATIO` apart.
 
     Args:
         ends: whether `expected` is a limit, not just a value up to which there is none.
     """
     low, high = borders(expected)
     if lasts(low):
-        high, least = low, low / FARTHEST
-        low /= STRIDE
+        high, least = low, low / MAX_SEARCH_FACTOR
+        low /= SEARCH_RATIO
         while lasts(low):
-            high, low = low, low / STRIDE
+            high, low = low, low / SEARCH_RATIO
             if high <= least:
                 return None, high
     elif not ends:
@@ -109,40 +109,42 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
     elif lasts(high):
         return low, high
     else:
-        low, most = high, high * FARTHEST
-        high *= STRIDE
+        low, most = high, high * MAX_SEARCH_FACTOR
+        high *= SEARCH_RATIO
         while not lasts(high):
-            low, high = high, high * STRIDE
+            low, high = high, high * SEARCH_RATIO
             if low >= most:
                 return low, None
-    return narrowed(lasts, low, high)
+    return bisect_limit(lasts, low, high)
 
 
-def narrowed(lasts: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
-    """`low`, at which no nudge lasts, and `high`, at which one does, bisected until they are `CLOSE`."""
-    while high > CLOSE * low:
+def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
+    """`low`, at which no nudge lasts, and `high`, at which one does, bisected until they are `BRACKET_RATIO`."""
+    while high > BRACKET_RATIO * low:
         middle = (low * high) ** 0.5
         low, high = (low, middle) if lasts(middle) else (middle, high)
     return low, high
 
 
-def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> Lasting:
+def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> LastingNudges:
     """Which nudges, large and small, last at `point` with `factor` times the gains of `law`."""
-    sizes = (LARGE_PRESSING if point.in_contact else LARGE, SMALL)
-    left = aftermaths(experiment, point, law, factor, sizes)
+    sizes = (PRESSING_NUDGE if point.in_contact else LARGE_NUDGE, SMALL_NUDGE)
+    left = residual_swings(experiment, point, law, factor, sizes)
     return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
 
 
-def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], Lasting], high: float | None) -> str:
+def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], LastingNudges], high: float | None) -> str:
     """What tells a drive from a linear one, of what was measured."""
     reasons = []
     if any(drive.turning for drive in drives):
         reasons.append("at rest the drive is nonlinear for small signals; the linear model is of a turning shaft")
     at_limit = lasting(high) if high is not None else ()
-    if at_limit and SMALL not in at_limit:
-        reasons.append(f"a perturbation of {1e3 * at_limit[0]:g} mm persists there, one of {1e3 * SMALL:g} mm decays")
-    elif at_limit == (SMALL,):
-        reasons.append(f"a perturbation of {1e3 * SMALL:g} mm persists there, a larger one decays")
+    if at_limit and SMALL_NUDGE not in at_limit:
+        reasons.append(
+            f"a perturbation of {1e3 * at_limit[0]:g} mm persists there, one of {1e3 * SMALL_NUDGE:g} mm decays"
+        )
+    elif at_limit == (SMALL_NUDGE,):
+        reasons.append(f"a perturbation of {1e3 * SMALL_NUDGE:g} mm persists there, a larger one decays")
     if not reasons:
         reasons.append("perturbations of all sizes agree, so the linear model is wrong")
     return "; ".join(reasons)

@@ -8,15 +8,15 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import belief, shafts
-from twin.robot.assembly.drives import planned
+from twin.robot.assembly.drives import plan_drive
 from twin.robot.controller.pid import Gains, force_gains
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import whole_ticks
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.dynamics import series_share, spring_stiffness
-from twin.robot.plant.joints import stopped
-from twin.studies.analyse.drive_response import identified
+from twin.robot.plant.joints import stop_deflection
+from twin.studies.analyse.drive_response import identify_drive
 from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     LOOPS,
@@ -33,7 +33,7 @@ from twin.studies.analyse.linear.loops import (
 )
 from twin.studies.analyse.operating_point import OperatingPoint
 
-OFF = Gains(0.0)
+ZERO_GAINS = Gains(0.0)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class LinearPoint:
     gains: dict[str, float] = field(default_factory=dict)
 
 
-class Linearised:
+class Linearisation:
     """What all operating points of an experiment share: drives, settings, stepping.
 
     Args:
@@ -68,21 +68,21 @@ class Linearised:
         load = float(np.mean([_loads(point) for point in points]))
         models: list[DriveModel] = []
         tables = experiment.drives
-        plans = [planned(table) for table in tables]
+        plans = [plan_drive(table) for table in tables]
         for i, table in enumerate(tables):
             same = tables.index(table)
-            models.append(models[same] if same < i else identified(plans[i], experiment.cosim.tick, load))
+            models.append(models[same] if same < i else identify_drive(plans[i], experiment.cosim.tick, load))
         self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
 
-    def at(self, point: OperatingPoint) -> LinearPoint:
+    def linear_point(self, point: OperatingPoint) -> LinearPoint:
         """The loops at `point`."""
         plant = linear_plant(point.parameters, point.x, point.theta_m)
         robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
         settings = self.settings(point.force_on)
         law = linear_law(settings, self.estimation(point))
-        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_in(settings), 1.0))
+        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_loop_names(settings), 1.0))
 
-    def of(self, experiment: Experiment) -> Self:
+    def with_experiment(self, experiment: Experiment) -> Self:
         """The same for `experiment`, which has the same drives."""
         other = copy.copy(self)
         other.experiment = experiment
@@ -95,8 +95,8 @@ class Linearised:
         return LoopSettings(
             N=c.model.N,
             eta=c.model.eta,
-            position=Gains.made(c.position),
-            force=force_gains(c.force) if force_on else OFF,
+            position=Gains.from_tables(c.position),
+            force=force_gains(c.force) if force_on else ZERO_GAINS,
             corner=c.force.filter,
             damping=damping,
             period=self.stepping.period * self.stepping.tick,
@@ -116,7 +116,7 @@ class Linearised:
         return estimation(belief(self.experiment), compensation, read, standing)
 
 
-def closed_in(settings: LoopSettings) -> tuple[str, ...]:
+def closed_loop_names(settings: LoopSettings) -> tuple[str, ...]:
     """Those of `LOOPS` that a controller with these `settings` closes."""
     return LOOPS if any(settings.force[:3]) else LOOPS[:3]
 
@@ -127,7 +127,9 @@ def _loads(point: OperatingPoint) -> np.ndarray:
     geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
     d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
     loaded = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
-    return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, loaded[leg]) for leg in range(3)])
+    return np.array(
+        [spring_stiffness(p, leg) * series_share(p, leg) * stop_deflection(p, loaded[leg]) for leg in range(3)]
+    )
 
 
 def _stepping(experiment: Experiment) -> LoopStepping:

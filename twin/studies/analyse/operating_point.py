@@ -14,15 +14,15 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.plant.component import resting
+from twin.robot.plant.component import rest_state
 from twin.robot.plant.contact import contact_force, surface_depth
 from twin.robot.plant.dynamics import PlantParameters
 
-CLEARANCE = 1e-3
+AIR_CLEARANCE = 1e-3
 """Height (m) over the surface at which a pose is looked at in free air, too."""
-DEEPEST = 0.1
+MAX_DEPTH = 0.1
 """Depth (m) beyond which no surface is pressed."""
-SMALLEST_DEFLECTION = 2e-5
+MIN_DEFLECTION = 2e-5
 """Least deflection (rad) of a spring with backlash: ten times the steps by which the plant is differentiated."""
 
 
@@ -66,8 +66,8 @@ def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list
             problems.append(str(refusal))
 
     look_at(lambda: resting_point("start", parameters, experiment.start))
-    for place in _touches(experiment, parameters):
-        above = (place.x, place.y, surface_height(parameters, place.x, place.y) + CLEARANCE)
+    for place in _press_places(experiment, parameters):
+        above = (place.x, place.y, surface_height(parameters, place.x, place.y) + AIR_CLEARANCE)
         if not any(np.allclose(point.p_B, above) for point in points):
             look_at(lambda above=above: resting_point("above", parameters, above))  # type: ignore[misc]
         look_at(lambda place=place: _pressing(parameters, place))  # type: ignore[misc]
@@ -86,13 +86,13 @@ def resting_point(
     """
     where = "({:g}, {:g}, {:g}) mm".format(*(round(1e3 * value, 3) for value in p_B))
     try:
-        x, theta_m = resting(parameters, p_B)
+        x, theta_m = rest_state(parameters, p_B)
     except Unreachable as refusal:
         raise InputRefused(f"no operating point at {where}: {refusal}") from None
     theta_l = joint_angles(Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b), p_B)
     backlash = parameters.backlash + np.array(parameters.backlash_added)
     loaded = np.abs(theta_m - parameters.N * theta_l - np.array(parameters.slip)) - backlash
-    slack = np.flatnonzero((loaded < SMALLEST_DEFLECTION) & (backlash > 0.0))
+    slack = np.flatnonzero((loaded < MIN_DEFLECTION) & (backlash > 0.0))
     if len(slack):
         raise InputRefused(
             f"no linear model at {where}: the spring of leg {slack[0] + 1} carries nothing there and hangs free in its "
@@ -107,30 +107,30 @@ def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
     def depth(z: float) -> float:
         return float(surface_depth(parameters, x, y, z))
 
-    return float(brentq(depth, parameters.z_s - DEEPEST, parameters.z_s + DEEPEST, xtol=1e-12))
+    return float(brentq(depth, parameters.z_s - MAX_DEPTH, parameters.z_s + MAX_DEPTH, xtol=1e-12))
 
 
 def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
     """Height (m) of the platform at which the surface answers with the vertical force `F_z` (N) at rest.
 
     Raises:
-        InputRefused: the surface does not, down to `DEEPEST`.
+        InputRefused: the surface does not, down to `MAX_DEPTH`.
     """
     top = surface_height(parameters, x, y)
-    lack = F_z + _force(parameters, (x, y, top - DEEPEST))
+    lack = F_z + _force(parameters, (x, y, top - MAX_DEPTH))
     if not lack < 0.0:
         raise InputRefused(
             f"no operating point at ({1e3 * x:g}, {1e3 * y:g}) mm: the surface does not reach {F_z:g} N within "
-            f"{1e3 * DEEPEST:g} mm of depth; press less, or raise [contact] stiffness_N_per_m"
+            f"{1e3 * MAX_DEPTH:g} mm of depth; press less, or raise [contact] stiffness_N_per_m"
         )
-    return float(brentq(lambda z: F_z + _force(parameters, (x, y, z)), top - DEEPEST, top, xtol=1e-12))
+    return float(brentq(lambda z: F_z + _force(parameters, (x, y, z)), top - MAX_DEPTH, top, xtol=1e-12))
 
 
-def on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
+def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
     """The same pose and force on a surface of stiffness `K` (N/m), which is moved up or down for it.
 
     Raises:
-        InputRefused: it would have to be pressed in deeper than `DEEPEST`.
+        InputRefused: it would have to be pressed in deeper than `MAX_DEPTH`.
     """
     parameters, (x, y, z) = point.parameters._replace(K=K), point.p_B
 
@@ -138,9 +138,9 @@ def on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
         return -_force(parameters._replace(z_s=parameters.z_s + up), (x, y, z)) - point.F_z
 
     gap = z - surface_height(parameters, x, y)
-    if not excess(gap + DEEPEST) > 0.0:
-        raise InputRefused(f"a surface of {K:g} N/m does not reach {point.F_z:g} N within {1e3 * DEEPEST:g} mm")
-    moved = parameters._replace(z_s=parameters.z_s + brentq(excess, gap, gap + DEEPEST, xtol=1e-12))
+    if not excess(gap + MAX_DEPTH) > 0.0:
+        raise InputRefused(f"a surface of {K:g} N/m does not reach {point.F_z:g} N within {1e3 * MAX_DEPTH:g} mm")
+    moved = parameters._replace(z_s=parameters.z_s + brentq(excess, gap, gap + MAX_DEPTH, xtol=1e-12))
     return resting_point(point.name, moved, point.p_B, point.force_on)
 
 
@@ -164,7 +164,7 @@ def _pressing(parameters: PlantParameters, place: PressPlace) -> OperatingPoint:
     return resting_point("pressing", parameters, (place.x, place.y, z), place.force_on)
 
 
-def _touches(experiment: Experiment, parameters: PlantParameters) -> list[PressPlace]:
+def _press_places(experiment: Experiment, parameters: PlantParameters) -> list[PressPlace]:
     """Each place that is pressed on, once. In a tap the force loop is off."""
     found: list[PressPlace] = []
     for task in experiment.tasks:
@@ -179,7 +179,7 @@ def _touches(experiment: Experiment, parameters: PlantParameters) -> list[PressP
     return list(dict.fromkeys(found))
 
 
-def undisturbed(experiment: Experiment, **contact: float) -> Experiment:
+def undisturbed_experiment(experiment: Experiment, **contact: float) -> Experiment:
     """With values of its contact, which stands still; no fault, change, monitor or display."""
     still = experiment.contact.model_copy(update={"breathing": None, "shift": None, **contact})
     return replace(experiment, contact=still, faults=(), changes=(), monitor=None, scale=None)

@@ -7,33 +7,33 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.carried_mass import PassivityTrial, tried_mass
 from twin.studies.analyse.linear.hand import (
     AXES,
-    DRIFT,
-    NEUTRAL,
-    NOTHING,
+    DRIFT_RATE,
+    EMPTY_HAND,
+    ROUNDING_TOLERANCE,
     Complex,
     FreePlant,
     Hand,
-    along,
     hand_of,
     hertz,
     linear_plant,
+    load_along,
     power_share,
     robot_with,
 )
 from twin.studies.analyse.linear.loops import Matrix, linear_law
-from twin.studies.analyse.linearised import Linearised, closed_in
+from twin.studies.analyse.linearised import Linearisation, closed_loop_names
 from twin.studies.analyse.operating_point import OperatingPoint, operating_points
-from twin.studies.analyse.rendering import Width, z_width
+from twin.studies.analyse.rendering import ZWidth, z_width
 from twin.studies.command import Say
 
-FREQUENCIES = 240
+FREQUENCY_COUNT = 240
 """So many are looked at of a point."""
-MASSES, STIFFNESSES = (0.01, 5.0), (1.0, 50_000.0)
+MASS_RANGE, STIFFNESS_RANGE = (0.01, 5.0), (1.0, 50_000.0)
 """kg and N/m: from a fingertip to a forearm, from nothing to a table."""
 
 
@@ -72,7 +72,7 @@ class Environment(NamedTuple):
     @property
     def swings(self) -> bool:
         """Whether it swings for ever with the robot, growing."""
-        return self.growth > DRIFT
+        return self.growth > DRIFT_RATE
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Passivity:
     experiment: Experiment
     points: list[PointPassivity]
     problems: list[str]
-    width: Width | None
+    width: ZWidth | None
     tried: bool
     trial: PassivityTrial | None
 
@@ -123,31 +123,31 @@ class Passivity:
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
     """Judge `experiment`, of which the body is taken away; its drives are run in this process."""
-    refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
+    refuse_third_party_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)
-    shared = Linearised(experiment, points)
+    shared = Linearisation(experiment, points)
     say("looking for the worst environment")
-    judged = [judged_point(shared, point) for point in points]
+    judged = [judge_point(shared, point) for point in points]
     pressing = next((point for point in points if point.force_on), None)
     say("rendering stiffness")
     width = None if pressing is None else z_width(shared, pressing)
     say("trying it in the co-simulation")
-    trial = tried_mass(shared, points, MASSES[1]) if tried else None
+    trial = tried_mass(shared, points, MASS_RANGE[1]) if tried else None
     return Passivity(experiment, judged, problems, width, tried, trial)
 
 
-def judged_point(shared: Linearised, point: OperatingPoint) -> PointPassivity:
+def judge_point(shared: Linearisation, point: OperatingPoint) -> PointPassivity:
     """What a hand feels at `point`."""
     free, settings = FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), shared.settings(point.force_on)
-    law, gains = linear_law(settings, shared.estimation(point)), dict.fromkeys(closed_in(settings), 1.0)
+    law, gains = linear_law(settings, shared.estimation(point)), dict.fromkeys(closed_loop_names(settings), 1.0)
 
     def holding(direction: Matrix, mass: float, stiffness: float) -> Hand:
-        robot = robot_with(free, along(direction, mass, stiffness), shared.drives, shared.stepping)
+        robot = robot_with(free, load_along(direction, mass, stiffness), shared.drives, shared.stepping)
         return hand_of(robot, law, gains)
 
-    hand = hand_of(robot_with(free, NOTHING, shared.drives, shared.stepping), law, gains)
-    frequency = hertz(hand.period, FREQUENCIES)
+    hand = hand_of(robot_with(free, EMPTY_HAND, shared.drives, shared.stepping), law, gains)
+    frequency = hertz(hand.period, FREQUENCY_COUNT)
     Y = hand.admittance(2.0 * np.pi * frequency)
     bands = {axis: band(frequency, Y[:, i : i + 1, i : i + 1]) for i, axis in enumerate(AXES)}
     bands["all"] = band(frequency, Y)
@@ -158,7 +158,7 @@ def judged_point(shared: Linearised, point: OperatingPoint) -> PointPassivity:
 def band(frequency: Matrix, Y: Complex) -> Band | None:
     """Where `Y` (n, k, k) at `frequency` (Hz) is not passive; None: nowhere."""
     share = power_share(Y)
-    feeding = frequency[share < -NEUTRAL]
+    feeding = frequency[share < -ROUNDING_TOLERANCE]
     if len(feeding) == 0:
         return None
     worst = int(share.argmin())
@@ -179,7 +179,7 @@ def worst_environment(holding: Callable[[Matrix, float, float], Hand]) -> Enviro
         direction = np.array([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)])
         return direction, float(np.exp(x[0])), float(np.exp(x[1]))
 
-    bounds = [tuple(np.log(MASSES)), tuple(np.log(STIFFNESSES)), (0.0, 0.5 * np.pi), (0.0, np.pi)]
+    bounds = [tuple(np.log(MASS_RANGE)), tuple(np.log(STIFFNESS_RANGE)), (0.0, 0.5 * np.pi), (0.0, np.pi)]
     found = differential_evolution(
         lambda x: -holding(*made(x)).growth, bounds, maxiter=9, popsize=6, seed=0, polish=False, tol=1e-3
     )

@@ -12,13 +12,26 @@ from twin.studies.analyse.linear.hand import AXES, power_share
 from twin.studies.analyse.linear.loops import Matrix, closed_poles
 from twin.studies.analyse.linear.margins import DiskMargin, Margins, frequencies, loop_response
 from twin.studies.analyse.text import Numbers, decibels, loop_name, margins_text, point_name
-from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, MAP, ORANGE, PINK, SKY, VERMILION, Axes, picture
+from twin.studies.figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    LIGHT_IS_GOOD,
+    MAP_STYLE,
+    ORANGE,
+    PINK,
+    SKY,
+    VERMILION,
+    Axes,
+    picture,
+)
 
 SHOWN_GAIN = (1e-4, 1e3)
-COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)
-LOCUS = np.geomspace(1e-2, 1.0, 60)
+CURVE_COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)
+LOCUS_GAINS = np.geomspace(1e-2, 1.0, 60)
 """Gains of a root locus below the present or critical one, as a share of its largest."""
-SWINGING = 0.3
+MAX_SWING_DAMPING = 0.3
 """Damping ratio below which a pole is one of the platform on its springs, which a root locus shows."""
 Curve = tuple[stability.PointStability, str]
 
@@ -32,7 +45,7 @@ def draw_analysis(done: stability.Stability, path: Path) -> None:
     with picture(path, 13, 8.5, title) as figure:
         (magnitude, nyquist, sensitivity), (phase, position, force) = figure.subplots(2, 3)
         curves = shown_loops(done)
-        for color, (judged, name) in zip(COLORS, curves, strict=False):
+        for color, (judged, name) in zip(CURVE_COLORS, curves, strict=False):
             loops = judged.linear.loops
             omega = frequencies(loops.dt)
             L = loop_response(loops, judged.linear.gains, name, omega)
@@ -59,8 +72,8 @@ def draw_analysis(done: stability.Stability, path: Path) -> None:
         sensitivity.set(title="|1/(1+L)|, dotted |L/(1+L)|", xlabel="frequency (Hz)")
         sensitivity.set_ylim(1e-2, 5.0)
         _dress_nyquist(nyquist)
-        _draw_locus(position, done, "position", stability.POSITION)
-        _draw_locus(force, done, "force", stability.FORCE)
+        _draw_locus(position, done, "position", stability.POSITION_LOOPS)
+        _draw_locus(force, done, "force", stability.FORCE_LOOPS)
         if curves:
             figure.legend(loc="outside lower center", ncols=2, fontsize=9)
 
@@ -81,7 +94,7 @@ def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[N
 def shown_loops(done: stability.Stability) -> list[Curve]:
     """Position x, y and z of the critical point of the position law, then z and force of that of the force law."""
     curves: list[Curve] = []
-    for law, names in (("position", stability.POSITION), ("force", ("position_z", *stability.FORCE))):
+    for law, names in (("position", stability.POSITION_LOOPS), ("force", ("position_z", *stability.FORCE_LOOPS))):
         critical = done.critical(law)
         if critical is not None and critical.stable:
             curves += [(critical, name) for name in names]
@@ -96,12 +109,12 @@ def _draw_locus(axes: Axes, done: stability.Stability, law: str, names: tuple[st
         axes.set_axis_off()
         return
     loops, gains = critical.linear.loops, critical.linear.gains
-    for factor in (*(1.5 * limit * LOCUS), limit, 1.0):
+    for factor in (*(1.5 * limit * LOCUS_GAINS), limit, 1.0):
         z = closed_poles(loops, gains | dict.fromkeys(names, factor))
         s = np.log(z[np.abs(z) > 1e-6].astype(complex)) / loops.dt
         mark = {1.0: ("o", 28, INK), limit: ("x", 40, VERMILION)}.get(factor, (".", 5, BLUE))
         axes.scatter(s.real, s.imag / (2.0 * np.pi), marker=mark[0], s=mark[1], color=mark[2], linewidths=1.2)
-    top = 2.0 * max((pole.omega for pole in critical.poles if pole.zeta < SWINGING), default=50.0)
+    top = 2.0 * max((pole.omega for pole in critical.poles if pole.zeta < MAX_SWING_DAMPING), default=50.0)
     axes.set(xlim=(-0.6 * top, 0.2 * top), ylim=(0.0, top / (2.0 * np.pi)))
     axes.axvspan(0.0, 0.2 * top, color=VERMILION, alpha=0.08, lw=0)
     axes.axvline(0.0, color=GREY, lw=0.8)
@@ -119,7 +132,7 @@ def _dress_nyquist(axes: Axes) -> None:
 
 
 DISK_COLORS = {"laws": BLUE, "motors": ORANGE, "both": GREEN}
-WIDEST = 24.0
+MAX_DECIBELS = 24.0
 """dB that are drawn."""
 
 
@@ -132,7 +145,7 @@ def draw_disks(done: stability.Stability, path: Path) -> None:
                 gain, phase = outline(disk)
                 axes.fill(gain, phase, color=DISK_COLORS[where], alpha=0.15, lw=0)
                 axes.plot(gain, phase, color=DISK_COLORS[where], lw=1.3, label=f"{where}: {disk.alpha:.2f}")
-            axes.set(xlim=(-WIDEST, WIDEST), ylim=(-100.0, 135.0), title=point_name(point.linear.point))
+            axes.set(xlim=(-MAX_DECIBELS, MAX_DECIBELS), ylim=(-100.0, 135.0), title=point_name(point.linear.point))
             axes.set(xlabel="gain of each loop, times (dB)", ylabel="phase of each loop, more by (degrees)")
             axes.legend(loc="upper center", ncols=3, title="inside, each as it likes", fontsize=9)
 
@@ -149,26 +162,29 @@ def _tightest(done: stability.Stability, in_contact: bool) -> stability.PointSta
     return min(there, key=lambda point: min(disk.alpha for disk in point.disks.values()), default=None)
 
 
-LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
-UNSTABLE, NO_POINT = VERMILION, "#d9d9d9"
-SHADES = ("#2a788e", "#5aa6a9", "#9accc4", "#cfe6df", "#f4f0dc", "#fdf9cf")
+DAMPING_LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
+UNSTABLE_COLOR, NO_POINT_COLOR = VERMILION, "#d9d9d9"
+DAMPING_SHADES = ("#2a788e", "#5aa6a9", "#9accc4", "#cfe6df", "#f4f0dc", "#fdf9cf")
 """From hardly damped to well damped: light is good, as in every map."""
 
 
 def draw_stability_maps(done: stability.Stability, path: Path) -> None:
     """Write the picture to `path` (PNG); `done` has at least one map."""
     title = f"{done.experiment.name}: {point_name(done.maps[0].at.point)}, on surfaces of other stiffness"
-    with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP) as figure:
-        shades, norm = ListedColormap([UNSTABLE, *SHADES]), BoundaryNorm(LEVELS, 1 + len(SHADES))
+    with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP_STYLE) as figure:
+        shades, norm = (
+            ListedColormap([UNSTABLE_COLOR, *DAMPING_SHADES]),
+            BoundaryNorm(DAMPING_LEVELS, 1 + len(DAMPING_SHADES)),
+        )
         panels = figure.subplots(1, len(done.maps), squeeze=False)[0]
         for axes, chart in zip(panels, done.maps, strict=True):
-            axes.set_facecolor(NO_POINT)
+            axes.set_facecolor(NO_POINT_COLOR)
             gain = _gain(done, chart)
             drawn = axes.pcolormesh(chart.stiffness, gain, chart.zeta, cmap=shades, norm=norm, shading="nearest")
             _mark(axes, done, chart)
         label = f"smallest damping ratio of a closed-loop pole {LIGHT_IS_GOOD}"
-        bar = figure.colorbar(drawn, ax=list(panels), ticks=LEVELS, label=label)
-        bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in LEVELS[1:])])
+        bar = figure.colorbar(drawn, ax=list(panels), ticks=DAMPING_LEVELS, label=label)
+        bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in DAMPING_LEVELS[1:])])
 
 
 def _mark(axes: Axes, done: stability.Stability, chart: stability.StabilityMap) -> None:
@@ -225,9 +241,12 @@ def draw_passivity(done: passivity.Passivity, path: Path) -> None:
             _draw_width(panels[0, -1], done.width)
 
 
-def _draw_width(axes: Axes, width: rendering.Width) -> None:
-    axes.set_facecolor(UNSTABLE)
-    shades, norm = ListedColormap([SHADES[0], SHADES[1], SHADES[2], SHADES[4]]), BoundaryNorm(PASSIVITY_LEVELS, 4)
+def _draw_width(axes: Axes, width: rendering.ZWidth) -> None:
+    axes.set_facecolor(UNSTABLE_COLOR)
+    shades, norm = (
+        ListedColormap([DAMPING_SHADES[0], DAMPING_SHADES[1], DAMPING_SHADES[2], DAMPING_SHADES[4]]),
+        BoundaryNorm(PASSIVITY_LEVELS, 4),
+    )
     drawn = axes.pcolormesh(width.stiffness, width.damping, width.least, cmap=shades, norm=norm, shading="nearest")
     axes.axvline(width.spring, color=INK, lw=1.2, ls=":")
     axes.annotate("springs", (width.spring, width.damping[0]), (3, 4), textcoords="offset points", fontsize=9)

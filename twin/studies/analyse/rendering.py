@@ -7,8 +7,8 @@ import numpy as np
 
 from twin.robot.controller.pid import Gains
 from twin.studies.analyse.linear.hand import (
-    NEUTRAL,
-    NOTHING,
+    EMPTY_HAND,
+    ROUNDING_TOLERANCE,
     FreePlant,
     Hand,
     hand_of,
@@ -18,21 +18,21 @@ from twin.studies.analyse.linear.hand import (
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, Matrix, linear_law
-from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import OperatingPoint
 
 WIDTH_FREQUENCIES = 70
 """So many are looked at of a cell of the map."""
-RENDERED = np.geomspace(50.0, 8000.0, 28)
+VIRTUAL_STIFFNESS = np.geomspace(50.0, 8000.0, 28)
 """Virtual stiffness (N/m)."""
-DAMPED = np.geomspace(10.0, 3000.0, 22)
+VIRTUAL_DAMPING = np.geomspace(10.0, 3000.0, 22)
 """Virtual damping (N s/m)."""
 WIDTH_HALVINGS = 18
 """Of the interval in which the largest stiffness is looked for."""
 
 
 @dataclass(frozen=True)
-class Width:
+class ZWidth:
     """What the force loop can render along z without an integral (Z-width, Colgate and Brown 1994).
 
     The law asks for kp (p_ref - kp_F (F_ref - F_z) - p) of speed, which is a spring of 1/kp_F with a damper of
@@ -60,10 +60,10 @@ class Width:
     )
 
 
-def z_width(shared: Linearised, point: OperatingPoint) -> Width:
+def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
     """What can be rendered along z at `point`, where the force loop presses."""
     free = FreePlant(linear_plant(point.parameters, point.x, point.theta_m))
-    robot = robot_with(free, NOTHING, shared.drives, shared.stepping)
+    robot = robot_with(free, EMPTY_HAND, shared.drives, shared.stepping)
     settings, estimation = shared.settings(True), shared.estimation(point)
     omega = 2.0 * np.pi * hertz(shared.stepping.period * shared.stepping.tick, WIDTH_FREQUENCIES)
 
@@ -77,28 +77,28 @@ def z_width(shared: Linearised, point: OperatingPoint) -> Width:
         hand = rendering(stiffness, damping)
         return float(power_share(hand.admittance(omega)[:, 2:, 2:]).min()) if hand.stable else np.nan
 
-    chart = np.array([[least(stiffness, damping) for stiffness in RENDERED] for damping in DAMPED])
+    chart = np.array([[least(stiffness, damping) for stiffness in VIRTUAL_STIFFNESS] for damping in VIRTUAL_DAMPING])
     largest = (0.0, 0.0, 0.0)
-    for row, damping in zip(chart, DAMPED, strict=True):
+    for row, damping in zip(chart, VIRTUAL_DAMPING, strict=True):
         edge = largest_passive(lambda stiffness, damping=damping: least(stiffness, damping), row)  # type: ignore[misc]
         if edge:
             largest = max(largest, (rendering(edge, damping).stiffness[2], edge, float(damping)))
-    return Width(point, RENDERED, DAMPED, chart, largest, float(free.stiffness[2, 2]))
+    return ZWidth(point, VIRTUAL_STIFFNESS, VIRTUAL_DAMPING, chart, largest, float(free.stiffness[2, 2]))
 
 
 def largest_passive(least: Callable[[float], float], row: Matrix) -> float:
     """The virtual stiffness (N/m) up to which `least` is not negative; 0: not even the softest.
 
     Args:
-        row: `least` at `RENDERED`.
+        row: `least` at `VIRTUAL_STIFFNESS`.
     """
-    feeding = np.flatnonzero(~(row >= -NEUTRAL))
+    feeding = np.flatnonzero(~(row >= -ROUNDING_TOLERANCE))
     if len(feeding) == 0:
-        return float(RENDERED[-1])
+        return float(VIRTUAL_STIFFNESS[-1])
     if feeding[0] == 0:
         return 0.0
-    low, high = RENDERED[feeding[0] - 1], RENDERED[feeding[0]]
+    low, high = VIRTUAL_STIFFNESS[feeding[0] - 1], VIRTUAL_STIFFNESS[feeding[0]]
     for _ in range(WIDTH_HALVINGS):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if least(middle) >= -NEUTRAL else (low, middle)
+        low, high = (middle, high) if least(middle) >= -ROUNDING_TOLERANCE else (low, middle)
     return float(low)

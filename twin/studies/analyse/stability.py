@@ -7,10 +7,10 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.serialise import to_dict
-from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.assembly.roles import refuse_third_party_parts
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.limit_check import LimitCheck, checked_limit
-from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, closed_poles, spectral_radius
+from twin.studies.analyse.limit_check import LimitCheck, check_limit
+from twin.studies.analyse.linear.loops import LOOPS, SPEED_COMMANDS, closed_poles, spectral_radius
 from twin.studies.analyse.linear.margins import (
     DiskMargin,
     Margins,
@@ -21,18 +21,18 @@ from twin.studies.analyse.linear.margins import (
     poles,
     worst_sensitivity,
 )
-from twin.studies.analyse.linearised import Linearised, LinearPoint
-from twin.studies.analyse.operating_point import on_stiffness, operating_points
-from twin.studies.command import Say, Steps, silent
+from twin.studies.analyse.linearised import Linearisation, LinearPoint
+from twin.studies.analyse.operating_point import operating_points, point_on_stiffness
+from twin.studies.command import Say, Steps, ignore_progress
 
-POSITION, FORCE = LOOPS[:3], LOOPS[3:]
-LAWS = {"position": POSITION, "force": FORCE}
-NEUTRAL = 1e-9
+POSITION_LOOPS, FORCE_LOOPS = LOOPS[:3], LOOPS[3:]
+LAW_LOOPS = {"position": POSITION_LOOPS, "force": FORCE_LOOPS}
+ROUNDING_TOLERANCE = 1e-9
 """What rounding may add to the magnitude of a pole."""
-STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
+MAP_STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
 """N/m: from fat to a table."""
-FACTORS = np.geomspace(0.1, 300.0, 61)
-MOST_POLES = 6
+MAP_FACTORS = np.geomspace(0.1, 300.0, 61)
+MAX_POLES = 6
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,18 @@ class PointStability:
     limits: dict[str, float | None]
 
     @property
-    def least_damped(self) -> Pole:
+    def least_damped_pole(self) -> Pole:
         """The pole of the smallest damping ratio."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
     @property
-    def slowest(self) -> list[Pole]:
+    def slowest_poles(self) -> list[Pole]:
         """The poles of the slowest decay."""
-        return self.poles[:MOST_POLES]
+        return self.poles[:MAX_POLES]
 
     JSON_KEYS = (
         "name=linear.point.name p_B=linear.point.p_B F_z=linear.point.F_z force_loop=linear.point.force_on "
-        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest least_damped"
+        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest_poles least_damped=least_damped_pole"
     )
 
 
@@ -102,7 +102,7 @@ class Stability:
     """
 
     experiment: Experiment
-    shared: Linearised
+    shared: Linearisation
     points: list[PointStability]
     problems: list[str]
     maps: list[StabilityMap]
@@ -118,7 +118,7 @@ class Stability:
         limits = [(limit, point) for point in self.points if (limit := point.limits.get(law)) is not None]
         return min(limits, key=lambda pair: pair[0])[1] if limits else None
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON, SI."""
         c = self.experiment.controller
         return {
@@ -137,17 +137,17 @@ class Stability:
         }
 
 
-def stability(experiment: Experiment, tried: bool = False, say: Say = silent) -> Stability:
+def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_progress) -> Stability:
     """Judge the loops of `experiment`; its drives are run in this process, its faults are left out."""
     _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
     steps = Steps(say, len(points) + 2 + tried)
     steps.next("identifying the drives")
-    shared = Linearised(experiment, points)
+    shared = Linearisation(experiment, points)
     judged = []
     for point in points:
         steps.next(point.name)
-        judged.append(judged_point(shared.at(point)))
+        judged.append(judge_point(shared.linear_point(point)))
     if tried:
         steps.next("trying the gain limits")
     checks = limit_checks(shared, judged) if tried else []
@@ -161,16 +161,16 @@ def force_loop_margins(experiment: Experiment) -> list[Margins]:
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:
         raise InputRefused(f"{experiment.name}: no force loop in contact")
-    shared, found = Linearised(experiment, points), []
-    for linear in map(shared.at, points):
-        if spectral_radius(linear.loops, linear.gains) >= 1.0 - NEUTRAL:
+    shared, found = Linearisation(experiment, points), []
+    for linear in map(shared.linear_point, points):
+        if spectral_radius(linear.loops, linear.gains) >= 1.0 - ROUNDING_TOLERANCE:
             raise InputRefused(f"{experiment.name}: unstable {linear.point.name}")
         found.append(margins(linear.loops, linear.gains, "force"))
     return found
 
 
 def _refuse_other_laws(experiment: Experiment) -> None:
-    refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
+    refuse_third_party_parts(experiment, "twin analyse", ("controller", "estimator"))
     if schedule := experiment.controller.force.schedule:
         one = schedule[0]
         raise InputRefused(
@@ -180,23 +180,23 @@ def _refuse_other_laws(experiment: Experiment) -> None:
         )
 
 
-def limit_checks(shared: Linearised, judged: list[PointStability]) -> list[LimitCheck]:
+def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[LimitCheck]:
     """The limits of each law in air and in contact, each tried where it is lowest.
 
     Where no gain of a law makes the robot stable there is nothing to try.
     """
     checks: list[LimitCheck] = []
-    for law, loops in LAWS.items():
+    for law, loops in LAW_LOOPS.items():
         for in_contact in (False, True):
             there = [p for p in judged if p.linear.point.in_contact == in_contact and loops[0] in p.linear.gains]
             at = min(there, key=lambda point: _room(point, law), default=None)
             if at is not None and at.limits[law] != 0.0:
                 limit, point = at.limits[law], at.linear.point
-                checks.append(checked_limit(shared.experiment, point, law, limit, shared.drives))
+                checks.append(check_limit(shared.experiment, point, law, limit, shared.drives))
     return checks
 
 
-def _maps(shared: Linearised, judged: list[PointStability]) -> list[StabilityMap]:
+def _maps(shared: Linearisation, judged: list[PointStability]) -> list[StabilityMap]:
     """Of the pressing point with the least room for its gains, of those with a force loop if there are any."""
     pressing = [point for point in judged if point.linear.point.in_contact]
     with_force = [point for point in pressing if "force" in point.linear.gains]
@@ -204,7 +204,9 @@ def _maps(shared: Linearised, judged: list[PointStability]) -> list[StabilityMap
     at = min(with_force or pressing, key=lambda point: _room(point, law), default=None)
     if at is None:
         return []
-    return [stability_map(shared, at.linear, law, names) for law, names in LAWS.items() if names[0] in at.linear.gains]
+    return [
+        stability_map(shared, at.linear, law, names) for law, names in LAW_LOOPS.items() if names[0] in at.linear.gains
+    ]
 
 
 def _room(point: PointStability, law: str) -> float:
@@ -212,29 +214,29 @@ def _room(point: PointStability, law: str) -> float:
     return np.inf if limit is None else limit
 
 
-def judged_point(linear: LinearPoint) -> PointStability:
+def judge_point(linear: LinearPoint) -> PointStability:
     """Poles, and where they are stable margins and limits."""
     loops, gains = linear.loops, linear.gains
-    stable = spectral_radius(loops, gains) < 1.0 - NEUTRAL
+    stable = spectral_radius(loops, gains) < 1.0 - ROUNDING_TOLERANCE
     found = poles(closed_poles(loops, gains), loops.dt)
-    limits = {law: gain_limit(loops, gains, names) for law, names in LAWS.items() if names[0] in gains}
+    limits = {law: gain_limit(loops, gains, names) for law, names in LAW_LOOPS.items() if names[0] in gains}
     if not stable:
         return PointStability(linear, False, found, {}, {}, None, limits)
     each = {name: margins(loops, gains, name) for name in gains}
-    breaks = {"laws": tuple(gains), "motors": COMMANDS, "both": (*gains, *COMMANDS)}
+    breaks = {"laws": tuple(gains), "motors": SPEED_COMMANDS, "both": (*gains, *SPEED_COMMANDS)}
     disks = {where: disk_margin(loops, gains, names) for where, names in breaks.items()}
     return PointStability(linear, True, found, each, disks, worst_sensitivity(loops, gains), limits)
 
 
-def stability_map(shared: Linearised, at: LinearPoint, law: str, names: tuple[str, ...]) -> StabilityMap:
+def stability_map(shared: Linearisation, at: LinearPoint, law: str, names: tuple[str, ...]) -> StabilityMap:
     """Damping with the gains of `names` raised and lowered together, over the contact's stiffness."""
-    zeta = np.full((len(FACTORS), len(STIFFNESSES)), np.nan)
-    for column, K in enumerate(STIFFNESSES):
+    zeta = np.full((len(MAP_FACTORS), len(MAP_STIFFNESSES)), np.nan)
+    for column, K in enumerate(MAP_STIFFNESSES):
         try:
-            loops = shared.at(on_stiffness(at.point, K)).loops
+            loops = shared.linear_point(point_on_stiffness(at.point, K)).loops
         except InputRefused:
             continue
-        for row, factor in enumerate(FACTORS):
+        for row, factor in enumerate(MAP_FACTORS):
             z = closed_poles(loops, at.gains | dict.fromkeys(names, factor))
             zeta[row, column] = min(pole.zeta for pole in poles(z, loops.dt))
-    return StabilityMap(law, at, STIFFNESSES, FACTORS, zeta)
+    return StabilityMap(law, at, MAP_STIFFNESSES, MAP_FACTORS, zeta)

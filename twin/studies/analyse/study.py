@@ -4,14 +4,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.studies.command import BodyName, DriveName, ExperimentName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
     from twin.robot.experiment.experiment import Experiment
 
-HOME = Path("results") / "analysis"
-FACTS, PICTURE, DISKS, MAP = "analysis.json", "analysis.png", "disks.png", "map.png"
+RESULTS_FOLDER = Path("results") / "analysis"
+FACTS_FILE, PICTURE_FILE, DISKS_FILE, MAP_FILE = "analysis.json", "analysis.png", "disks.png", "map.png"
 PASSIVITY_FACTS, PASSIVITY_PICTURE = "passivity.json", "passivity.png"
 
 
@@ -44,16 +44,16 @@ def analyse(
 
     Example: twin analyse experiments/fig4_force_position.toml
     """
-    from twin.kernel.writing import made_folder
+    from twin.kernel.atomic_write import make_folder
     from twin.robot.assembly.load import load_experiment
 
-    folder = made_folder(out or HOME / experiment.stem)
+    folder = make_folder(out or RESULTS_FOLDER / experiment.stem)
     loaded = load_experiment(experiment, settings, drive, body)
     return (_passivity if passivity else _stability)(loaded, tried, folder, say)
 
 
 def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
-    from twin.kernel.writing import write_json
+    from twin.kernel.atomic_write import write_json
     from twin.studies.analyse.pictures import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
     from twin.studies.analyse.text import analysis_result
@@ -61,21 +61,21 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     done = stability(experiment, tried, say)
-    draw_analysis(done, home / PICTURE)
-    pictures = [PICTURE]
+    draw_analysis(done, home / PICTURE_FILE)
+    pictures = [PICTURE_FILE]
     if any(point.disks for point in done.points):
-        draw_disks(done, home / DISKS)
-        pictures.append(DISKS)
+        draw_disks(done, home / DISKS_FILE)
+        pictures.append(DISKS_FILE)
     if done.maps:
-        draw_stability_maps(done, home / MAP)
-        pictures.append(MAP)
-    result = analysis_result(done, [str(folder / name) for name in (*pictures, FACTS)])
-    write_json(home / FACTS, result.facts)
+        draw_stability_maps(done, home / MAP_FILE)
+        pictures.append(MAP_FILE)
+    result = analysis_result(done, [str(folder / name) for name in (*pictures, FACTS_FILE)])
+    write_json(home / FACTS_FILE, result.facts)
     return result
 
 
 def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
-    from twin.kernel.writing import write_json
+    from twin.kernel.atomic_write import write_json
     from twin.studies.analyse.passivity import passivity
     from twin.studies.analyse.pictures import draw_passivity
     from twin.studies.analyse.text import passivity_result

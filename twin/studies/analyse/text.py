@@ -12,7 +12,7 @@ from twin.studies.analyse import carried_mass, limit_check, passivity, rendering
 from twin.studies.analyse.linear.hand import AXES
 from twin.studies.analyse.linear.margins import LARGEST_GAIN, DiskMargin, Margins, Pole
 from twin.studies.analyse.operating_point import OperatingPoint
-from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table, counted
+from twin.studies.result import NO_BREAK_SPACE, Block, Column, Note, Result, Row, Table, count_text
 
 Numbers = NDArray[np.float64]
 
@@ -29,20 +29,20 @@ def margins_text(margins: Margins) -> str:
     return f": {', '.join(found)}" if found else ""
 
 
-DOUBT = 0.03
+DOUBTFUL_RESIDUAL = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
-TURNING = (
+TURNING_NOTE = (
     "measured while it turns: at rest its small signals drown in steps or sticking friction, "
     "so the numbers are those of swings that are larger than these"
 )
-UNTRIED = "the gain limits are the linear model's and were not tried in the co-simulation"
-SLIDING = (
+UNTRIED_NOTE = "the gain limits are the linear model's and were not tried in the co-simulation"
+SLIDING_NOTE = (
     "dry friction (joint_friction_Nm, spring_hysteresis) is not in the linear model, whose joints slide and whose "
     "springs are ideal: small motions are stiffer"
 )
-HELD = "- where a loop's gain never reaches 1: sticking friction holds the platform there"
-BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
-COLUMNS = (
+STICTION_NOTE = "- where a loop's gain never reaches 1: sticking friction holds the platform there"
+VALUE_PATTERN = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
+LOOP_COLUMNS = (
     Column("loop", 11, left=True),
     Column("gain margin", 18),
     Column("phase margin", 19),
@@ -59,12 +59,12 @@ def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Res
     plant = done.experiment.plant
     remarks = [
         *(f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark),
-        *([SLIDING] if plant.joint_friction or plant.spring_hysteresis else []),
-        *([UNTRIED] if not done.checks else []),
+        *([SLIDING_NOTE] if plant.joint_friction or plant.spring_hysteresis else []),
+        *([UNTRIED_NOTE] if not done.checks else []),
         *(f"left out: {problem}" for problem in done.problems),
     ]
     held = any(m.crossover is None for judged in done.points for m in judged.margins.values())
-    doubt: list[Block] = ["", _tied("", HELD)] if held else []
+    doubt: list[Block] = ["", _unbroken_note("", STICTION_NOTE)] if held else []
     parts: list[Block] = [
         *verdict,
         "",
@@ -72,10 +72,10 @@ def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Res
         *doubt,
         "",
         *_drives(done),
-        *(_tied("note  ", text) for text in dict.fromkeys(remarks)),
+        *(_unbroken_note("note  ", text) for text in dict.fromkeys(remarks)),
         "",
     ]
-    facts = done.facts() | {"files": [*files]}
+    facts = done.to_dict() | {"files": [*files]}
     return Result(first, parts, facts, {file: file for file in files}, label=0, exit_code=0 if done.stable else 1)
 
 
@@ -100,25 +100,25 @@ def _verdict(done: stability.Stability) -> Iterator[Block]:
         points = f"{len(unstable)} of {count} operating points"
     elif not done.stable:
         points += " by the linear model, but not in the co-simulation"
-    yield _tied("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
+    yield _unbroken_note("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
     for law in ("position", "force"):
         critical = done.critical(law)
-        limits = [_checked(done, check) for check in done.checks if check.law == law]
+        limits = [_checked_limit_text(done, check) for check in done.checks if check.law == law]
         if critical is not None:
-            limits = limits or [_limit(done, law, critical)]
+            limits = limits or [_predicted_limit_text(done, law, critical)]
         elif any(law in judged.limits for judged in done.points):
             limits = limits or [f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set"]
-        yield from (_tied(f"  {law:8}  ", text) for text in limits)
+        yield from (_unbroken_note(f"  {law:8}  ", text) for text in limits)
 
 
-def _limit(done: stability.Stability, law: str, critical: stability.PointStability) -> str:
+def _predicted_limit_text(done: stability.Stability, law: str, critical: stability.PointStability) -> str:
     where, factor = point_name(critical.linear.point), critical.limits[law]
     if not factor:
         return f"no gain of it makes the robot stable {where}"
     return f"stable up to {_gains(done, law, factor)}, {factor:.3g} times what is set; beyond, it shakes {where}"
 
 
-def _checked(done: stability.Stability, check: limit_check.LimitCheck) -> str:
+def _checked_limit_text(done: stability.Stability, check: limit_check.LimitCheck) -> str:
     where, predicted = point_name(check.point), check.predicted
     if check.holds and predicted is None:
         return f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set, nor in the co-simulation, {where}"
@@ -127,15 +127,15 @@ def _checked(done: stability.Stability, check: limit_check.LimitCheck) -> str:
     else:
         linear = f"{_gains(done, check.law, predicted)}, {predicted:.3g} times what is set"
     if check.holds:
-        within = f"the co-simulation agrees within {100 * limit_check.HOLDS:.0f} %"
+        within = f"the co-simulation agrees within {100 * limit_check.LIMIT_TOLERANCE:.0f} %"
         return f"stable up to {linear}; beyond, it shakes {where}; {within}"
     if check.high is None:
         tried = check.low or 0.0
         found = f"no nudge lasts up to {_gains(done, check.law, tried)}, {tried:.3g} times what is set"
-    elif check.simulated is None:
-        found = f"a nudge lasts down to a {limit_check.FARTHEST:g}th of that"
+    elif check.simulated_limit is None:
+        found = f"a nudge lasts down to a {limit_check.MAX_SEARCH_FACTOR:g}th of that"
     else:
-        factor = check.simulated
+        factor = check.simulated_limit
         found = f"a nudge lasts from {_gains(done, check.law, factor)} on, {factor:.3g} times what is set"
     return (
         f"not predicted for this drive {where}: in the co-simulation {found}; the linear model says {linear}. "
@@ -152,7 +152,7 @@ def _gains(done: stability.Stability, law: str, factor: float) -> str:
 
 
 def _damping(judged: stability.PointStability) -> str:
-    pole = judged.least_damped
+    pole = judged.least_damped_pole
     if not judged.stable:
         return f": UNSTABLE, {_growth(judged.poles[0])}"
     if pole.zeta > 0.999:
@@ -170,12 +170,12 @@ def _growth(pole: Pole) -> str:
 
 
 def _point(judged: stability.PointStability) -> list[Block]:
-    title = _tied("", point_name(judged.linear.point) + _damping(judged))
+    title = _unbroken_note("", point_name(judged.linear.point) + _damping(judged))
     if not judged.stable:
         return [title]
     rows: list[Row] = [_row(loop_name(name), m) for name, m in judged.margins.items()]
     rows.append(("all at once", "gain, each", "phase, each", "disk"))
-    return [title, Table(COLUMNS, [*rows, *(_disk_row(where, disk) for where, disk in judged.disks.items())])]
+    return [title, Table(LOOP_COLUMNS, [*rows, *(_disk_row(where, disk) for where, disk in judged.disks.items())])]
 
 
 def _row(name: str, m: Margins) -> Row:
@@ -195,12 +195,12 @@ def _disk_row(name: str, disk: DiskMargin) -> Row:
 def _drives(done: stability.Stability) -> Iterator[Note]:
     fits = dict(zip(done.shared.labels, done.shared.drives, strict=True))
     for label, model in fits.items():
-        doubt = "; take the numbers with that doubt" if model.residual > DOUBT else ""
-        states = counted(len(model.A), "state")
+        doubt = "; take the numbers with that doubt" if model.residual > DOUBTFUL_RESIDUAL else ""
+        states = count_text(len(model.A), "state")
         off = "less than 0.1" if model.residual < 0.001 else f"{100 * model.residual:.2g}"
-        yield _tied("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
+        yield _unbroken_note("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
         if model.turning:
-            yield _tied("       ", TURNING)
+            yield _unbroken_note("       ", TURNING_NOTE)
 
 
 def _digits(value: float) -> str:
@@ -211,9 +211,9 @@ def _hertz(omega: float | None) -> str:
     return f"{(omega or 0.0) / (2.0 * math.pi):.3g}"
 
 
-def _tied(head: str, text: str) -> Note:
+def _unbroken_note(head: str, text: str) -> Note:
     """`text` after `head`; numbers stay with their units, and what stands in brackets together."""
-    tied = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
+    tied = VALUE_PATTERN.sub(lambda found: found.group().replace(" ", NO_BREAK_SPACE), text)
     return Note(tied, head, max(2, len(head)), whole=True)
 
 
@@ -221,8 +221,8 @@ def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Re
     """The verdict first: how many points are passive, what is rendered, what was tried; then where `files` are."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
-        *([Note(_rendered(done.width), "  renders   ")] if done.width is not None else []),
-        *([Note(_carried(done.trial), "  carries   ")] if done.tried else []),
+        *([Note(_rendering_text(done.width), "  renders   ")] if done.width is not None else []),
+        *([Note(_carried_mass_text(done.trial), "  carries   ")] if done.tried else []),
         *(part for point in done.points for part in _passive_point(point)),
         *(Note(f"left out: {problem}", "note  ") for problem in dict.fromkeys(done.problems)),
         "",
@@ -232,7 +232,7 @@ def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Re
     return Result(Note(verdict, later=4), parts, facts, {file: file for file in files}, 0, 0 if stable else 1)
 
 
-def _rendered(width: rendering.Width) -> str:
+def _rendering_text(width: rendering.ZWidth) -> str:
     rendered, stiffness, damping = width.largest
     spring = f"the springs have {width.spring:.4g} N/m there"
     if not rendered:
@@ -242,13 +242,15 @@ def _rendered(width: rendering.Width) -> str:
     )
 
 
-def _carried(trial: carried_mass.PassivityTrial | None) -> str:
+def _carried_mass_text(trial: carried_mass.PassivityTrial | None) -> str:
     if trial is None:
-        return f"{passivity.MASSES[1]:g} kg on the platform in the air, as far as the linear model says"
-    inside, outside = (f"{factor * trial.mass:.3g} kg" for factor in (carried_mass.INSIDE, carried_mass.OUTSIDE))
+        return f"{passivity.MASS_RANGE[1]:g} kg on the platform in the air, as far as the linear model says"
+    inside, outside = (
+        f"{factor * trial.mass:.3g} kg" for factor in (carried_mass.STABLE_SHARE, carried_mass.UNSTABLE_SHARE)
+    )
     simulated = [f"{growth:+.2g} 1/s" for growth in trial.simulated]
     predicted = [f"{growth:+.2g}" for growth in trial.predicted]
-    agrees = "the co-simulation agrees" if trial.confirmed else "the co-simulation does NOT agree"
+    agrees = "the co-simulation agrees" if trial.agrees else "the co-simulation does NOT agree"
     return (
         f"up to {trial.mass:.3g} kg on the platform {point_name(trial.point)}; beyond, it swings; {agrees}: "
         f"a nudge goes by {simulated[0]} with {inside} ({predicted[0]} predicted), by {simulated[1]} with {outside} "
@@ -258,7 +260,7 @@ def _carried(trial: carried_mass.PassivityTrial | None) -> str:
 
 def _passive_point(point: passivity.PointPassivity) -> list[Block]:
     springs = {axis: f"{spring:.0f} N/m" for axis, spring in zip(AXES, point.springs, strict=True)}
-    rows = [(axis, springs.get(axis), _passive(point.bands[axis])) for axis in (*AXES, "all")]
+    rows = [(axis, springs.get(axis), _passive_text(point.bands[axis])) for axis in (*AXES, "all")]
     worst = point.worst
     x, y, z = worst.direction
     environment = f"{worst.mass:.3g} kg on {worst.stiffness:.3g} N/m along ({x:.2f}, {y:.2f}, {z:.2f})"
@@ -273,7 +275,7 @@ def _passive_point(point: passivity.PointPassivity) -> list[Block]:
     ]
 
 
-def _passive(band: passivity.Band | None) -> str:
+def _passive_text(band: passivity.Band | None) -> str:
     if band is None:
         return "at all frequencies"
     return f"not from {band.low:.2g} to {band.high:.3g} Hz; gives back {-100.0 * band.least:.0f} % at {band.at:.2g} Hz"

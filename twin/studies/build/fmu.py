@@ -8,19 +8,24 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from twin.kernel.archive import zipped
+from twin.kernel.archive import zip_bytes
+from twin.kernel.atomic_write import make_folder, refuse_unwritable, write_bytes
 from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
-from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.studies.build import linking
-from twin.studies.build.layout import ExportedVariable, Kind, Layout, laid_out, sizes, tables
-from twin.studies.build.part import RobotPart, fixed, parameters, part_of
+from twin.studies.build.layout import ExportedVariable, Kind, Layout, layout_of, sizes_header, tables_source
+from twin.studies.build.part import RobotPart, fixed_keys, open_parameters, part_of
 from twin.studies.command import Answer
 
-TOOL = "twin"
-_CAUSALITY: dict[Kind, str] = {"parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output"}
-_VARIABILITY: dict[Kind, str] = {
+GENERATION_TOOL = "twin"
+_KIND_CAUSALITY: dict[Kind, str] = {
+    "parameter": "parameter",
+    "tunable": "parameter",
+    "input": "input",
+    "output": "output",
+}
+_KIND_VARIABILITY: dict[Kind, str] = {
     "parameter": "fixed",
     "tunable": "tunable",
     "input": "continuous",
@@ -43,7 +48,7 @@ def model_description(
         "fmiModelDescription",
         {
             "fmiVersion": fmi, "modelName": name, "instantiationToken" if new else "guid": guid, "description": about,
-            "generationTool": TOOL, "variableNamingConvention": "structured",
+            "generationTool": GENERATION_TOOL, "variableNamingConvention": "structured",
         },
     )  # fmt: skip
     ET.SubElement(
@@ -96,8 +101,8 @@ def _attributes(variable: ExportedVariable, reference: int) -> dict[str, str]:
     attributes = {
         "name": variable.name,
         "valueReference": str(reference),
-        "causality": _CAUSALITY[variable.kind],
-        "variability": _VARIABILITY[variable.kind],
+        "causality": _KIND_CAUSALITY[variable.kind],
+        "variability": _KIND_VARIABILITY[variable.kind],
         "description": variable.meaning,
     }
     return attributes | ({"initial": "calculated"} if variable.kind == "output" else {})
@@ -137,7 +142,7 @@ def _append_structure(structure: ET.Element, variables: Sequence[ExportedVariabl
             ET.SubElement(unknowns, "Unknown", {"index": str(reference + 1)} | more)
 
 
-def packed(
+def pack_fmu(
     part: RobotPart,
     layout: Layout,
     fmi: str,
@@ -148,7 +153,7 @@ def packed(
     say: Callable[[str], None],
 ) -> bytes:
     """The archive."""
-    steps = linking.emitted_steps(layout, platforms, say)
+    steps = linking.emit_steps(layout, platforms, say)
     variables = layout.variables if fmi == "3.0" else layout.scalars()
     experiment = part.experiment
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
@@ -156,14 +161,14 @@ def packed(
     def description(guid: str) -> bytes:
         return model_description(fmi, part.name, guid, about, variables, tick, duration)
 
-    source = tables(layout, variables)
+    source = tables_source(layout, variables)
     front = f"fmi{fmi[0]}.c"
     ceremony = linking.c_files("part.h", "part.c", "instance.h", "instance.c", front)
     # of the steps for this platform: the others are the same ones
     guid = linking.guid_of(
-        *(step.content for step in steps[linking.HERE]), source.encode(), description(""), *ceremony.values()
+        *(step.content for step in steps[linking.HOST_PLATFORM]), source.encode(), description(""), *ceremony.values()
     )
-    files = ceremony | {"sizes.h": sizes(layout, variables, guid, tick).encode(), "tables.c": source.encode()}
+    files = ceremony | {"sizes.h": sizes_header(layout, variables, guid, tick).encode(), "tables.c": source.encode()}
     options = ("-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-isystem", str(fmi_headers()))
 
     def library(platform: linking.Platform) -> bytes:
@@ -174,7 +179,7 @@ def packed(
     say("linking")
     with ThreadPoolExecutor() as threads:
         libraries = dict(zip(platforms, threads.map(library, platforms), strict=True))
-    return zipped(
+    return zip_bytes(
         {
             "modelDescription.xml": description(guid),
             "documentation/README.md": readme.encode(),
@@ -192,7 +197,7 @@ def _binaries(name: str, fmi: str, libraries: dict[linking.Platform, bytes]) -> 
     return {place: next(iter(s.values())) if len(s) == 1 else linking.universal(s) for place, s in places.items()}
 
 
-HOME = Path("results/build")
+RESULTS_FOLDER = Path("results/build")
 
 
 def build_fmu(
@@ -211,19 +216,19 @@ def build_fmu(
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/PART.fmu.
     """
-    targets = linking.platforms_named(platforms, fmi)
+    targets = linking.select_platforms(platforms, fmi)
     loaded = load_experiment(experiment, settings)
-    file = out or HOME / loaded.name / f"{part}.fmu"
+    file = out or RESULTS_FOLDER / loaded.name / f"{part}.fmu"
     if out is not None:
         refuse_unwritable(file)
     found = part_of(loaded, part)
     linking.refuse_platform(file, targets)
-    offered = parameters(found)
-    layout, closed = laid_out(found, offered), fixed(found, offered)
+    offered = open_parameters(found)
+    layout, closed = layout_of(found, offered), fixed_keys(found, offered)
     page = readme(found, layout, closed, targets)
-    content = packed(found, layout, fmi, targets, about(found), page, file, say)
+    content = pack_fmu(found, layout, fmi, targets, part_description(found), page, file, say)
     if out is None:
-        made_folder(file.parent)
+        make_folder(file.parent)
     write_bytes(file, content)
     components = [component.name for component in found.components]
     inputs, outputs = _names(layout, "input"), _names(layout, "output")
@@ -251,7 +256,7 @@ def build_fmu(
     })  # fmt: skip
 
 
-def about(part: RobotPart) -> str:
+def part_description(part: RobotPart) -> str:
     """What the part is, and what its steps mean, in some sentences."""
     experiment = part.experiment
     names = ", ".join(component.name for component in part.components)
@@ -292,7 +297,7 @@ def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Se
         [
             f"# {part.name}",
             "",
-            about(part),
+            part_description(part),
             "",
             f"Native code for {linking.names_of(platforms)}; it needs the C library with its mathematics and nothing "
             "else.",

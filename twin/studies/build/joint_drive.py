@@ -9,25 +9,25 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.cosim.subsystem import INLET_NAME, Subsystem
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import KIND_NAMES, FmuDescription
 from twin.kernel.fmi.variable import FilePath, Setting, Variable
-from twin.robot.assembly.assemble import HERE
+from twin.robot.assembly.assemble import IN_PROCESS_MAKER
 from twin.robot.assembly.build import (
     Build,
-    at_rest,
+    drives_all_joints,
     joint_drives,
     need_processes,
     planned_drives,
-    turns_all,
+    resting_plant,
     unpowered_shafts,
 )
 from twin.robot.assembly.drives import DrivePlan, rates
 from twin.robot.experiment.experiment import Experiment
 
-REALS = ("Real", "Float64", "Float32")
+REAL_TYPES = ("Real", "Float64", "Float32")
 
 
 class Socket(NamedTuple):
@@ -80,16 +80,16 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
     """The drives of the three joints."""
     plans = planned_drives(experiment)
     if experiment.monitor is not None:
-        plans = tuple(plan.switchable() for plan in plans)
+        plans = tuple(plan.with_enable_input() for plan in plans)
     for plan in plans:
-        _refuse_bound(plan, experiment.cosim.tick)
+        _refuse_unexportable(plan, experiment.cosim.tick)
     if need_processes(plans):
         raise InputRefused(
             f"{plans[0].label}: can be instantiated only once in a process, so that three of it take three processes, "
             "which an SSP cannot ask for; choose another drive"
         )
-    plant, theta_m = at_rest(experiment)
-    build = Build(experiment, plans, HERE, plant, theta_m)
+    plant, theta_m = resting_plant(experiment)
+    build = Build(experiment, plans, IN_PROCESS_MAKER, plant, theta_m)
     with ExitStack() as made:
         components = []
         for make in joint_drives(build).values():
@@ -97,10 +97,14 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
             made.callback(components[-1].close)
         joints = tuple(_joint_drive(c, plan) for c, plan in zip(components, plans, strict=True))
     shafts = unpowered_shafts(build).values()
-    return tuple(_behind(joint, make()) for joint, make in zip(joints, shafts, strict=True)) if shafts else joints
+    return (
+        tuple(_with_unpowered_shaft(joint, make()) for joint, make in zip(joints, shafts, strict=True))
+        if shafts
+        else joints
+    )
 
 
-def _behind(joint: JointDrive, shaft: Component) -> JointDrive:
+def _with_unpowered_shaft(joint: JointDrive, shaft: Component) -> JointDrive:
     """`joint` with what its shaft does without power, which is what all others see of it."""
     name = f"drive_{shaft.name.rpartition('_')[2]}_unpowered"
     starts = (float(shaft.initial("theta_m")[0]), 0.0, 1.0, 0.0)
@@ -118,12 +122,12 @@ def _behind(joint: JointDrive, shaft: Component) -> JointDrive:
     )
 
 
-def _refuse_bound(plan: DrivePlan, tick: float) -> None:
+def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
     """Refuse a drive that cannot leave our master."""
     label = plan.label
     if plan.system is not None:
         raise InputRefused(f"{label}: is an SSP itself, which is not taken apart; `twin drive new` makes parts of it")
-    if turns_all(plan):
+    if drives_all_joints(plan):
         raise InputRefused(f"{label}: drives all three joints by arrays, which SSP 1.0 lacks; choose another drive")
     for fmu in plan.parts.values():
         if fmu.kind != "co_simulation":
@@ -155,7 +159,7 @@ def _joint_drive(component: Component, plan: DrivePlan) -> JointDrive:
         taken = {port.name: (_input(component, component.name, port.name),) for port in component.inputs}
         return JointDrive((element,), (), taken, _output(component, component.name, "theta_m"))
     assert isinstance(component, Subsystem)
-    inside = {part.name: part for part in component.system.components if part.name != INLET}
+    inside = {part.name: part for part in component.system.components if part.name != INLET_NAME}
     alone = sum(isinstance(part, FmuComponent) for part in inside.values()) == 1
     names = {
         name: component.name if alone and isinstance(part, FmuComponent) else f"{component.name}_{name}"
@@ -174,7 +178,7 @@ def _joint_drive(component: Component, plan: DrivePlan) -> JointDrive:
     for source, target in component.wires:
         (giver, output), (taker, port) = source.split(".", 1), target.split(".", 1)
         to = _input(inside[taker], names[taker], port)
-        if giver == INLET:
+        if giver == INLET_NAME:
             inputs[output] = (*inputs.get(output, ()), to)
         else:
             connections.append((_output(inside[giver], names[giver], output), to))
@@ -191,7 +195,7 @@ def _fmu_element(name: str, part: str, component: FmuComponent, plan: DrivePlan)
                 f"{plan.label}: {variable.name} is an array, which SSP 1.0 does not have; choose another drive"
             )
     for p in inputs:
-        if p.variable.type not in REALS:
+        if p.variable.type not in REAL_TYPES:
             raise InputRefused(
                 f"{plan.label}: its input {p.variable.name} is of type {p.variable.type}, and its source is real; "
                 "an SSP does not round. Choose another drive"

@@ -15,9 +15,9 @@ from twin.kernel.cosim.component import NativeComponent
 from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import End
 from twin.kernel.units import Unit, known_unit
-from twin.studies.build.part import UNLIMITED, Beginning, Destination, Limits, OpenParameter, RobotPart
+from twin.studies.build.part import NO_LIMITS, Beginning, Destination, Limits, OpenParameter, RobotPart
 
-ALIGNED = 64
+MEMORY_ALIGNMENT = 64
 """Bytes to whose multiples components and what they point to begin."""
 
 Kind = Literal["parameter", "tunable", "input", "output"]
@@ -40,7 +40,7 @@ class ExportedVariable(NamedTuple):
     text: str
     first: int
     start: tuple[float, ...]
-    limits: Limits = UNLIMITED
+    limits: Limits = NO_LIMITS
 
 
 class Slot(NamedTuple):
@@ -99,7 +99,7 @@ class Layout:
         )
 
 
-def laid_out(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
+def layout_of(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
     """The layout of `part` with its open `parameters`."""
     blocks = list(_blocks(part))
     variables = list(_variables(part, parameters))
@@ -142,7 +142,7 @@ def _blocks(part: RobotPart) -> Iterator[_Block]:
     for component in part.components:
         for name, array in ((component.name, component.memory), *component.pointers.items()):
             yield _Block(name if array is component.memory else f"{component.name}.{name}", array, offset)
-            offset += -(-array.nbytes // ALIGNED) * ALIGNED
+            offset += -(-array.nbytes // MEMORY_ALIGNMENT) * MEMORY_ALIGNMENT
 
 
 def _offset(blocks: Sequence[_Block], memory: np.ndarray) -> int:
@@ -157,7 +157,7 @@ def _offset(blocks: Sequence[_Block], memory: np.ndarray) -> int:
 
 def _image(part: RobotPart, blocks: Sequence[_Block]) -> bytes:
     last = blocks[-1]
-    image = bytearray(last.offset + -(-last.array.nbytes // ALIGNED) * ALIGNED)
+    image = bytearray(last.offset + -(-last.array.nbytes // MEMORY_ALIGNMENT) * MEMORY_ALIGNMENT)
     for block in blocks:
         image[block.offset : block.offset + block.array.nbytes] = block.array.tobytes()
     for component in part.components:
@@ -183,7 +183,7 @@ def _variables(part: RobotPart, parameters: Sequence[OpenParameter]) -> Iterator
     first = 0
     for p in parameters:
         kind: Kind = "tunable" if p.tunable else "parameter"
-        yield ExportedVariable(p.key, kind, p.meaning, p.unit, _bracketed(p.text), first, p.start, p.limits)
+        yield ExportedVariable(p.key, kind, p.meaning, p.unit, _bracket_unit(p.text), first, p.start, p.limits)
         first += len(p.start)
     named: list[tuple[Kind, str, Port, np.ndarray]] = []
     named += [("input", name, port, start) for name, (port, start) in part.starts.items()]
@@ -192,11 +192,13 @@ def _variables(part: RobotPart, parameters: Sequence[OpenParameter]) -> Iterator
         text = port.unit.replace(" ", ".")
         unit = known_unit(text)
         assert unit is not None, f"{name} is in {port.unit}"
-        yield ExportedVariable(name, kind, port.meaning, unit, _bracketed(text), first, tuple(float(x) for x in start))
+        yield ExportedVariable(
+            name, kind, port.meaning, unit, _bracket_unit(text), first, tuple(float(x) for x in start)
+        )
         first += port.size
 
 
-def _bracketed(text: str) -> str:
+def _bracket_unit(text: str) -> str:
     """`mm/(N.s)` for what we spell `mm/N.s`."""
     above, per, below = text.partition("/")
     below = below.replace("/", ".")
@@ -250,11 +252,11 @@ def _source(part: RobotPart, component: NativeComponent, port: Port, n: int, fir
     return first_of[f"{end.component}.{end.port}"] + end.element
 
 
-STATUS = {"plant": "left the workspace, a leg cannot reach the platform"}
+STATUS_TEXTS = {"plant": "left the workspace, a leg cannot reach the platform"}
 """What status 2 means of a component whose own words are of this moment."""
 
 
-def sizes(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick: float) -> str:
+def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick: float) -> str:
     """The header `sizes.h`."""
     numbers = {
         "N_VARIABLES": len(variables),
@@ -269,7 +271,7 @@ def sizes(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick
     return "\n".join([*lines, *(f"#define {name} {number}" for name, number in numbers.items()), ""])
 
 
-def tables(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
+def tables_source(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
     """The source `tables.c`."""
     steps = {row.symbol for row in layout.rows}
     doubles = struct.unpack(f"<{len(layout.image) // 8}Q", layout.image)
@@ -314,7 +316,7 @@ def _variable(variable: ExportedVariable) -> str:
 def _component(row: EntryRow) -> str:
     n_u = sum(port.size for port in row.component.inputs)
     name = row.component.name
-    status = f'"{STATUS.get(name) or row.component.explain(2)}"'
+    status = f'"{STATUS_TEXTS.get(name) or row.component.explain(2)}"'
     return (
         f'{{"{name}", STEP({row.symbol}), {row.period}, {row.memory}, {row.u}, {n_u}, {row.y}, {row.y_size}, '
         f"{int(row.component.finite)}, {status}}}"

@@ -10,29 +10,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from twin.kernel.atomic_write import make_folder, write_bytes
 from twin.kernel.cosim.port import Port
-from twin.kernel.errors import disk_refusals
-from twin.kernel.writing import made_folder, write_bytes
+from twin.kernel.errors import translate_disk_errors
 from twin.robot.assembly.load import load_experiment
-from twin.robot.monitor.checks import Reason
+from twin.robot.monitor.reasons import Reason
 from twin.studies.build import linking
-from twin.studies.build.fmu import HOME
-from twin.studies.build.layout import STATUS, ExportedVariable, Layout, laid_out, sizes, tables
-from twin.studies.build.part import Limits, RobotPart, drive_commands, fixed, parameters, part_of
+from twin.studies.build.fmu import RESULTS_FOLDER
+from twin.studies.build.layout import STATUS_TEXTS, ExportedVariable, Layout, layout_of, sizes_header, tables_source
+from twin.studies.build.part import Limits, RobotPart, drive_commands, fixed_keys, open_parameters, part_of
 from twin.studies.command import Answer
 
-COUNTS = (
+COUNT_PORTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),
     Port("count_l", 3, "1", "encoders of the proximal links", "int"),
     Port("sample", 1, "1", "number of the encoder message, from 1, one more with each; a monitor looks at it", "int"),
 )
 """What goes in, whether or not this part has somebody who looks at it."""
-COMMANDS = {
+COMMAND_PORTS = {
     "omega_ref": Port("omega_ref", 3, "rad/s", "speeds of the motor shafts, for the drives"),
     "enable": Port("power", 1, "1", "whether the drives may have power; without a monitor always", "bool"),
 }
 """What the drives get, by their own inputs."""
-TYPES = {"double": "double", "int": "int64_t", "bool": "bool"}
+C_TYPES = {"double": "double", "int": "int64_t", "bool": "bool"}
 
 
 def step_ticks(part: RobotPart) -> int:
@@ -51,7 +51,7 @@ def header(part: RobotPart, layout: Layout) -> bytes:
         for table in tables:
             inside = inside.setdefault(table, {})
         inside[name] = variable
-    fields: dict[str, Any] = {port.name: port for port in COMMANDS.values()}
+    fields: dict[str, Any] = {port.name: port for port in COMMAND_PORTS.values()}
     fields |= {component.name: {port.name: port for port in component.outputs} for component in part.components}
     types = [
         f"/* {experiment.title}. Seconds from one step to the next, and from one encoder message to the next. */",
@@ -60,7 +60,7 @@ def header(part: RobotPart, layout: Layout) -> bytes:
         "",
         "/* The newest encoder message. An angle is count * 2 pi / counts per turn - zero; with angles of 0 the links",
         " * are horizontal outward and the springs unloaded, positive angles lower the platform. */",
-        *_struct("computer_counts", {port.name: port for port in COUNTS}),
+        *_struct("computer_counts", {port.name: port for port in COUNT_PORTS}),
         "",
         "/* Called as in the experiment's file. */",
         *_struct("computer_parameters", parameters),
@@ -80,18 +80,20 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
     """The file fields.c, see `computer.c`."""
     parameters = parameters_of(layout)
     places = [
-        f"{{offsetof(computer_parameters, {v.name}), {_text(f'{v.name}: expected {expected(v.limits)}')}, "
+        f"{{offsetof(computer_parameters, {v.name}), {_text(f'{v.name}: expected {expected_range(v.limits)}')}, "
         f"{_text(f'{v.name}: only computer_init takes another value')}}}"
         for v in parameters
     ]
     failures = [
-        f"{{{_text(f'{c.name}: {STATUS.get(c.name) or c.explain(2)}')}, {_text(f'{c.name}: an output is not finite')}}}"
+        f"{{{_text(f'{c.name}: {STATUS_TEXTS.get(c.name) or c.explain(2)}')}, {_text(f'{c.name}: an output is not finite')}}}"
         for c in (row.component for row in layout.rows)
     ]
     first = {v.name: v.first for v in layout.variables}
-    taken = [(port, first[port.name]) for port in COUNTS if port.name in first]
+    taken = [(port, first[port.name]) for port in COUNT_PORTS if port.name in first]
     take = [
-        f"state->values[{at + n}] = (double)counts->{_of(port, n)};" for port, at in taken for n in range(port.size)
+        f"state->values[{at + n}] = (double)counts->{_element_name(port, n)};"
+        for port, at in taken
+        for n in range(port.size)
     ]
     return "\n".join(
         [
@@ -106,7 +108,7 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
             *(f"    {line}" for line in take),
             "}",
             "static void give(const State *state, computer_output *out)\n{",
-            *(f"    {line}" for line in _given(part, first)),
+            *(f"    {line}" for line in _output_lines(part, first)),
             "}",
             "",
         ]
@@ -118,30 +120,32 @@ def parameters_of(layout: Layout) -> list[ExportedVariable]:
     return [v for v in layout.variables if v.kind in ("parameter", "tunable")]
 
 
-def expected(limits: Limits) -> str:
+def expected_range(limits: Limits) -> str:
     """`more than 0, at most 1`, for people."""
     words = zip(("more than", "at least", "less than", "at most"), limits, strict=True)
     return ", ".join(f"{word} {limit:g}" for word, limit in words if limit is not None) or "a finite number"
 
 
-def _given(part: RobotPart, first: Mapping[str, int]) -> Iterator[str]:
+def _output_lines(part: RobotPart, first: Mapping[str, int]) -> Iterator[str]:
     feeding = drive_commands(part)
-    for port_of_drive, port in COMMANDS.items():
+    for port_of_drive, port in COMMAND_PORTS.items():
         place = first[feeding[port_of_drive]] if port_of_drive in feeding else None
-        yield from _filled(f"out->{port.name}", port, place)
+        yield from _assignment_lines(f"out->{port.name}", port, place)
     for component in part.components:
         for port in component.outputs:
-            yield from _filled(f"out->{component.name}.{port.name}", port, first[f"{component.name}.{port.name}"])
+            yield from _assignment_lines(
+                f"out->{component.name}.{port.name}", port, first[f"{component.name}.{port.name}"]
+            )
 
 
-def _filled(target: str, port: Port, first: int | None) -> Iterator[str]:
+def _assignment_lines(target: str, port: Port, first: int | None) -> Iterator[str]:
     for n in range(port.size):
         value = "1.0" if first is None else f"state->values[{first + n}]"
-        value = f"{value} != 0.0" if port.kind == "bool" else f"({TYPES[port.kind]}){value}"
+        value = f"{value} != 0.0" if port.kind == "bool" else f"({C_TYPES[port.kind]}){value}"
         yield f"{target}{f'[{n}]' if port.size > 1 else ''} = {value};"
 
 
-def _of(port: Port, n: int) -> str:
+def _element_name(port: Port, n: int) -> str:
     return f"{port.name}[{n}]" if port.size > 1 else port.name
 
 
@@ -160,11 +164,11 @@ def _members(fields: Mapping[str, Any], indent: str) -> Iterator[str]:
     for name, field in fields.items():
         if isinstance(field, Port):
             meaning = field.meaning if field.unit == "1" else f"{field.unit}, {field.meaning}"
-            yield _member(indent, TYPES[field.kind], name, field.size, meaning)
+            yield _member(indent, C_TYPES[field.kind], name, field.size, meaning)
         elif isinstance(field, ExportedVariable):
             start = ", ".join(f"{x:g}" for x in field.start)
             tunable = "; tunable" if field.kind == "tunable" else ""
-            meaning = f"{start}: {field.meaning}; {expected(field.limits)}{tunable}"
+            meaning = f"{start}: {field.meaning}; {expected_range(field.limits)}{tunable}"
             yield _member(indent, "double", name, len(field.start), meaning)
         else:
             yield f"{indent}struct {{"
@@ -180,9 +184,9 @@ def _text(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-PART = "controls"
-LIBRARY = "libcomputer.a"
-OURS = "computer_"
+LIBRARY_PART = "controls"
+LIBRARY_FILE = "libcomputer.a"
+SYMBOL_PREFIX = "computer_"
 """What all names of the library begin with that a program sees."""
 
 
@@ -199,26 +203,26 @@ def build_c(
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the folder; None: results/build/EXPERIMENT/c.
     """
-    targets = linking.platforms_named(platforms)
+    targets = linking.select_platforms(platforms)
     loaded = load_experiment(experiment, settings)
-    folder = out or HOME / loaded.name / "c"
-    part = part_of(loaded, PART)
+    folder = out or RESULTS_FOLDER / loaded.name / "c"
+    part = part_of(loaded, LIBRARY_PART)
     linking.refuse_platform(folder, targets)
-    offered = parameters(part)
-    layout = laid_out(part, offered)
-    layout = replace(layout, rows=tuple(row._replace(symbol=OURS + row.symbol) for row in layout.rows))
-    closed = fixed(part, offered)
+    offered = open_parameters(part)
+    layout = layout_of(part, offered)
+    layout = replace(layout, rows=tuple(row._replace(symbol=SYMBOL_PREFIX + row.symbol) for row in layout.rows))
+    closed = fixed_keys(part, offered)
     # before what takes long
-    made_folder(folder)
-    steps = linking.emitted_steps(layout, targets, say)
-    source = tables(layout, layout.variables).encode()
+    make_folder(folder)
+    steps = linking.emit_steps(layout, targets, say)
+    source = tables_source(layout, layout.variables).encode()
     shared = linking.c_files("part.h", "part.c", "computer.c", "main.c") | {
         "computer.h": header(part, layout),
         "fields.c": fields(part, layout),
         "tables.c": source,
     }
-    guid = linking.guid_of(*(step.content for step in steps[linking.HERE]), *shared.values())
-    shared["sizes.h"] = sizes(layout, layout.variables, guid, loaded.cosim.tick).encode()
+    guid = linking.guid_of(*(step.content for step in steps[linking.HOST_PLATFORM]), *shared.values())
+    shared["sizes.h"] = sizes_header(layout, layout.variables, guid, loaded.cosim.tick).encode()
 
     def library(platform: linking.Platform) -> bytes:
         return linking.static_library("computer.c", platform, shared | linking.object_files(steps[platform]), folder)
@@ -228,15 +232,15 @@ def build_c(
         libraries = dict(zip(targets, threads.map(library, targets), strict=True))
     files = {name: shared[name] for name in ("computer.h", "main.c")} | {
         "README.md": _readme(part, targets, closed).encode(),
-        **{f"{platform.name}/{LIBRARY}": content for platform, content in libraries.items()},
+        **{f"{platform.name}/{LIBRARY_FILE}": content for platform, content in libraries.items()},
     }
     for name, content in files.items():
-        made_folder((folder / name).parent)
+        make_folder((folder / name).parent)
         write_bytes(folder / name, content)
-    with disk_refusals(folder, "cannot be tidied"):
+    with translate_disk_errors(folder, "cannot be tidied"):
         # what an earlier build has left does not belong to this header
         for other in linking.PLATFORMS.keys() - {target.name for target in targets}:
-            (folder / other / LIBRARY).unlink(missing_ok=True)
+            (folder / other / LIBRARY_FILE).unlink(missing_ok=True)
     names = [variable.name for variable in parameters_of(layout)]
     components = [component.name for component in part.components]
     step = step_ticks(part) * loaded.cosim.tick
@@ -246,7 +250,7 @@ def build_c(
         "step": f"{1e3 * step:g} ms: counts in, motor speeds out",
         "open": f"{len(names)} parameters, as the experiment's file calls them",
         "fixed": ", ".join(closed),
-        "written": f"{folder}: computer.h, main.c, README.md, PLATFORM/{LIBRARY}",
+        "written": f"{folder}: computer.h, main.c, README.md, PLATFORM/{LIBRARY_FILE}",
     })  # fmt: skip
     return Answer(text, {
         "folder": str(folder),
@@ -280,7 +284,7 @@ def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequ
         "```",
         "",
         "A library needs libm, and `memcpy` and `memset`, which a compiler takes for granted; all names in it begin",
-        f"with `{OURS}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end `sin`, `cos` or",
+        f"with `{SYMBOL_PREFIX}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end `sin`, `cos` or",
         "`exp` in another bit.",
         "",
         *([f"`monitor.reason`: {reasons}.", ""] if part.component("monitor") else []),
@@ -291,9 +295,9 @@ def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequ
 
 
 def _compile(platform: linking.Platform) -> str:
-    if platform is linking.HERE:
-        return f"cc -O2 main.c {linking.HERE.name}/{LIBRARY} -lm -o main"
+    if platform is linking.HOST_PLATFORM:
+        return f"cc -O2 main.c {linking.HOST_PLATFORM.name}/{LIBRARY_FILE} -lm -o main"
     suffix = ".exe" if platform.suffix == "dll" else ""
     libm = " -lm" if platform.is_elf else ""
     target = platform.target
-    return f"python -m ziglang cc -target {target} -O2 main.c {platform.name}/{LIBRARY}{libm} -o main{suffix}"
+    return f"python -m ziglang cc -target {target} -O2 main.c {platform.name}/{LIBRARY_FILE}{libm} -o main{suffix}"

@@ -28,15 +28,15 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
-from twin.kernel.compiled.machine import OLDEST, X86_64, Form, Module, bare
-from twin.kernel.errors import InputRefused, disk_refusals, nearest
-from twin.kernel.fmi.unpacked import PATIENCE, ZIG, call_compiler, compiler, zig
+from twin.kernel.compiled.machine import BASELINE_CPU, X86_64, Module, ProcessorForm, strip_module
+from twin.kernel.errors import InputRefused, nearest, translate_disk_errors
+from twin.kernel.fmi.unpacked import COMPILE_TIMEOUT, ZIG_PACKAGE, call_compiler, compiler_command, zig_command
 from twin.studies.build.layout import Layout
 
-ALL = "all"
+ALL_PLATFORMS = "all"
 
 
-ARM = (Form("", ""),)
+ARM_FORMS = (ProcessorForm("", ""),)
 
 
 class Platform(NamedTuple):
@@ -59,7 +59,7 @@ class Platform(NamedTuple):
     triple: str
     target: str
     cpu: str
-    forms: tuple[Form, ...]
+    forms: tuple[ProcessorForm, ...]
 
     @property
     def is_elf(self) -> bool:
@@ -70,27 +70,27 @@ class Platform(NamedTuple):
 PLATFORMS = {
     row[0]: Platform(*row)
     for row in (
-        ("x86_64-linux", "linux64", "so", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", OLDEST, X86_64),
-        ("aarch64-linux", None, "so", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu.2.17", "generic", ARM),
-        ("x86_64-windows", "win64", "dll", "x86_64-unknown-windows-gnu", "x86_64-windows-gnu", OLDEST, X86_64),
-        ("x86_64-darwin", "darwin64", "dylib", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", OLDEST, X86_64),
-        ("aarch64-darwin", "darwin64", "dylib", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "generic", ARM),
+        ("x86_64-linux", "linux64", "so", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", BASELINE_CPU, X86_64),
+        ("aarch64-linux", None, "so", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu.2.17", "generic", ARM_FORMS),
+        ("x86_64-windows", "win64", "dll", "x86_64-unknown-windows-gnu", "x86_64-windows-gnu", BASELINE_CPU, X86_64),
+        ("x86_64-darwin", "darwin64", "dylib", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", BASELINE_CPU, X86_64),
+        ("aarch64-darwin", "darwin64", "dylib", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "generic", ARM_FORMS),
     )
 }
-HERE = PLATFORMS["x86_64-linux"]
+HOST_PLATFORM = PLATFORMS["x86_64-linux"]
 """Where it is built, and the only one where it can be tried."""
 
 
-def platforms_named(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
+def select_platforms(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
     """The platform where it is built, and those of `names` beside it; "all" are all."""
     able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
     for name in names:
-        if name == ALL or name in able:
+        if name == ALL_PLATFORMS or name in able:
             continue
         if name in PLATFORMS:
             raise InputRefused(f"--platform {name}: FMI 2.0 has no folder for it; build it with --fmi 3")
-        raise InputRefused(f"--platform {name}: {nearest(name, [*able, ALL], 'expected one of {}')}")
-    return [p for name, p in able.items() if p is HERE or ALL in names or name in names]
+        raise InputRefused(f"--platform {name}: {nearest(name, [*able, ALL_PLATFORMS], 'expected one of {}')}")
+    return [p for name, p in able.items() if p is HOST_PLATFORM or ALL_PLATFORMS in names or name in names]
 
 
 def names_of(platforms: Iterable[Platform]) -> str:
@@ -103,7 +103,7 @@ def summary(title: str, rows: Mapping[str, str]) -> str:
     return "\n".join([title, *(f"  {label:<8} {text}" for label, text in rows.items())])
 
 
-class Emitted(NamedTuple):
+class EmittedStep(NamedTuple):
     """A step for one platform."""
 
     symbol: str
@@ -111,7 +111,7 @@ class Emitted(NamedTuple):
     content: bytes
 
 
-def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
+def emit_step(step: Module, platform: Platform, form: ProcessorForm) -> EmittedStep:
     """A form of `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
 
     Raises:
@@ -123,18 +123,18 @@ def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
     machine = llvm.Target.from_triple(platform.triple).create_target_machine(
         cpu=platform.cpu, features=form.features, opt=3, reloc="pic", codemodel="default"
     )
-    module, foreign = bare(step, machine)
+    module, foreign = strip_module(step, machine)
     if foreign:
         raise InputRefused(f"{step.symbol}: its compiled step needs {', '.join(foreign)}; it cannot leave Python")
     function = module.get_function(step.inner)
     # hidden: two parts in one process have steps of the same name
     function.name, function.visibility = step.symbol + form.suffix, "hidden"
-    return Emitted(function.name, str(module), machine.emit_object(module))
+    return EmittedStep(function.name, str(module), machine.emit_object(module))
 
 
-def emitted_steps(
+def emit_steps(
     layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
-) -> dict[Platform, list[Emitted]]:
+) -> dict[Platform, list[EmittedStep]]:
     """All steps of a layout in all forms for each platform."""
     modules = []
     for row in layout.rows:
@@ -142,27 +142,27 @@ def emitted_steps(
         step: Any = row.step
         modules.append(step.module(row.symbol))
     return {
-        platform: [emitted(module, platform, form) for module in modules for form in platform.forms]
+        platform: [emit_step(module, platform, form) for module in modules for form in platform.forms]
         for platform in platforms
     }
 
 
-def object_files(steps: Sequence[Emitted]) -> dict[str, bytes]:
+def object_files(steps: Sequence[EmittedStep]) -> dict[str, bytes]:
     """Object files by their names."""
     return {f"{step.symbol}.o": step.content for step in steps}
 
 
 # no contraction to fused multiply-add: the same numbers as here
-FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
-NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
-C = Path(__file__).parent / "c"
+COMPILER_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
+GUID_NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
+C_FOLDER = Path(__file__).parent / "c"
 # Mach-O by the first word of a triple: cputype, cpusubtype (<mach/machine.h>), log2 of the page size
-_MACHO = {"x86_64": (0x01000007, 3, 12), "arm64": (0x0100000C, 0, 14)}
+_MACHO_FIELDS = {"x86_64": (0x01000007, 3, 12), "arm64": (0x0100000C, 0, 14)}
 
 
 def c_files(*names: str) -> dict[str, bytes]:
     """Files of C that every part shares, by their names."""
-    return {name: (C / name).read_bytes() for name in names}
+    return {name: (C_FOLDER / name).read_bytes() for name in names}
 
 
 def guid_of(*contents: bytes) -> str:
@@ -170,7 +170,7 @@ def guid_of(*contents: bytes) -> str:
     digest = hashlib.sha256()
     for content in contents:
         digest.update(f"{len(content)}\n".encode() + content)
-    return "{" + str(uuid.uuid5(NAMESPACE, digest.hexdigest())) + "}"
+    return "{" + str(uuid.uuid5(GUID_NAMESPACE, digest.hexdigest())) + "}"
 
 
 def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
@@ -200,7 +200,7 @@ def shared_library(
     with _folder_of(files) as folder:
         # relative: the name of a folder would end in the library
         inputs = [source, *(file for file in files if file.endswith(".o"))]
-        flags = [*FLAGS, "-shared", "-s", "-I.", *options]
+        flags = [*COMPILER_FLAGS, "-shared", "-s", "-I.", *options]
         _call([*_compiler(platform, wanted), *flags, *inputs, *linking, "-o", library], folder, wanted)
         return (folder / library).read_bytes()
 
@@ -212,7 +212,7 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
     built = Path(source).with_suffix(".o").name
     with _folder_of(files) as folder:
         tool = _compiler(platform, wanted)
-        _call([*tool, *FLAGS, *bare, "-I.", "-c", source, "-o", built], folder, wanted)
+        _call([*tool, *COMPILER_FLAGS, *bare, "-I.", "-c", source, "-o", built], folder, wanted)
         objects = [built, *(file for file in files if file.endswith(".o"))]
         # D: no times and owners
         _call([*_archiver(tool, wanted), "rcsD", "library.a", *objects], folder, wanted)
@@ -224,7 +224,7 @@ def universal(slices: Mapping[str, bytes]) -> bytes:
     header = struct.pack(">II", 0xCAFEBABE, len(slices))
     body, start = b"", 8 + 20 * len(slices)
     for triple, content in slices.items():
-        cpu, subtype, alignment = _MACHO[triple.partition("-")[0]]
+        cpu, subtype, alignment = _MACHO_FIELDS[triple.partition("-")[0]]
         body += bytes(-(start + len(body)) % (1 << alignment))
         header += struct.pack(">IIIII", cpu, subtype, start + len(body), len(content), alignment)
         body += content
@@ -232,15 +232,15 @@ def universal(slices: Mapping[str, bytes]) -> bytes:
 
 
 def _compiler(platform: Platform, wanted: Path) -> list[str]:
-    tool = compiler(wanted) if platform is HERE else [*zig(), "cc"]
-    if platform is not HERE and importlib.util.find_spec(ZIG) is None:
-        raise InputRefused(f"{wanted}: there is no C compiler for {platform.name}; pip install {ZIG}")
-    return [*tool, "-target", platform.target] if ZIG in tool else tool
+    tool = compiler_command(wanted) if platform is HOST_PLATFORM else [*zig_command(), "cc"]
+    if platform is not HOST_PLATFORM and importlib.util.find_spec(ZIG_PACKAGE) is None:
+        raise InputRefused(f"{wanted}: there is no C compiler for {platform.name}; pip install {ZIG_PACKAGE}")
+    return [*tool, "-target", platform.target] if ZIG_PACKAGE in tool else tool
 
 
 def _archiver(tool: Sequence[str], wanted: Path) -> list[str]:
-    if ZIG in tool:
-        return [*zig(), "ar"]
+    if ZIG_PACKAGE in tool:
+        return [*zig_command(), "ar"]
     found = shutil.which("ar")
     if found is None:
         raise InputRefused(f"{wanted}: there is no 'ar' beside the C compiler; install binutils")
@@ -250,7 +250,7 @@ def _archiver(tool: Sequence[str], wanted: Path) -> list[str]:
 @contextmanager
 def _folder_of(files: Mapping[str, bytes]) -> Iterator[Path]:
     with (
-        disk_refusals(Path(tempfile.gettempdir()), "cannot be written to"),
+        translate_disk_errors(Path(tempfile.gettempdir()), "cannot be written to"),
         tempfile.TemporaryDirectory(prefix="twin-build-") as scratch,
     ):
         for file, content in files.items():
@@ -262,6 +262,6 @@ def _call(command: Sequence[str], folder: Path, wanted: Path) -> None:
     call_compiler(
         command,
         f"{wanted}: does not compile",
-        f"{wanted}: its C still compiles after {PATIENCE:g} s; try another compiler",
+        f"{wanted}: its C still compiles after {COMPILE_TIMEOUT:g} s; try another compiler",
         folder,
     )

@@ -16,7 +16,7 @@ FROM_ROBOT = ("plant", "controller.model")
 """Tables that the robot's own fills where they say nothing."""
 
 
-def defined(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, ssp.UnitDefinition]:
+def unambiguous_units(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, ssp.UnitDefinition]:
     """Units of one file by their names; where two mean different things by one name, it is ambiguous."""
     found: dict[str, ssp.UnitDefinition] = {}
     disputed: set[str] = set()
@@ -34,9 +34,9 @@ def origin(experiment: Experiment, key: str) -> str:
     return experiment.origins.get(key, "")
 
 
-TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
+SSP_TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
 # some tools leave their outputs marked as local
-THEIRS: dict[str, ssp.ConnectorKind] = {
+FOREIGN_KINDS: dict[str, ssp.ConnectorKind] = {
     "input": "input", "output": "output", "local": "output", "parameter": "parameter",
     "structuralParameter": "parameter",
 }  # fmt: skip
@@ -49,7 +49,9 @@ def foreign_connectors(description: FmuDescription, variables: Sequence[Variable
         kind, unit = _type(v), _unit(v, description)
         # which enumeration, the FMU tells
         type_ = "" if kind == "Enumeration" else kind
-        connector = ssp.Connector(v.name, THEIRS[v.causality], type_, unit.name if unit else "", (), v.description)
+        connector = ssp.Connector(
+            v.name, FOREIGN_KINDS[v.causality], type_, unit.name if unit else "", (), v.description
+        )
         found.append((connector, unit))
     return tuple(found)
 
@@ -71,7 +73,7 @@ def foreign_values(
         source: entry of the archive.
     """
     facts = {variable.name: (_type(variable), _unit(variable, description)) for variable, _ in settings}
-    units = defined(unit for _, unit in facts.values())
+    units = unambiguous_units(unit for _, unit in facts.values())
     values = []
     for variable, value in settings:
         kind, unit = facts[variable.name]
@@ -95,7 +97,7 @@ def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] 
 
 def _type(variable: Variable) -> str:
     """As SSP 1.0 calls it; a whole number of FMI 3.0 is an Integer."""
-    return TYPES.get(variable.type, "Integer")
+    return SSP_TYPES.get(variable.type, "Integer")
 
 
 def _unit(variable: Variable, description: FmuDescription) -> ssp.UnitDefinition | None:

@@ -16,28 +16,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twin.kernel.cosim.component import Component, MemoryPlace, NativeComponent
-from twin.kernel.cosim.delay import filled
+from twin.kernel.cosim.delay import fill_ring
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.settings import taken
+from twin.kernel.settings import setting_fields
 from twin.kernel.units import Unit, known_unit
-from twin.robot.assembly.assemble import HERE, ROBOT, ComponentRow, broken, connected
-from twin.robot.assembly.build import JOINTS, Build, at_rest
-from twin.robot.assembly.declared import MEMORIES, PATHS, PLACES
-from twin.robot.assembly.roles import CONTRACTS
+from twin.robot.assembly.assemble import (
+    COMPONENT_ROWS,
+    IN_PROCESS_MAKER,
+    ComponentRow,
+    connect_components,
+    inject_faults,
+)
+from twin.robot.assembly.build import JOINTS, Build, resting_plant
+from twin.robot.assembly.declared import SETTING_MEMORIES, TABLE_PATHS, TUNABLE_PLACES
+from twin.robot.assembly.roles import ROLE_CONTRACTS
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE, Fault, table_of
+from twin.robot.experiment.fault import FAULT_KINDS, Fault, fault_table_model
 from twin.robot.faults import FaultComponent
 from twin.robot.mechanism.geometry import Model
-from twin.robot.plant.component import inputs as plant_inputs
+from twin.robot.plant.component import plant_inputs as plant_inputs
 from twin.robot.plant.equations import REST_OUTPUTS, outputs_at_start, rest
-from twin.studies.build.refusals import refuse_broken, refuse_changed, refuse_others
+from twin.studies.build.refusals import refuse_changes, refuse_inner_faults, refuse_unbuildable
 
-DRIVE = "drive"
-COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))
-SHAFTS = (Port("theta_m", JOINTS, "rad"),)
-PARTS = {
+DRIVE_ROW = "drive"
+DRIVE_INPUTS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))
+DRIVE_OUTPUTS = (Port("theta_m", JOINTS, "rad"),)
+PART_COMPONENTS = {
     "plant": ("body", "scale", "plant"),
     "computer": ("latency", "encoder", "estimator", "controller", "tank", "delay", "monitor"),
     "controls": ("estimator", "controller", "tank", "delay", "monitor"),
@@ -86,7 +92,7 @@ class RobotPart:
 
 def drive_commands(part: RobotPart) -> dict[str, str]:
     """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
-    (drives,) = (row for row in ROBOT if row.name == DRIVE)
+    (drives,) = (row for row in COMPONENT_ROWS if row.name == DRIVE_ROW)
     fed = {
         port: [
             f"{source}.{name}"
@@ -100,20 +106,20 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:
     """The part `name` of the robot of `experiment`."""
-    plant, theta_m = at_rest(experiment, "body" in experiment.stand_ins)
-    build = Build(experiment, (), HERE, plant, theta_m)
-    made = {row.name: _made(row, build) for row in ROBOT}
-    sound = connected(made)
-    components, feeds = broken(experiment, [component for row in made.values() for component in row], sound)
+    plant, theta_m = resting_plant(experiment, "body" in experiment.stand_ins)
+    build = Build(experiment, (), IN_PROCESS_MAKER, plant, theta_m)
+    made = {row.name: _row_components(row, build) for row in COMPONENT_ROWS}
+    sound = connect_components(made)
+    components, feeds = inject_faults(experiment, [component for row in made.values() for component in row], sound)
     native = [component for component in components if isinstance(component, NativeComponent) and component.portable]
     known = [component.name for component in native]
-    wanted = [component for component in PARTS.get(name, (name,)) if component in known]
-    refuse_others(experiment, name, PARTS.get(name, (name,)))
+    wanted = [component for component in PART_COMPONENTS.get(name, (name,)) if component in known]
+    refuse_unbuildable(experiment, name, PART_COMPONENTS.get(name, (name,)))
     if not wanted:
-        hint = nearest(name, dict.fromkeys([*PARTS, *known]), "parts are {}")
+        hint = nearest(name, dict.fromkeys([*PART_COMPONENTS, *known]), "parts are {}")
         raise InputRefused(f"{name}: no part of {experiment.name} that can be built; {hint}")
-    refuse_changed(experiment, wanted)
-    refuse_broken(experiment, name, wanted, sound, feeds)
+    refuse_changes(experiment, wanted)
+    refuse_inner_faults(experiment, name, wanted, sound, feeds)
     chosen = sorted((c for c in native if c.name in wanted), key=lambda component: not component.sampled)
     within = {target: source for target, source in feeds.items() if {target.component, source.component} <= {*wanted}}
     beginnings: dict[str, tuple[Beginning, ...]] = {}
@@ -121,9 +127,9 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
         moving = len(plant.inputs) > len(plant_inputs(False, False))
         beginnings["plant"] = Beginning(outputs_at_start(moving, False)), Beginning(rest, REST_OUTPUTS)
     if "latency" in wanted:
-        beginnings["latency"] = (Beginning(filled),)
+        beginnings["latency"] = (Beginning(fill_ring),)
     starts = {
-        port.name: (port, _at_start(component, port, components, feeds))
+        port.name: (port, _start_values(component, port, components, feeds))
         for component in chosen
         for port in component.inputs
         if End(component.name, port.name) not in within
@@ -131,17 +137,17 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
     return RobotPart(name, experiment, tuple(chosen), within, beginnings, starts, experiment.start)
 
 
-def _made(row: ComponentRow, build: Build) -> list[Component]:
+def _row_components(row: ComponentRow, build: Build) -> list[Component]:
     """The components of a row; of drives and third-party parts nothing but the ports."""
-    if row.name == DRIVE:
-        return [Component(DRIVE, COMMANDS, SHAFTS, False, 0, 0, build.theta_m)]
+    if row.name == DRIVE_ROW:
+        return [Component(DRIVE_ROW, DRIVE_INPUTS, DRIVE_OUTPUTS, False, 0, 0, build.theta_m)]
     if row.name in build.experiment.stand_ins:
-        inputs, outputs, _ = CONTRACTS[row.name]
+        inputs, outputs, _ = ROLE_CONTRACTS[row.name]
         return [Component(row.name, inputs, outputs, True, 0, 0, np.zeros(width(outputs)))]
     return [make() for make in row.parts(build).values()]
 
 
-def _at_start(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
+def _start_values(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
     """What comes in at the start of the experiment, the robot at rest; 0 for an input without a source."""
     values = np.zeros(port.size)
     for n in range(port.size):
@@ -157,9 +163,9 @@ def fault_of(experiment: Experiment, name: str) -> Fault | None:
     return next((fault for n, fault in enumerate(experiment.faults, start=1) if name == f"fault_{n}"), None)
 
 
-def fault_beside(fault: Fault) -> tuple[str, ...]:
+def related_keys(fault: Fault) -> tuple[str, ...]:
     """Keys of other tables that decide on the component of `fault`."""
-    match CATALOGUE[fault.kind].mechanism:
+    match FAULT_KINDS[fault.kind].mechanism:
         case "counts":
             side = "motor" if fault.target.startswith("motor") else "joint"
             return (f"plant.{side}_counts_per_turn", "controller.period_ms")
@@ -170,14 +176,14 @@ def fault_beside(fault: Fault) -> tuple[str, ...]:
     return ("controller.speed_limit_rad_per_s",) if fault.kind == "brown_out" else ()
 
 
-START = "start.p_B"
-_TABLES = (
+START_KEY = "start.p_B"
+_TABLE_ORDER = (
     "plant", "robot", "contact", "contact.breathing", "contact.shift", "scale", "controller", "controller.model",
     "controller.force", "controller.position", "controller.touch", "controller.feed_forward", "controller.damping",
     "controller.tissue", "controller.breath", "controller.energy_tank",
 )  # fmt: skip
 """The order in which their parameters stand."""
-_FIRST = {
+_FIRST_KEYS = {
     "contact": (
         "height", "tilt", "tilt_x", "stiffness", "friction", "bristle", "bristle_damping", "damping", "exponent",
         "reference_depth", "damper", "touch_depth", "stiffening", "radius",
@@ -187,10 +193,10 @@ _FIRST = {
     "controller.energy_tank": ("size", "horizon", "touch", "bias", "release"),
 }  # fmt: skip
 """Of a table, what stands before all else, as in FMUs that were built before; the rest as it lies in memory."""
-_MODELS = {path: table for table, path in PATHS.items()}
+_TABLE_MODELS = {path: table for table, path in TABLE_PATHS.items()}
 
 Limits = tuple[float | None, float | None, float | None, float | None]
-UNLIMITED: Limits = (None, None, None, None)
+NO_LIMITS: Limits = (None, None, None, None)
 
 
 class Destination(NamedTuple):
@@ -229,31 +235,33 @@ class OpenParameter(NamedTuple):
     tunable: bool
 
 
-def parameters(part: RobotPart) -> list[OpenParameter]:
+def open_parameters(part: RobotPart) -> list[OpenParameter]:
     """All of them, in the order of the tables of the file."""
     found: dict[str, list[Destination]] = {}
-    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
+    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if has_tissue_estimate(part) else set()
     for component in part.components:
         for key, destination in _numbers(part, component):
             if key not in worked_out:
                 found.setdefault(key, []).append(destination)
         for attribute, (field, times) in component.numbers.items() if isinstance(component, FaultComponent) else ():
             found[f"{component.name}.{attribute}"] = [Destination(component.name, component.memory[field], times=times)]
-    offered = [_parameter(part.experiment, key, tuple(found[key])) for key in sorted(found, key=_order) if key != START]
-    if START in found:
+    offered = [
+        _parameter(part.experiment, key, tuple(found[key])) for key in sorted(found, key=_order) if key != START_KEY
+    ]
+    if START_KEY in found:
         meaning = "where the platform is at the start, at rest"
         metre = known_unit("m")
         assert metre is not None
         start = tuple(float(x) for x in part.start)
-        offered.append(OpenParameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
+        offered.append(OpenParameter(START_KEY, meaning, start, metre, "m", NO_LIMITS, tuple(found[START_KEY]), False))
     return offered
 
 
 def _order(key: str) -> tuple[int, int]:
     table, _, name = key.rpartition(".")
-    first = _FIRST.get(table, ())
+    first = _FIRST_KEYS.get(table, ())
     return (
-        _TABLES.index(table) if table in _TABLES else 0,
+        _TABLE_ORDER.index(table) if table in _TABLE_ORDER else 0,
         first.index(name) if name in first else len(first),
     )
 
@@ -261,7 +269,7 @@ def _order(key: str) -> tuple[int, int]:
 def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> OpenParameter:
     table, _, attribute = key.rpartition(".")
     fault = fault_of(experiment, table)
-    field = (table_of(CATALOGUE[fault.kind]) if fault else _MODELS[table]).model_fields[attribute]
+    field = (fault_table_model(FAULT_KINDS[fault.kind]) if fault else _TABLE_MODELS[table]).model_fields[attribute]
     name = field.alias or attribute
     value = stated_values(experiment, table).get(name, field.default)
     text = name.removeprefix(f"{attribute}_").replace("_per_", "/").replace("per_", "1/").replace("_", ".")
@@ -274,25 +282,25 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
     )
     key = f"{table}.{name}"
     limits = above, at_least, below, at_most
-    return OpenParameter(key, field.description or "", start, unit, text, limits, destinations, key in PLACES)
+    return OpenParameter(key, field.description or "", start, unit, text, limits, destinations, key in TUNABLE_PLACES)
 
 
-Found = Iterator[tuple[str, Destination]]
+Destinations = Iterator[tuple[str, Destination]]
 
 
-def _numbers(part: RobotPart, component: NativeComponent) -> Found:
+def _numbers(part: RobotPart, component: NativeComponent) -> Destinations:
     """What of the file is in the memory of a `component`: key by attribute, and where it is."""
     name = component.name
-    for memory in MEMORIES:
+    for memory in SETTING_MEMORIES:
         for field, source in memory.fields.items() if memory.component == name else ():
-            path, numbers = PATHS[source.table], MemoryPlace(name, memory.record, field).memory_of(component)
+            path, numbers = TABLE_PATHS[source.table], MemoryPlace(name, memory.record, field).memory_of(component)
             shown = source.setting.exported and source.form != "i8"
             if shown and numbers is not None and _is_open(part, memory.record, path, source.name):
                 yield f"{path}.{source.name}", Destination(name, numbers, source.divisor, source.times)
     if name == "body":
         yield from _body(part)
     if name == "plant":
-        yield START, Destination("plant", component.memory[0:1]["x"][0, :3])
+        yield START_KEY, Destination("plant", component.memory[0:1]["x"][0, :3])
 
 
 def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
@@ -318,20 +326,20 @@ def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
     return True
 
 
-def _body(part: RobotPart) -> Found:
+def _body(part: RobotPart) -> Destinations:
     body = part.component("body")
     assert body is not None
     motions = body.pointers["motions"]
     for row, table in enumerate(part.experiment.contact.motions):
-        for field, source in taken(type(table)).items():
+        for field, source in setting_fields(type(table)).items():
             if getattr(table, source.name) is not None:
                 numbers = motions[row : row + 1][field].reshape(-1)
                 # an amplitude is the last of the three numbers of its displacement
                 there = numbers if source.form == "3f8" else numbers[-1:]
-                yield f"{PATHS[type(table)]}.{source.name}", Destination("body", there)
+                yield f"{TABLE_PATHS[type(table)]}.{source.name}", Destination("body", there)
 
 
-def senses(part: RobotPart) -> bool:
+def has_tissue_estimate(part: RobotPart) -> bool:
     """Whether its controller senses the tissue: masses and springs are worked out of its model then, in Python."""
     return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
@@ -346,7 +354,7 @@ def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
     return values if isinstance(values, Mapping) else {}
 
 
-_FIXED = {
+_FIXED_KEYS = {
     "plant": ("plant.substeps", "contact.law", "contact.shape"),
     "scale": ("scale.period_ms",),
     "latency": ("plant.encoder_latency_ms",),
@@ -365,7 +373,7 @@ _FIXED = {
 """What decides on a component and may be fixed in it; what is offered after all is not."""
 
 
-def fixed(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
+def fixed_keys(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
     """The keys of the experiment's file that decide on the part, and cannot be set any more."""
     open_ones = {parameter.key for parameter in offered}
     experiment = part.experiment
@@ -374,14 +382,14 @@ def fixed(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
         fault = fault_of(experiment, component.name)
         if fault:
             stated = (f"{component.name}.{key}" for key in stated_values(experiment, component.name))
-            keys |= dict.fromkeys((*stated, *fault_beside(fault)))
-        keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
-    if senses(part):
+            keys |= dict.fromkeys((*stated, *related_keys(fault)))
+        keys |= dict.fromkeys(key for key in _FIXED_KEYS.get(component.name, ()) if _is_stated_key(experiment, key))
+    if has_tissue_estimate(part):
         keys["[controller.model]"] = None
     return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
 
 
-def _has(experiment: Experiment, key: str) -> bool:
+def _is_stated_key(experiment: Experiment, key: str) -> bool:
     """Whether the experiment says it, or has such a table."""
     table, _, name = key.strip("[]").rpartition(".")
     value = stated_values(experiment, table).get(name)

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from twin.kernel.cosim.system import Feeds
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import motions
-from twin.robot.assembly.declared import BROKEN, PLACES
+from twin.robot.assembly.declared import FAULT_PLACES, TUNABLE_PLACES
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 
 
-def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
+def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
     """Refuse what is not twin's own, or is nothing that a master could step."""
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
@@ -35,26 +35,26 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
 
 def _refuse_alone(name: str, kind: str) -> None:
     """A fault that is no component between wires."""
-    if kind in BROKEN:
-        owner = BROKEN[kind].component
+    if kind in FAULT_PLACES:
+        owner = FAULT_PLACES[kind].component
         raise InputRefused(
             f"{name}: {kind} writes into the memory of {owner}, which no FMU can do to another; it cannot be built"
         )
-    if CATALOGUE[kind].mechanism == "body":
+    if FAULT_KINDS[kind].mechanism == "body":
         raise InputRefused(f"{name}: {kind} is a motion of the body, and is built with it: expected body or plant")
 
 
-def refuse_changed(experiment: Experiment, wanted: Sequence[str]) -> None:
+def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
     """Refuse components that the experiment itself changes on the way."""
     for change in experiment.changes:
-        if PLACES[change.key].component in wanted:
+        if TUNABLE_PLACES[change.key].component in wanted:
             raise InputRefused(
                 f"{experiment.name}: has [[change]] tables, which cannot be built; build it with --set change=[], and "
                 f"set {change.key} at that time in the other master"
             )
 
 
-def refuse_broken(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
+def refuse_inner_faults(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
     """Refuse a part within which something breaks: a fault is a part of its own.
 
     Args:
@@ -71,7 +71,7 @@ def refuse_broken(experiment: Experiment, name: str, wanted: Sequence[str], soun
                 f"{name}; build its components one by one ({apart}), {instead}"
             )
     for number, fault_ in enumerate(experiment.faults, start=1):
-        if fault_.kind in BROKEN and (owner := BROKEN[fault_.kind].component) in wanted:
+        if fault_.kind in FAULT_PLACES and (owner := FAULT_PLACES[fault_.kind].component) in wanted:
             raise InputRefused(
                 f"{experiment.name}: fault_{number} ({fault_.kind}) writes into the memory of {owner}, which no FMU "
                 f"can do to another; expected faults between parts, {instead}"

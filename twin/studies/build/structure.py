@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from twin.kernel.ssp import structure as ssp
-from twin.robot.assembly.assemble import BRAKE, COMMAND, DRIVE_POWER, POWER
+from twin.robot.assembly.assemble import BRAKE_SOURCES, COMMAND_SOURCES, DRIVE_POWER_SOURCES, POWER_SOURCES
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.build.joint_drive import JointDrive, Socket
-from twin.studies.build.parameter_values import TYPES, ConnectorUnit, defined
+from twin.studies.build.parameter_values import SSP_TYPES, ConnectorUnit, unambiguous_units
 
-OURS = "urn:twin:build"
+BUILD_NAMESPACE = "urn:twin:build"
 OPEN_MODELICA = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
-PACKAGES = ("twin", "numba", "llvmlite", "numpy")
-ET.register_namespace("twin", OURS)
+RECORDED_PACKAGES = ("twin", "numba", "llvmlite", "numpy")
+ET.register_namespace("twin", BUILD_NAMESPACE)
 ET.register_namespace("oms", OPEN_MODELICA)
 
 
@@ -47,7 +47,7 @@ def structure(
         members: elements in the order in which a Gauss-Seidel master steps them.
         hashes: SHA-256 by entry of the archive.
     """
-    units = defined(unit for member in members for _, unit in member.connectors)
+    units = unambiguous_units(unit for member in members for _, unit in member.connectors)
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
     system = ssp.SspSystem(
         name=experiment.name,
@@ -84,41 +84,51 @@ def _component(member: Member, units: Mapping[str, ssp.UnitDefinition]) -> ssp.S
 def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[ssp.Connection]:
     ours = [member for member in members if not member.name.startswith("drive_")]
     given = {c.name: Socket(member.name, c.name) for member in ours for c, _ in member.connectors if c.kind == "output"}
-    lines = {"omega_ref": COMMAND, "enable": POWER, "power": DRIVE_POWER, "brake": BRAKE}
-    last = {name: _last(given, sources) for name, sources in lines.items()}
+    lines = {
+        "omega_ref": COMMAND_SOURCES,
+        "enable": POWER_SOURCES,
+        "power": DRIVE_POWER_SOURCES,
+        "brake": BRAKE_SOURCES,
+    }
+    last = {name: _first_available(given, sources) for name, sources in lines.items()}
     for member in ours:
         for connector, _ in member.connectors:
             if connector.kind == "input":
-                yield _joined(_feeding(connector.name, given, drives), Socket(member.name, connector.name))
+                yield _connection(_feeding_socket(connector.name, given, drives), Socket(member.name, connector.name))
     for number, drive in enumerate(drives, start=1):
         for source, target in drive.connections:
-            yield _joined(source, target)
+            yield _connection(source, target)
         fed = {"omega_ref": f"{last['omega_ref']}[{number}]", "tau_load": f"plant.tau_load[{number}]"}
         fed |= {"enable": last["enable"], "brake": last["brake"]}
         if last["power"]:
             fed["enable"] = fed["power"] = f"{last['power']}[{number}]"
         for port, sockets in drive.inputs.items():
             for socket in sockets:
-                yield _joined(given[fed[port]], socket)
+                yield _connection(given[fed[port]], socket)
 
 
-def _feeding(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive]) -> Socket:
+def _feeding_socket(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive]) -> Socket:
     """What feeds an input of a part of ours."""
     port, bracket, number = name.removesuffix("]").partition("[")
     if port == "theta_m":
         return drives[int(number) - 1].theta_m
     # what the bus takes is what is in front of it
-    lines = {"omega_ref": COMMAND, "power": POWER, "drive_power": DRIVE_POWER, "brake": BRAKE}
+    lines = {
+        "omega_ref": COMMAND_SOURCES,
+        "power": POWER_SOURCES,
+        "drive_power": DRIVE_POWER_SOURCES,
+        "brake": BRAKE_SOURCES,
+    }
     sources = ("plant.theta_l",) if port == "theta_l" else lines[port][1:]
-    return given[_last(given, sources) + (f"[{number}]" if bracket else "")]
+    return given[_first_available(given, sources) + (f"[{number}]" if bracket else "")]
 
 
-def _last(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
+def _first_available(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
     """The first of `sources` that is there, as a whole or by its elements; "" if none is."""
     return next((name for name in sources if name in given or f"{name}[1]" in given), "")
 
 
-def _joined(source: Socket, target: Socket) -> ssp.Connection:
+def _connection(source: Socket, target: Socket) -> ssp.Connection:
     factor, offset = source.gain / target.gain, (source.offset - target.offset) / target.gain
     line = ssp.Transformation(factor, offset)
     ends = ssp.Endpoint(source.element, source.variable), ssp.Endpoint(target.element, target.variable)
@@ -139,12 +149,12 @@ def _provenance(experiment: Experiment, hashes: Mapping[str, str]) -> str:
     """What it was made of and by what, and in which scheme the twin runs it."""
     cosim = experiment.cosim
     stated = {"experiment": experiment.name, "scheme": cosim.scheme, "stepSize": repr(cosim.tick)}
-    root = ET.Element(f"{{{OURS}}}Build", stated)
+    root = ET.Element(f"{{{BUILD_NAMESPACE}}}Build", stated)
     for entry, digest in hashes.items():
-        ET.SubElement(root, f"{{{OURS}}}File", source=entry, sha256=digest)
-    for package in PACKAGES:
-        ET.SubElement(root, f"{{{OURS}}}Software", name=package, version=version(package))
+        ET.SubElement(root, f"{{{BUILD_NAMESPACE}}}File", source=entry, sha256=digest)
+    for package in RECORDED_PACKAGES:
+        ET.SubElement(root, f"{{{BUILD_NAMESPACE}}}Software", name=package, version=version(package))
     return ET.tostring(root, encoding="unicode")
 
 
-TYPES |= {"Float64": "Real", "Float32": "Real"}
+SSP_TYPES |= {"Float64": "Real", "Float32": "Real"}

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Answer, Argument, Asked, DriveName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.command import Answer, Argument, ArgumentValues, DriveName, Option, Say, Settings, study
+from twin.studies.precheck import load_experiments
 
 
-def _check_options(asked: Asked) -> None:
+def _check_options(asked: ArgumentValues) -> None:
     if asked["c"] + asked["ssp"] + (asked["fmu"] is not None) != 1:
         raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
     if asked["drive"] is not None and not asked["ssp"]:

@@ -12,32 +12,40 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.kernel.archive import zipped
+from twin.kernel.archive import zip_bytes
+from twin.kernel.atomic_write import json_text, make_folder, refuse_unwritable, write_bytes
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.ssd import parameter_set_xml, structure_xml
-from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.run import named_files
-from twin.studies.build.fmu import HOME, about, packed, readme
+from twin.robot.run.run import without_folders
+from twin.studies.build.fmu import RESULTS_FOLDER, pack_fmu, part_description, readme
 from twin.studies.build.joint_drive import Element, JointDrive, travelling_drives
-from twin.studies.build.layout import ExportedVariable, Kind, laid_out
-from twin.studies.build.linking import Platform, names_of, platforms_named, refuse_platform, summary
-from twin.studies.build.parameter_values import ConnectorUnit, defined, foreign_connectors, foreign_values, origin
-from twin.studies.build.part import RobotPart, fixed, parameters, part_of
+from twin.studies.build.layout import ExportedVariable, Kind, layout_of
+from twin.studies.build.linking import Platform, names_of, refuse_platform, select_platforms, summary
+from twin.studies.build.parameter_values import (
+    ConnectorUnit,
+    foreign_connectors,
+    foreign_values,
+    origin,
+    unambiguous_units,
+)
+from twin.studies.build.part import RobotPart, fixed_keys, open_parameters, part_of
 from twin.studies.build.structure import Member, structure
 from twin.studies.command import Answer
 
-KINDS: dict[Kind, ssp.ConnectorKind] = {
+KIND_CONNECTORS: dict[Kind, ssp.ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
 }  # fmt: skip
 
 
 def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit, ...]:
     """One for each of its scalars."""
-    return tuple((ssp.Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables)
+    return tuple(
+        (ssp.Connector(v.name, KIND_CONNECTORS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables
+    )
 
 
 def own_values(
@@ -53,7 +61,7 @@ def own_values(
         ssp.ParameterValue(v.name, "Real", v.start, v.text, origin(experiment, re.sub(r"\[\d+\]$", "", v.name)))
         for v in given
     ]
-    units = defined(_unit(v) for v in given)
+    units = unambiguous_units(_unit(v) for v in given)
     return ssp.ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
 
 
@@ -61,7 +69,7 @@ def _unit(variable: ExportedVariable) -> ssp.UnitDefinition:
     return ssp.UnitDefinition(variable.text, variable.unit.dimension, variable.unit.scale)
 
 
-_SCHEME = {
+_SCHEME_TEXTS = {
     "gauss_seidel": (
         "Step the elements one after the other in this order, and hand the values of each on at once (Gauss-Seidel): "
         "the computer, the drives, the plant. What leads back in this order (angles to the computer, the load to the "
@@ -98,7 +106,7 @@ def system_readme(
         "",
         "## How to step it",
         "",
-        f"Steps of {1e3 * cosim.tick:g} ms until {experiment.duration_ticks * cosim.tick:g} s. {_SCHEME[cosim.scheme]}",
+        f"Steps of {1e3 * cosim.tick:g} ms until {experiment.duration_ticks * cosim.tick:g} s. {_SCHEME_TEXTS[cosim.scheme]}",
         "",
         "## Lines on connections",
         "",
@@ -113,7 +121,7 @@ def system_readme(
             f"| `{'.'.join(c.start)}` | `{'.'.join(c.end)}` | {c.transformation.factor!r} | "
             f"{c.transformation.offset!r} |"
             for c in connections
-            if c.transformation != ssp.NONE
+            if c.transformation != ssp.IDENTITY_TRANSFORMATION
         ),
         "",
         "## What it was made of",
@@ -126,7 +134,7 @@ def system_readme(
     return "\n".join(lines)
 
 
-COMPUTER, BUS, PLANT = "computer", "bus", "plant"
+COMPUTER_PART, BUS_PART, PLANT_PART = "computer", "bus", "plant"
 
 
 def build_ssp(
@@ -145,28 +153,28 @@ def build_ssp(
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/EXPERIMENT.ssp.
     """
-    targets = platforms_named(platforms, fmi)
+    targets = select_platforms(platforms, fmi)
     loaded = load_experiment(experiment, settings, drive)
-    file = out or HOME / loaded.name / f"{loaded.name}.ssp"
+    file = out or RESULTS_FOLDER / loaded.name / f"{loaded.name}.ssp"
     if out is not None:
         refuse_unwritable(file)
-    _refuse_bound(loaded)
+    _refuse_unexportable(loaded)
     # a tick of the bus is what Jacobi masters make by themselves
-    bus = [BUS] if loaded.controller.bus_delay_ticks and loaded.cosim.scheme != "jacobi" else []
-    parts = [part_of(loaded, name) for name in (COMPUTER, *bus, PLANT)]
+    bus = [BUS_PART] if loaded.controller.bus_delay_ticks and loaded.cosim.scheme != "jacobi" else []
+    parts = [part_of(loaded, name) for name in (COMPUTER_PART, *bus, PLANT_PART)]
     refuse_platform(file, targets)
     say("loading drives")
     drives = travelling_drives(loaded)
-    makers = _Makers(loaded, fmi, targets, file, say)
+    makers = _ArchiveBuilder(loaded, fmi, targets, file, say)
     for part in parts[:-1]:
         makers.add_part(part)
     for number, joint in enumerate(drives, start=1):
         for element in joint.elements:
             makers.add_element(number, element)
     makers.add_part(parts[-1])
-    content = makers.packed(drives)
+    content = makers.pack_archive(drives)
     if out is None:
-        made_folder(file.parent)
+        make_folder(file.parent)
     write_bytes(file, content)
     members = makers.members
     scheme = "Jacobi" if loaded.cosim.scheme == "jacobi" else "Gauss-Seidel"
@@ -191,7 +199,7 @@ def build_ssp(
     })  # fmt: skip
 
 
-def _refuse_bound(experiment: Experiment) -> None:
+def _refuse_unexportable(experiment: Experiment) -> None:
     """Refuse what an SSP cannot say, before anything is compiled or loaded."""
     for role, part in experiment.stand_ins.items():
         raise InputRefused(
@@ -217,7 +225,7 @@ def _refuse_bound(experiment: Experiment) -> None:
         )
 
 
-class _Makers:
+class _ArchiveBuilder:
     """Makes the files of the archive one by one."""
 
     def __init__(
@@ -238,14 +246,14 @@ class _Makers:
 
     def add_part(self, part: RobotPart) -> None:
         """A part of ours: its FMU and its values."""
-        name, offered = part.name, parameters(part)
-        layout = laid_out(part, offered)
+        name, offered = part.name, open_parameters(part)
+        layout = layout_of(part, offered)
         # SSP 1.0 has no arrays
         layout = replace(layout, variables=layout.scalars())
-        description, closed = about(part), fixed(part, offered)
+        description, closed = part_description(part), fixed_keys(part, offered)
         text = readme(part, layout, closed, self._platforms)
         entry = f"resources/{name}.fmu"
-        self._files[entry] = packed(
+        self._files[entry] = pack_fmu(
             part,
             layout,
             self._fmi,
@@ -279,22 +287,30 @@ class _Makers:
         )
         description = f"joint {number}: {fmu.model.description or fmu.model.modelName}"
         self._add(
-            Member(element.name, description, self._taken(fmu), foreign_connectors(fmu, list(by_name.values())), values)
+            Member(
+                element.name,
+                description,
+                self._foreign_entry(fmu),
+                foreign_connectors(fmu, list(by_name.values())),
+                values,
+            )
         )
 
-    def packed(self, drives: Sequence[JointDrive]) -> bytes:
+    def pack_archive(self, drives: Sequence[JointDrive]) -> bytes:
         """The archive of all of it."""
         experiment = self._experiment
         facts = {
             "name": experiment.name,
             "title": experiment.title,
-            "values": named_files(experiment.values),
+            "values": without_folders(experiment.values),
             "origins": dict(sorted(experiment.origins.items())),
         }
         self._files["resources/experiment.json"] = (json_text(facts, indent=2) + "\n").encode()
         whole = structure(experiment, self.members, drives, self.hashes, self._metadata)
         text = system_readme(experiment, self.members, whole.system.connections, self.hashes, self._platforms)
-        return zipped(self._files | {ssp.STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
+        return zip_bytes(
+            self._files | {ssp.STRUCTURE_FILE: structure_xml(whole), "documentation/README.md": text.encode()}
+        )
 
     def _add(self, member: Member) -> None:
         if member.values is not None and not member.values.parameters:
@@ -303,12 +319,12 @@ class _Makers:
             self._files[member.values.source] = parameter_set_xml(member.values)
         self.members.append(member)
 
-    def _taken(self, fmu: FmuDescription) -> str:
+    def _foreign_entry(self, fmu: FmuDescription) -> str:
         """The entry of a third-party FMU, which is there once."""
         if fmu.sha256 not in self._foreign:
             stem = re.sub(r"[^A-Za-z0-9_.-]", "_", fmu.path.stem)
             # names of ours are taken, or will be
-            taken = {*self._files, *(f"resources/{name}.fmu" for name in (COMPUTER, BUS, PLANT))}
+            taken = {*self._files, *(f"resources/{name}.fmu" for name in (COMPUTER_PART, BUS_PART, PLANT_PART))}
             entry, n = f"resources/{stem}.fmu", 1
             while entry in taken:
                 n += 1

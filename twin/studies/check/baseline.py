@@ -13,27 +13,27 @@ import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from twin import __version__
+from twin.kernel.atomic_write import inline_table, make_folder, write_text
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
-from twin.kernel.writing import inline_table, made_folder, write_text
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.mistakes import sentences
-from twin.robot.places import HOME, is_clone
-from twin.studies.check.measurement import POINTS, Measured, SampledCurve
+from twin.robot.experiment.mistakes import error_messages
+from twin.robot.paths import PROJECT_FOLDER, is_clone
+from twin.studies.check.measurement import TUBE_POINTS, Measurement, SampledCurve
 
-OWN = "own"
+OWN_DRIVE = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
-FOLDER = Path("tests/baselines")
+BASELINE_FOLDER = Path("tests/baselines")
 """Where baselines are written to and looked for, one folder per experiment."""
-BESIDE = "baselines"
+OWN_BASELINE_FOLDER = "baselines"
 """Where those of somebody's own experiment are in a clone of twin, beside its file."""
-_NEUTRAL = ("title", "recording", "drive")
+_NEUTRAL_TABLES = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are listed one by one."""
-_LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step", "unpowered")
+_LATER_DRIVE_KEYS = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step", "unpowered")
 """Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
-_REFUSING = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod_spacing_mm")
+_REFUSAL_KEYS = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod_spacing_mm")
 """Keys of a robot by which a run is refused, and nothing that is measured changes."""
-_ANEW = "remove it and write it anew with --update"
+_UPDATE_HINT = "remove it and write it anew with --update"
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Width = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 
@@ -111,24 +111,27 @@ class Baseline(_Table):
     tubes: dict[str, StoredCurve] = Field(default={})
 
 
-def baselines_here() -> Path:
-    """`FOLDER` in the current folder; where there is none, those that come with twin."""
-    return FOLDER if FOLDER.is_dir() else HOME / FOLDER
+def default_baseline_folder() -> Path:
+    """`BASELINE_FOLDER` in the current folder; where there is none, those that come with twin."""
+    return BASELINE_FOLDER if BASELINE_FOLDER.is_dir() else PROJECT_FOLDER / BASELINE_FOLDER
 
 
-def baselines_of(file: Path, update: bool) -> Path:
+def baseline_folder_of(file: Path, update: bool) -> Path:
     """Where the baselines of the experiment in `file` are by default.
 
-    That is `FOLDER` here. In a clone of twin what is there belongs to twin's own experiments, to which the tests hold
+    That is `BASELINE_FOLDER` here. In a clone of twin what is there belongs to twin's own experiments, to which the tests hold
     it: the baselines of any other experiment are beside its file.
 
     Args:
         update: whether they are written, and not only read: then never to those that a wheel carries.
     """
-    of_twin = file.resolve().parent == (HOME / "experiments").resolve() and (HOME / FOLDER / file.stem).is_dir()
-    if is_clone() and Path.cwd() == HOME.resolve() and not of_twin:
-        return file.parent / BESIDE
-    return FOLDER if update else baselines_here()
+    of_twin = (
+        file.resolve().parent == (PROJECT_FOLDER / "experiments").resolve()
+        and (PROJECT_FOLDER / BASELINE_FOLDER / file.stem).is_dir()
+    )
+    if is_clone() and Path.cwd() == PROJECT_FOLDER.resolve() and not of_twin:
+        return file.parent / OWN_BASELINE_FOLDER
+    return BASELINE_FOLDER if update else default_baseline_folder()
 
 
 def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
@@ -152,24 +155,24 @@ def fingerprint(experiment: Experiment) -> str:
 
     Files of FMUs are left out: they have hashes of their own.
     """
-    values = {key: value for key, value in experiment.values.items() if key not in _NEUTRAL}
+    values = {key: value for key, value in experiment.values.items() if key not in _NEUTRAL_TABLES}
     for table in ("robot", "plant"):
-        values[table] = {key: value for key, value in values[table].items() if key not in _REFUSING}
+        values[table] = {key: value for key, value in values[table].items() if key not in _REFUSAL_KEYS}
     drives = [_drive_facts(drive.model_dump()) for drive in experiment.drives]
     text = json.dumps([values, drives], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def baseline_of(
-    experiment: Experiment, drive: str, now: Measured, history: Iterable[HistoryEntry], before: Baseline | None
+    experiment: Experiment, drive: str, now: Measurement, history: Iterable[HistoryEntry], before: Baseline | None
 ) -> Baseline:
     """The baseline that `now` makes; the bounds that the one `before` keeps stay."""
     metrics = {}
     for name, metric in now.metrics.items():
         old = before.metrics.get(name) if before else None
         keep = old is not None and old.keep
-        bound = old.bound if old is not None and keep else _rounded(metric.bound, 3)
-        metrics[name] = BaselineMetric(value=_rounded(metric.value), unit=metric.unit, bound=bound, keep=keep)
+        bound = old.bound if old is not None and keep else _round_digits(metric.default_bound, 3)
+        metrics[name] = BaselineMetric(value=_round_digits(metric.value), unit=metric.unit, bound=bound, keep=keep)
     return Baseline(
         experiment=experiment.name,
         drive=drive,
@@ -178,7 +181,7 @@ def baseline_of(
         twin=__version__,
         history=tuple(history),
         metrics=metrics,
-        tubes={name: _thinned(curve) for name, curve in now.curves.items()},
+        tubes={name: _thin_curve(curve) for name, curve in now.curves.items()},
     )
 
 
@@ -196,7 +199,7 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
     if (found.experiment, Path(found.drive).stem) != (experiment, Path(drive).stem):
         raise InputRefused(
             f"{file}: the baseline of {found.experiment} with {found.drive}, expected that of {experiment} with "
-            f"{drive}; move it to where it belongs, or {_ANEW}"
+            f"{drive}; move it to where it belongs, or {_UPDATE_HINT}"
         )
     return found
 
@@ -206,12 +209,12 @@ def read_baseline(file: Path) -> Baseline:
     try:
         table = read_toml(file)
     except InputRefused as problem:
-        raise InputRefused(f"{problem}; mend it, or {_ANEW}") from None
+        raise InputRefused(f"{problem}; mend it, or {_UPDATE_HINT}") from None
     try:
         return Baseline.model_validate(table)
     except ValidationError as problem:
-        mistake = sentences(problem, Baseline, "")[0].replace("[.", "[").removeprefix("[] ")
-        raise InputRefused(f"{file}: no baseline: {mistake}; {_ANEW}") from None
+        mistake = error_messages(problem, Baseline, "")[0].replace("[.", "[").removeprefix("[] ")
+        raise InputRefused(f"{file}: no baseline: {mistake}; {_UPDATE_HINT}") from None
 
 
 def baseline_text(baseline: Baseline) -> str:
@@ -229,7 +232,7 @@ def baseline_text(baseline: Baseline) -> str:
 
 def write_baseline(file: Path, text: str) -> None:
     """Write the `text` of a baseline."""
-    made_folder(file.parent)
+    make_folder(file.parent)
     write_text(file, text)
 
 
@@ -242,26 +245,26 @@ def _array(values: Sequence[float]) -> Any:
     return array
 
 
-def _thinned(curve: SampledCurve) -> StoredCurve:
+def _thin_curve(curve: SampledCurve) -> StoredCurve:
     """Some samples, evenly spread, with six digits."""
-    chosen = np.unique(np.linspace(0, len(curve.t) - 1, POINTS).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(curve.t) - 1, TUBE_POINTS).round().astype(int))
     return StoredCurve(
         signal=curve.signal,
         unit=curve.unit,
-        tolerance=_rounded(curve.tolerance, 3),
+        tolerance=_round_digits(curve.tolerance, 3),
         dt_s=curve.dt,
         t_s=tuple(round(float(curve.t[k]), 9) for k in chosen),
-        values=tuple(_rounded(float(curve.values[k])) for k in chosen),
+        values=tuple(_round_digits(float(curve.values[k])) for k in chosen),
     )
 
 
-def _rounded(value: float, digits: int = 6) -> float:
+def _round_digits(value: float, digits: int = 6) -> float:
     return float(f"{value:.{digits}g}")
 
 
 def _drive_facts(drive: dict[str, Any]) -> dict[str, Any]:
     """What a table [drive], or one of its parts, says: without places of FMUs, and later keys that say nothing."""
-    keys = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER and v is None)}
+    keys = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER_DRIVE_KEYS and v is None)}
     return keys | (
         {"parts": {name: _drive_facts(part) for name, part in drive["parts"].items()}} if "parts" in drive else {}
     )

@@ -12,15 +12,15 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from twin.kernel.errors import InputRefused, TwinError
-from twin.kernel.process.guard import guarded
+from twin.kernel.process.guard import run_guarded
 from twin.kernel.process.reporter import DirectReporter
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import shelved
+from twin.robot.experiment.drive_files import locate_drive
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import experiment_file
-from twin.robot.places import HOME, located
+from twin.robot.paths import PROJECT_FOLDER, locate_file
 from twin.studies.check import baseline as stored
-from twin.studies.check.measurement import Measured, measured, run_for_measures
+from twin.studies.check.measurement import Measurement, measure_signals, run_for_measures
 from twin.studies.check.verdict import CheckRow, CheckVerdict, verdict
 from twin.studies.command import Say
 
@@ -47,7 +47,7 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
     Args:
         experiment: its file or name, see `experiment_file`.
         drive: a drive of fmus/ or an FMU; "own": the experiment's; None: every drive that has a baseline.
-        baselines: folder that `twin check --update` has written to; None: see `baselines_of`.
+        baselines: folder that `twin check --update` has written to; None: see `baseline_folder_of`.
 
     Returns:
         What deviates; empty if all is as it was.
@@ -57,22 +57,22 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
         ComponentFailed, SafetyTrip: the run did not come to its end.
     """
     file = experiment_file(experiment)
-    folder = stored.baselines_of(file, update=False) if baselines is None else Path(baselines)
+    folder = stored.baseline_folder_of(file, update=False) if baselines is None else Path(baselines)
     drives = [drive] if drive is not None else stored.stored_drives(folder, file.stem)
     if not drives:
-        raise InputRefused(_no_baseline(folder, file, stored.OWN))
+        raise InputRefused(_no_baseline(folder, file, stored.OWN_DRIVE))
     found = []
     for name in drives:
         baseline = stored_baseline(folder, file, name)
-        loaded, now = measured_with(file, name)
+        loaded, now = measure_with_drive(file, name)
         found += [Deviation(loaded.name, name, row) for row in verdict(loaded, name, baseline, now).deviations]
     return found
 
 
-def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
+def measure_with_drive(file: Path, drive: str) -> tuple[Experiment, Measurement]:
     """The experiment in `file` with `drive` as every joint's, and what it comes to; exceptions as `check`."""
-    experiment = _loaded(file, drive)
-    return experiment, measured(experiment, run_for_measures(experiment))
+    experiment = _load(file, drive)
+    return experiment, measure_signals(experiment, run_for_measures(experiment))
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
@@ -80,19 +80,19 @@ def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
     known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
         # a misspelt experiment or drive is reported
-        _loaded(file, drive)
+        _load(file, drive)
         raise InputRefused(_no_baseline(folder, file, drive))
     return known
 
 
-def _loaded(file: Path, drive: str) -> Experiment:
-    return load_experiment(file, drive=None if drive == stored.OWN else drive)
+def _load(file: Path, drive: str) -> Experiment:
+    return load_experiment(file, drive=None if drive == stored.OWN_DRIVE else drive)
 
 
 def _no_baseline(folder: Path, file: Path, drive: str) -> str:
     # what comes with twin is not written to
-    folder = stored.FOLDER if folder == HOME / stored.FOLDER else folder
-    elsewhere = [] if folder == stored.FOLDER else ["--baselines", str(folder)]
+    folder = stored.BASELINE_FOLDER if folder == PROJECT_FOLDER / stored.BASELINE_FOLDER else folder
+    elsewhere = [] if folder == stored.BASELINE_FOLDER else ["--baselines", str(folder)]
     accept = shlex.join(["twin", "check", str(file), "--drive", drive, *elsewhere, "--update"])
     return (
         f"{stored.baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
@@ -100,7 +100,7 @@ def _no_baseline(folder: Path, file: Path, drive: str) -> str:
     )
 
 
-ALL = "all"
+ALL_DRIVES = "all"
 """Called like a drive: every drive of fmus/."""
 
 
@@ -130,8 +130,8 @@ class CheckOutcome:
     exit_code: int = 0
 
     @classmethod
-    def of(cls, note: dict[str, Any]) -> "CheckOutcome":
-        """Put together again what `checked` has taken apart."""
+    def from_note(cls, note: dict[str, Any]) -> "CheckOutcome":
+        """Put together again what `check_pairs` has taken apart."""
         return TypeAdapter(cls).validate_python(note)
 
 
@@ -145,24 +145,26 @@ def pairs(
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
-        baselines = baselines or (stored.FOLDER if update else stored.baselines_here())
+        baselines = baselines or (stored.BASELINE_FOLDER if update else stored.default_baseline_folder())
         files = [_file_of(name) for name in stored.stored_experiments(baselines)]
     if not files:
         raise InputRefused(
             f"{baselines}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
             "where they are: --baselines DIR"
         )
-    shelf = [fmu.stem for fmu in sorted(located("fmus", Path.cwd()).glob("*/*.fmu"))]
-    named = [name for drive in drives for name in (shelf if drive == ALL else [drive])]
+    shelf = [fmu.stem for fmu in sorted(locate_file("fmus", Path.cwd()).glob("*/*.fmu"))]
+    named = [name for drive in drives for name in (shelf if drive == ALL_DRIVES else [drive])]
     for name in named:
-        if name != stored.OWN and not any(Path(shelved(name, file.resolve().parent)).exists() for file in files):
+        if name != stored.OWN_DRIVE and not any(
+            Path(locate_drive(name, file.resolve().parent)).exists() for file in files
+        ):
             raise InputRefused(f"--drive {name}: no such drive; expected an .fmu file, a folder of fmus/, own or all")
-    folders = {file: baselines or stored.baselines_of(file, update) for file in files}
+    folders = {file: baselines or stored.baseline_folder_of(file, update) for file in files}
     return [
         Pair(str(file), drive, str(folder))
         for file, folder in folders.items()
         # a missing baseline is reported
-        for drive in dict.fromkeys(named or stored.stored_drives(folder, file.stem) or [stored.OWN])
+        for drive in dict.fromkeys(named or stored.stored_drives(folder, file.stem) or [stored.OWN_DRIVE])
     ]
 
 
@@ -170,10 +172,10 @@ def _file_of(name: str) -> Path:
     """The file of an experiment that has a baseline; one that has gone costs the others nothing, and is reported when
     its turn comes."""
     here = Path(f"{name}.toml")
-    return here if here.is_file() else located(f"experiments/{name}.toml", Path.cwd())
+    return here if here.is_file() else locate_file(f"experiments/{name}.toml", Path.cwd())
 
 
-def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
+def check_pairs(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
     """Check each pair of `work`; a job of the guard. Notes: a `CheckOutcome` as a dictionary for each."""
     for pair in work:
         reporter.loading()
@@ -188,10 +190,10 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
     file, folder = Path(pair.file), Path(pair.folder)
     if not reason:
         before = stored_baseline(folder, file, pair.drive)
-        experiment, now = measured_with(file, pair.drive)
+        experiment, now = measure_with_drive(file, pair.drive)
         return CheckOutcome(pair, verdict(experiment, pair.drive, before, now))
     known = stored.known_baseline(folder, file.stem, pair.drive)
-    experiment, now = measured_with(file, pair.drive)
+    experiment, now = measure_with_drive(file, pair.drive)
     history = known.history if known else ()
     after = stored.baseline_of(
         experiment, pair.drive, now, (*history, stored.HistoryEntry(date=date, reason=reason)), known
@@ -202,7 +204,7 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
     return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else stored.baseline_text(after))
 
 
-JOB = "twin.studies.check.job:checked"
+CHECK_JOB = "twin.studies.check.job:check_pairs"
 
 
 def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
@@ -220,18 +222,18 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
     say(f"0 of {len(pairs)} checks", 0.0)
 
     def hear(note: dict[str, Any]) -> None:
-        outcome = CheckOutcome.of(note)
+        outcome = CheckOutcome.from_note(note)
         found[outcome.pair] = outcome
         say(f"{len(found)} of {len(pairs)} checks", len(found) / len(pairs))
 
     if processes == 0:
-        checked(DirectReporter(hear), pairs, **arguments)
+        check_pairs(DirectReporter(hear), pairs, **arguments)
     else:
         stop = threading.Event()
         with ThreadPoolExecutor(processes) as pool:
             # every n-th, because drives differ in speed far more than experiments do
             shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
-            running = [pool.submit(_share, share, arguments, hear, stop) for share in shares]
+            running = [pool.submit(_check_share, share, arguments, hear, stop) for share in shares]
             try:
                 for share in running:
                     share.result()
@@ -241,7 +243,7 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
     return [found[pair] for pair in pairs]
 
 
-def _share(
+def _check_share(
     pairs: Sequence[Pair], arguments: dict[str, Any], hear: Callable[[dict[str, Any]], None], stop: threading.Event
 ) -> None:
     """Check `pairs` in a process of their own, and in another one what is left when a drive has ended the first."""
@@ -258,7 +260,7 @@ def _share(
 
     while left and not stop.is_set():
         try:
-            guarded(JOB, {"work": left, **arguments}, listen=take, show=show)
+            run_guarded(CHECK_JOB, {"work": left, **arguments}, listen=take, show=show)
         except TwinError as failure:
             if not left:
                 raise

@@ -22,7 +22,7 @@ from twin.kernel.errors import InputRefused, SafetyTrip, nearest
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment import measure as measures
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.measure import Led, Measure, Required, Watched
+from twin.robot.experiment.measure import Measure, ReferenceMeasure, RequirementMeasure, SignalMeasure
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.monitor.component import trip_reason
@@ -30,8 +30,18 @@ from twin.robot.run.trace import Trace, fields_of
 from twin.studies.metrics import response
 from twin.studies.metrics.requirement import checked_requirement, distance
 
-SHARE = 0.02
-FLOORS = {"s": 2e-3, "m": 2e-6, "N": 2e-3, "rad": 5e-5, "rad/s": 1e-3, "m/s": 2e-6, "N m": 1e-4, "J": 1e-4, "1": 2e-3}
+BOUND_SHARE = 0.02
+UNIT_FLOORS = {
+    "s": 2e-3,
+    "m": 2e-6,
+    "N": 2e-3,
+    "rad": 5e-5,
+    "rad/s": 1e-3,
+    "m/s": 2e-6,
+    "N m": 1e-4,
+    "J": 1e-4,
+    "1": 2e-3,
+}
 """By SI unit. An angle's is 2 um at a link of 60 mm; of energies a tenth of a millijoule; of shares 0.2 %."""
 
 Sense = Literal["less", "nearer zero", "none"]
@@ -55,14 +65,14 @@ class Metric:
     scale: float | None = None
 
     @property
-    def bound(self) -> float:
+    def default_bound(self) -> float:
         """How far it may be off by default."""
-        return max(SHARE * abs(self.value if self.scale is None else self.scale), self.floor)
+        return max(BOUND_SHARE * abs(self.value if self.scale is None else self.scale), self.floor)
 
 
 def floor_of(unit: str) -> float:
     """The floor of a number in `unit`; 0 where only a share counts."""
-    return FLOORS.get(unit, 0.0)
+    return UNIT_FLOORS.get(unit, 0.0)
 
 
 REFERENCE_THETA_L = "reference.theta_l"
@@ -89,14 +99,14 @@ class Signals:
 
     def __getitem__(self, signal: str) -> NDArray[np.float64]:
         """Values (n,) of a signal as [[measure]] writes it, (n, k) without an index where it has k components."""
-        vector, index = split(signal.removeprefix("-"))
+        vector, index = split_signal(signal.removeprefix("-"))
         values = self._theta_l if vector == REFERENCE_THETA_L else self.run.held(vector).astype(float, copy=False)
         values = values if index is None else values[:, index]
         return -values if signal.startswith("-") else values
 
     def unit(self, signal: str) -> str:
         """SI unit of a signal."""
-        vector, _ = split(signal.removeprefix("-"))
+        vector, _ = split_signal(signal.removeprefix("-"))
         return "rad" if vector == REFERENCE_THETA_L else self.run.fields()[vector].unit
 
     @cached_property
@@ -104,7 +114,7 @@ class Signals:
         return joint_angles(self.believed, self["controller.p_ref_B"])
 
 
-def split(signal: str) -> tuple[str, int | None]:
+def split_signal(signal: str) -> tuple[str, int | None]:
     """`plant.p_B[2]` as vector and index; None where it has none."""
     vector, bracket, index = signal.partition("[")
     return vector, int(index.removesuffix("]")) if bracket else None
@@ -115,11 +125,11 @@ def run_for_measures(experiment: Experiment) -> Signals:
     run = Trace()
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        done = simulate(assembly, experiment.duration_ticks, [run]).completed()
+        done = simulate(assembly, experiment.duration_ticks, [run]).require_success()
         if trip := trip_reason(done.simulation):
             raise SafetyTrip(f"{experiment.name}: {trip}")
         fmus = {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}
-        fmus |= {part.label: part.sha256 for part in assembly.others.values()}
+        fmus |= {part.label: part.sha256 for part in assembly.third_party.values()}
         return Signals(run, geometry_of(experiment.controller.model), fmus)
 
 
@@ -130,13 +140,13 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
     sizes[REFERENCE_THETA_L] = 3
     mistakes = []
     for number, measure in enumerate(experiment.measures, start=1):
-        if isinstance(measure, Required):
+        if isinstance(measure, RequirementMeasure):
             try:
                 checked_requirement(measure.formula, fields)
             except InputRefused as problem:
                 mistakes.append(f"[measure {number}] formula = {problem}")
         for key, signal in _signals(measure):
-            vector, index = split(signal.removeprefix("-"))
+            vector, index = split_signal(signal.removeprefix("-"))
             entry = f'[measure {number}] {key} = "{signal}"'
             if vector not in sizes:
                 mistakes.append(f"{entry}: no such signal; {nearest(vector, sizes, 'there are {}')}")
@@ -149,15 +159,15 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
 
 def _signals(measure: Measure) -> list[tuple[str, str]]:
     """(key, signal) of everything that `measure` looks at by name."""
-    named = [("signal", measure.signal)] if isinstance(measure, Watched) else []
-    return [*named, ("reference", measure.reference)] if isinstance(measure, Led) else named
+    named = [("signal", measure.signal)] if isinstance(measure, SignalMeasure) else []
+    return [*named, ("reference", measure.reference)] if isinstance(measure, ReferenceMeasure) else named
 
 
 SETTLING_FLOOR = 0.02
 """Of settling times (s): a response leaves its band so flat that a count moves the instant by far more than a tick."""
 LAG_FLOOR = 5e-4
 """Of lags (s), which lie between ticks: so that a drive that is late by one tick of 1 ms is noticed."""
-POINTS = 40
+TUBE_POINTS = 40
 """Of a tube: more would make its file unreadable, and between them a curve is still judged by its metrics."""
 TUBE_TIME = 0.004
 """Half width of a tube in time (s): two periods of the robot's controller."""
@@ -165,7 +175,7 @@ TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
 """Least half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the force
 that one count of the motor encoder means (2 pi / 4096 times k_s N at 60 mm)."""
 
-STEPPED = 0.02
+STEP_TIME = 0.02
 """A reference has made its step by then (s): way points take a period of the controller, that of a joint another."""
 
 Metrics = dict[str, Metric]
@@ -190,7 +200,7 @@ class SampledCurve:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurement:
     """What an experiment comes to with one drive.
 
     Attributes:
@@ -204,7 +214,7 @@ class Measured:
     fmus: dict[str, str]
 
 
-def measured(experiment: Experiment, signals: Signals) -> Measured:
+def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
     """Measure `signals`, those of a run of `experiment`."""
     if not experiment.measures:
         raise InputRefused(
@@ -219,42 +229,42 @@ def measured(experiment: Experiment, signals: Signals) -> Measured:
             mistakes.append(f'{experiment.name}: [[measure]] "{measure.name}": {problem}')
             continue
         if isinstance(measure, measures.Step | measures.Tracking):
-            curves[measure.name] = _curve(measure.signal, signals, _inside(measure, signals))
+            curves[measure.name] = _sample_curve(measure.signal, signals, _window_mask(measure, signals))
     if mistakes:
         raise InputRefused("\n".join(mistakes))
-    return Measured(metrics, curves, signals.fmus)
+    return Measurement(metrics, curves, signals.fmus)
 
 
 def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
     """The numbers of one measure of a run, by "measure.metric"."""
-    inside = _inside(measure, signals)
+    inside = _window_mask(measure, signals)
     if np.count_nonzero(inside) < 2:
         raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
-    found = KINDS[type(measure)](measure, signals, inside)
+    found = MEASURE_FUNCTIONS[type(measure)](measure, signals, inside)
     # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
     return {f"{measure.name}.{name}": metric for name, metric in found.items() if np.isfinite(metric.value)}
 
 
-def _inside(measure: measures.Window, signals: Signals) -> NDArray[np.bool_]:
-    return response.within(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
+def _window_mask(measure: measures.Window, signals: Signals) -> NDArray[np.bool_]:
+    return response.window_mask(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
 
 
-def _curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> SampledCurve:
+def _sample_curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> SampledCurve:
     values, unit = signals[signal][inside], signals.unit(signal)
-    tolerance = max(SHARE * float(np.ptp(values)), TUBE_FLOORS.get(unit, 0.0))
+    tolerance = max(BOUND_SHARE * float(np.ptp(values)), TUBE_FLOORS.get(unit, 0.0))
     return SampledCurve(signal, unit, signals.t[inside], values, tolerance, TUBE_TIME)
 
 
-def _step(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _step_metrics(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     unit = _common_unit(measure, signals)
     reference, y = signals[measure.reference], signals[measure.signal][inside]
     first = int(np.argmax(inside))
-    settled = reference[inside & (signals.t >= signals.t[first] + STEPPED)]
+    settled = reference[inside & (signals.t >= signals.t[first] + STEP_TIME)]
     if len(settled) == 0:
-        raise InputRefused(f"measures for less than {STEPPED:g} s; expected the whole response")
-    if np.ptp(settled) > _still(settled):
+        raise InputRefused(f"measures for less than {STEP_TIME:g} s; expected the whole response")
+    if np.ptp(settled) > _rounding_range(settled):
         raise InputRefused(f"{measure.reference} still moves after the step at {measure.begin:g} s; expected one step")
-    if abs(settled[-1] - reference[max(0, first - 1)]) <= _still(settled):
+    if abs(settled[-1] - reference[max(0, first - 1)]) <= _rounding_range(settled):
         raise InputRefused(f"{measure.reference} makes no step at {measure.begin:g} s; set begin_s to when it does")
     before = signals[measure.signal][max(0, first - 1)]
     info = response.step_info(signals.t[inside] - signals.t[first], y, float(before), float(settled[-1]))
@@ -268,14 +278,16 @@ def _step(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -
         "overshoot": Metric(info.overshoot, "1", floor_of("1")),
         "peak": Metric(info.peak, unit, floor, "none", scale=step),
         # the tenth of what a share of the step would be: an error that small is as good as none
-        "steady_state_error": Metric(info.steady_state_error, unit, max(floor, 0.1 * SHARE * step), "nearer zero"),
+        "steady_state_error": Metric(
+            info.steady_state_error, unit, max(floor, 0.1 * BOUND_SHARE * step), "nearer zero"
+        ),
         "IAE": Metric(info.IAE, f"{unit} s", floor * length),
         "ISE": Metric(info.ISE, f"{unit}2 s", 2.0 * floor * info.IAE),
         "ITAE": Metric(info.ITAE, f"{unit} s2", 0.5 * floor * length**2),
     }
 
 
-def _tracking(measure: measures.Tracking, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _tracking_metrics(measure: measures.Tracking, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     unit = _common_unit(measure, signals)
     error = (signals[measure.reference] - signals[measure.signal])[inside]
     return {
@@ -284,11 +296,11 @@ def _tracking(measure: measures.Tracking, signals: Signals, inside: NDArray[np.b
     }
 
 
-def _lag(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _lag_metrics(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     _common_unit(measure, signals)
     reference, y = signals[measure.reference][inside], signals[measure.signal][inside]
     for name, values in ((measure.reference, reference), (measure.signal, y)):
-        if np.ptp(values) <= _still(values):
+        if np.ptp(values) <= _rounding_range(values):
             raise InputRefused(f"{name} does not move, so it has no lag; measure while it does")
     t = signals.t[inside]
     found = response.lag(t, y, reference, measure.longest)
@@ -300,7 +312,7 @@ def _lag(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> 
     return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
 
 
-def _spread(measure: measures.Spread, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _spread_metrics(measure: measures.SpreadMeasure, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     unit, values = signals.unit(measure.signal), signals[measure.signal][inside]
     return {
         "mean": Metric(float(np.mean(values)), unit, floor_of(unit), "none"),
@@ -308,28 +320,30 @@ def _spread(measure: measures.Spread, signals: Signals, inside: NDArray[np.bool_
     }
 
 
-def _oscillation(measure: measures.Oscillation, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _oscillation_metrics(measure: measures.Oscillation, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     unit, t, values = signals.unit(measure.signal), signals.t[inside], signals[measure.signal][inside]
     length = float(t[-1] - t[0])
-    if length * measure.lowest < response.PERIODS:
+    if length * measure.lowest < response.MIN_PERIODS:
         raise InputRefused(
-            f"measures for {length:g} s; expected {response.PERIODS} periods of lowest_Hz = {measure.lowest:g}, "
-            f"which are {response.PERIODS / measure.lowest:g} s"
+            f"measures for {length:g} s; expected {response.MIN_PERIODS} periods of lowest_Hz = {measure.lowest:g}, "
+            f"which are {response.MIN_PERIODS / measure.lowest:g} s"
         )
     amplitude, frequency = response.strongest_swing(t, values, measure.lowest)
     found = {"amplitude": Metric(amplitude, unit, floor_of(unit))}
     # what does not swing has no frequency
-    return found | ({"frequency": Metric(frequency, "Hz", 1.0 / length, "none")} if amplitude > _still(values) else {})
+    return found | (
+        {"frequency": Metric(frequency, "Hz", 1.0 / length, "none")} if amplitude > _rounding_range(values) else {}
+    )
 
 
-def _onset(measure: measures.Onset, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _onset_metrics(measure: measures.Onset, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     true = np.flatnonzero(signals[measure.signal][inside] > 0.0)
     if len(true) == 0:
         raise InputRefused(f"{measure.signal} is never true")
     return {"time": Metric(float(signals.t[inside][true[0]]), "s", floor_of("s"), "none")}
 
 
-def _path(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _path_metrics(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     path = signals["controller.p_ref_B"][inside]
     if np.all(np.ptp(path, axis=0) == 0.0):
         raise InputRefused("the reference does not move, so it has no path; measure while it does")
@@ -340,7 +354,7 @@ def _path(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -
     }
 
 
-def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _effort_metrics(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     t = signals.t[inside]
     omega_m = np.gradient(signals.run.of_drives("theta_m")[inside], t, axis=0)
     delivered, returned = response.work(t, signals["plant.tau_load"][inside], omega_m)
@@ -351,7 +365,7 @@ def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_
     }
 
 
-def _required(measure: measures.Required, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+def _requirement_metrics(measure: measures.RequirementMeasure, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     formula, unit = checked_requirement(measure.formula, signals.run.fields())
 
     def held(key: str) -> NDArray:
@@ -360,26 +374,26 @@ def _required(measure: measures.Required, signals: Signals, inside: NDArray[np.b
     return {"distance": Metric(distance(formula, signals.run.tick, held), unit, floor_of(unit), "none")}
 
 
-def _still(values: Curve) -> float:
+def _rounding_range(values: Curve) -> float:
     """What is rounding: a range of `values` that is no larger is none."""
     return 1e-9 * float(np.max(np.abs(values)))
 
 
-def _common_unit(measure: measures.Led, signals: Signals) -> str:
+def _common_unit(measure: measures.ReferenceMeasure, signals: Signals) -> str:
     unit, other = signals.unit(measure.signal), signals.unit(measure.reference)
     if unit != other:
         raise InputRefused(f"{measure.signal} is in {unit}, but its reference {measure.reference} in {other}")
     return unit
 
 
-KINDS: dict[type[measures.Window], Callable[..., Metrics]] = {
-    measures.Step: _step,
-    measures.Tracking: _tracking,
-    measures.Lag: _lag,
-    measures.Spread: _spread,
-    measures.Oscillation: _oscillation,
-    measures.Onset: _onset,
-    measures.Path: _path,
-    measures.Effort: _effort,
-    measures.Required: _required,
+MEASURE_FUNCTIONS: dict[type[measures.Window], Callable[..., Metrics]] = {
+    measures.Step: _step_metrics,
+    measures.Tracking: _tracking_metrics,
+    measures.Lag: _lag_metrics,
+    measures.SpreadMeasure: _spread_metrics,
+    measures.Oscillation: _oscillation_metrics,
+    measures.Onset: _onset_metrics,
+    measures.Path: _path_metrics,
+    measures.Effort: _effort_metrics,
+    measures.RequirementMeasure: _requirement_metrics,
 }

@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from twin.kernel.errors import InputRefused, plain
+from twin.kernel.errors import InputRefused, terminal_text
 from twin.kernel.serialise import to_dict
 from twin.studies.command import JOB_ISOLATION, Argument, Isolate, Option, Say, study
-from twin.studies.first_look import find_experiments
+from twin.studies.precheck import find_experiments
 from twin.studies.result import Result
 
-PICTURES = Path("results/check")
+PICTURE_FOLDER = Path("results/check")
 
 
 @study(before=[find_experiments])
@@ -45,7 +45,7 @@ def check(
             "DIR",
         ),
     ] = None,
-    out: Annotated[Path, Option("Folder for pictures of curves outside their tubes.", "DIR")] = PICTURES,
+    out: Annotated[Path, Option("Folder for pictures of curves outside their tubes.", "DIR")] = PICTURE_FOLDER,
     jobs: Annotated[int, Option("Number of parallel processes.", "N", "--jobs -j", least=1)] = 2,
     isolate: Isolate = JOB_ISOLATION,
 ) -> Result:
@@ -83,7 +83,7 @@ def check(
     say("drawing and writing", 1.0)
     if any(verdict.outside for verdict in verdicts):
         places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
-    result = check_result(verdicts, [plain(outcome.failure) for outcome in failures])
+    result = check_result(verdicts, [terminal_text(outcome.failure) for outcome in failures])
     deviates = not update and any(verdict.deviations for verdict in verdicts)
     return replace(
         result,

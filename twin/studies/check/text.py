@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.kernel.writing import made_folder
-from twin.studies.check.verdict import CheckRow, CheckVerdict, Outside
+from twin.kernel.atomic_write import make_folder
+from twin.studies.check.verdict import CheckRow, CheckVerdict, TubeDeparture
 from twin.studies.compare.picture import A_COLOUR, B_COLOUR, OUT_COLOUR
-from twin.studies.compare.text import shown
+from twin.studies.compare.text import display_unit
 from twin.studies.figure import Axes, picture
-from twin.studies.result import Block, Column, Note, Result, Row, Table, counted
+from twin.studies.result import Block, Column, Note, Result, Row, Table, count_text
 
-LONGEST = 33
+MAX_NAME_LENGTH = 33
 """Of names beside their numbers; longer ones have a line of their own."""
-COLUMNS = (
+METRIC_COLUMNS = (
     Column("", 7, left=True),
     Column("metric", left=True),
     Column("unit", 6, left=True),
@@ -24,7 +24,7 @@ COLUMNS = (
     Column("now", 10, ".4g", gap=0),
     Column("bound", 10, ".4g", gap=0),
 )
-MOST = 5
+MAX_SHOWN = 5
 """The most deviating checks that are shown in full; the others in a line. All are in the JSON."""
 
 
@@ -32,44 +32,44 @@ def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> R
     """The answer first; of a single check every number, of many only those that deviate."""
     parts: list[Block] = []
     shown = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
-    shown = [verdict for verdict in shown if len(verdicts) == 1 or not _first(verdict)]
-    for verdict in shown[:MOST]:
+    shown = [verdict for verdict in shown if len(verdicts) == 1 or not _is_new(verdict)]
+    for verdict in shown[:MAX_SHOWN]:
         rows = verdict.rows if len(verdicts) == 1 else verdict.deviations
         parts += [
             "",
             f"{verdict.experiment}, {verdict.drive}",
-            Table(COLUMNS, [row for one in rows for row in _rows(one)]),
+            Table(METRIC_COLUMNS, [row for one in rows for row in _rows(one)]),
         ]
         as_it_was = len(verdict.rows) - len(rows)
         parts += [f"  and {as_it_was} as they were"] if as_it_was else []
-        parts += [line for note in verdict.notes for line in _labelled("note", note)]
-    parts += [""] * (len(shown) > MOST)
-    parts += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in shown[MOST:]]
+        parts += [line for note in verdict.notes for line in _label_lines("note", note)]
+    parts += [""] * (len(shown) > MAX_SHOWN)
+    parts += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in shown[MAX_SHOWN:]]
     # a note that a hundred checks share is shown once
-    others = Counter(note for verdict in verdicts if verdict not in shown[:MOST] for note in verdict.notes)
+    others = Counter(note for verdict in verdicts if verdict not in shown[:MAX_SHOWN] for note in verdict.notes)
     parts += [""] * bool(others)
     for note, count in others.items():
-        parts += _labelled("note", f"{note} ({count} checks)" if count > 1 else note)
+        parts += _label_lines("note", f"{note} ({count} checks)" if count > 1 else note)
     parts += [""] * bool(failures)
-    parts += [line for failure in dict.fromkeys(failures) for line in _labelled("not done", failure)]
+    parts += [line for failure in dict.fromkeys(failures) for line in _label_lines("not done", failure)]
     return Result(_answer(verdicts, failures), parts)
 
 
 def _answer(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
-    missed = f"{counted(len(failures), 'check')} could not be done" if failures else ""
+    missed = f"{count_text(len(failures), 'check')} could not be done" if failures else ""
     if not verdicts:
         return missed
     experiments, drives = {v.experiment for v in verdicts}, {v.drive for v in verdicts}
     rows = sum(len(verdict.rows) for verdict in verdicts)
-    of = f"{counted(len(experiments), 'experiment')}, {counted(len(drives), 'drive')}, {rows} numbers and curves"
-    first = [verdict for verdict in verdicts if _first(verdict)]
+    of = f"{count_text(len(experiments), 'experiment')}, {count_text(len(drives), 'drive')}, {rows} numbers and curves"
+    first = [verdict for verdict in verdicts if _is_new(verdict)]
     wrong = [verdict for verdict in verdicts if verdict.deviations and verdict not in first]
-    added = f"{counted(len(first), 'check')} without a baseline until now" if first else ""
+    added = f"{count_text(len(first), 'check')} without a baseline until now" if first else ""
     if len(first) == len(verdicts):
         return "; ".join(filter(None, (f"New: {of}", missed)))
     if not wrong:
         return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
-    share = f"{len(wrong)} of {counted(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
+    share = f"{len(wrong)} of {count_text(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
     head = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
     return "\n  ".join(filter(None, (head, f"of {of}", added, missed)))
 
@@ -80,16 +80,16 @@ def _words(verdicts: Sequence[CheckVerdict]) -> str:
     return ", ".join(f"{count} {word}" for word, count in words.most_common())
 
 
-def _first(verdict: CheckVerdict) -> bool:
+def _is_new(verdict: CheckVerdict) -> bool:
     """Whether there was no baseline."""
     return all(row.word == "new" for row in verdict.rows)
 
 
 def _rows(row: CheckRow) -> list[Row]:
-    unit, factor = shown(row.unit)
+    unit, factor = display_unit(row.unit)
     numbers = [nan if value is None else factor * value for value in (row.before, row.now, row.bound)]
     name = _name(row)
-    if len(name) > LONGEST:
+    if len(name) > MAX_NAME_LENGTH:
         return [f"  {row.word:7} {name}", ("", "", unit, *numbers)]
     return [(row.word, name, unit, *numbers)]
 
@@ -98,7 +98,7 @@ def _name(row: CheckRow) -> str:
     return row.name if row.at is None or row.word == "ok" else f"{row.name} at {row.at:.4g} s"
 
 
-def _labelled(label: str, text: str) -> list[Note]:
+def _label_lines(label: str, text: str) -> list[Note]:
     first, *others = text.splitlines()
     return [Note(first, f"  {label:9}", whole=True), *(Note(line, " " * 11, whole=True) for line in others)]
 
@@ -106,8 +106,8 @@ def _labelled(label: str, text: str) -> list[Note]:
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
     """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files."""
     drawn = []
-    made_folder(folder)
-    for verdict in [verdict for verdict in verdicts if verdict.outside][:MOST]:
+    make_folder(folder)
+    for verdict in [verdict for verdict in verdicts if verdict.outside][:MAX_SHOWN]:
         path = folder / f"{verdict.experiment}_{Path(verdict.drive).stem}.png"
         _draw_verdict(verdict, path)
         drawn.append(path)
@@ -124,8 +124,8 @@ def _draw_verdict(verdict: CheckVerdict, path: Path) -> None:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
 
 
-def _draw(axes: Axes, curve: Outside) -> None:
-    unit, factor = shown(curve.unit)
+def _draw(axes: Axes, curve: TubeDeparture) -> None:
+    unit, factor = display_unit(curve.unit)
     t = np.array(curve.t)
     before, lower, upper, now = (
         factor * np.array(line) for line in (curve.before, curve.lower, curve.upper, curve.now)

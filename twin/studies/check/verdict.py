@@ -9,9 +9,9 @@ import numpy as np
 from twin import __version__
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.check.baseline import Baseline, fingerprint
-from twin.studies.check.measurement import Measured, Metric, SampledCurve
+from twin.studies.check.measurement import Measurement, Metric, SampledCurve
 from twin.studies.compare.tolerance import reach
-from twin.studies.metrics.response import within
+from twin.studies.metrics.response import window_mask
 
 Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
 """`moved`: beyond its bound, where neither way is better. `new`, `gone`: only now, only then. `outside`: of a tube."""
@@ -38,7 +38,7 @@ class CheckRow:
 
 
 @dataclass(frozen=True)
-class Outside:
+class TubeDeparture:
     """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
 
     Attributes:
@@ -69,14 +69,14 @@ class CheckVerdict:
     drive: str
     rows: tuple[CheckRow, ...]
     notes: tuple[str, ...]
-    outside: tuple[Outside, ...] = ()
+    outside: tuple[TubeDeparture, ...] = ()
 
     @property
     def deviations(self) -> tuple[CheckRow, ...]:
         return tuple(row for row in self.rows if row.word != "ok")
 
 
-def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:
+def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measurement) -> CheckVerdict:
     """Hold `now` against `baseline`; if there is none, everything is new.
 
     A changed experiment or FMU is compared all the same, which is what a baseline is for, and a note says so. A number
@@ -105,7 +105,7 @@ def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: 
     return CheckVerdict(experiment.name, drive, tuple(rows), notes, tuple(outside))
 
 
-def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[CheckRow]:
+def _metric_rows(baseline: Baseline, now: Measurement) -> Iterator[CheckRow]:
     for name, stored in baseline.metrics.items():
         metric = now.metrics.get(name)
         if metric is None or metric.unit != stored.unit:
@@ -128,10 +128,10 @@ def _direction(metric: Metric, before: float) -> Word:
     return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
 
 
-def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[CheckRow, Outside]:
+def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[CheckRow, TubeDeparture]:
     """At the instants that the baseline has, where a thinned curve is as good as the whole."""
     # the times of a baseline are rounded, so its ends may lie beside the first and last tick
-    inside = within(tube.t, curve.t[0], curve.t[-1])
+    inside = window_mask(tube.t, curve.t[0], curve.t[-1])
     y = np.where(inside, np.interp(tube.t, curve.t, curve.values), np.nan)
     around = reach(tube.t, tube.values, tube.t, tube.dt)
     off = np.abs(around.excess(y))
@@ -145,11 +145,11 @@ def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[Check
         float(tube.t[worst]),
         "ok" if off[worst] <= tube.tolerance else "outside",
     )
-    lines = [line.tolist() for line in (tube.t, tube.values, *around.widened(tube.tolerance), y)]
-    return row, Outside(name, tube.signal, tube.unit, *lines)
+    lines = [line.tolist() for line in (tube.t, tube.values, *around.widen(tube.tolerance), y)]
+    return row, TubeDeparture(name, tube.signal, tube.unit, *lines)
 
 
-def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterator[str]:
+def _notes(experiment: Experiment, baseline: Baseline, now: Measurement) -> Iterator[str]:
     if baseline.fingerprint != fingerprint(experiment):
         yield "the experiment's file has changed since the baseline"
     for name, digest in now.fmus.items():

@@ -11,26 +11,26 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, read_log
-from twin.kernel.recording.reader import origin
-from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.differences import differing, recorded_facts
-from twin.studies.compare.signal_row import SignalRow, TubeCurves, curves, row
+from twin.kernel.recording.reader import read_metadata
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.experiment.differences import differing_values, recorded_comparable_values
+from twin.studies.compare.signal_row import SignalRow, TubeCurves, signal_row, tube_curves
 from twin.studies.compare.tolerance import (
     Alignment,
-    ComparisonRefused,
+    ComparisonError,
     Rule,
     TimeShift,
     allowance,
+    common_units,
     matches,
     no_overlap,
-    paired,
-    shift,
-    spans,
+    signal_ranges,
+    time_shift,
 )
 from twin.studies.paper.digitised.provenance import provenance
 
 
-def both(
+def read_logs(
     a: Path, b: Path, maps: Sequence[str] = (), part: tuple[float | None, float | None] = (None, None)
 ) -> tuple[Log, Log]:
     """The logs in `a` and `b`.
@@ -40,7 +40,7 @@ def both(
     """
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
-        raise ComparisonRefused("--map: both are recordings of twin, whose signals have their names; leave it out")
+        raise ComparisonError("--map: both are recordings of twin, whose signals have their names; leave it out")
     found: dict[int, Log] = {}
     known: dict[str, str] = {}
     for place, path in sorted(enumerate((a, b)), key=lambda one: kind_of(one[1]) is LogKind.CSV):
@@ -57,17 +57,20 @@ def experiments_differ(a: Path, b: Path) -> Differences | None:
     if not (is_recording(a) and is_recording(b)):
         return None
     try:
-        found = [origin(path) for path in (a, b)]
+        found = [read_metadata(path) for path in (a, b)]
         if any("experiment" not in metadata for metadata in found):
             return None
-        return differing(
-            [recorded_facts(DECLARED, metadata, path) for metadata, path in zip(found, (a, b), strict=True)]
+        return differing_values(
+            [
+                recorded_comparable_values(DECLARED_TABLES, metadata, path)
+                for metadata, path in zip(found, (a, b), strict=True)
+            ]
         )
     except InputRefused:
         return None
 
 
-IN_PLACE = Alignment()
+NO_ALIGNMENT = Alignment()
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ class Comparison:
     shift: TimeShift
     rows: tuple[SignalRow, ...]
     curves: dict[str, TubeCurves]
-    apart: tuple[str, ...]
+    disjoint: tuple[str, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
     most: int
@@ -95,31 +98,31 @@ class Comparison:
     notes: tuple[str, ...]
 
     @property
-    def outside(self) -> tuple[SignalRow, ...]:
+    def outside_rows(self) -> tuple[SignalRow, ...]:
         """Signals that leave their tube, in the order in which they do."""
         left = [row for row in self.rows if row.first_exit]
         return tuple(sorted(left, key=lambda row: row.first_exit.t if row.first_exit else 0.0))
 
     @property
-    def least_covered(self) -> tuple[str, float]:
+    def least_coverage(self) -> tuple[str, float]:
         """The signal of which b covers least, and the share of a's time that it covers."""
-        shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.apart]
+        shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.disjoint]
         return min(shares, key=lambda share: share[1])
 
     @property
-    def inside(self) -> bool:
+    def is_inside(self) -> bool:
         """Whether no signal leaves its tube."""
-        return not self.outside
+        return not self.outside_rows
 
-    JSON_KEYS = "a b identical inside covered=least_covered.1 shift=shift.seconds rows only_a only_b notes"
+    JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"
 
 
-def compared(
+def compare_logs(
     a: Log,
     b: Log,
     given: Sequence[Rule] = (),
     signals: Sequence[str] = (),
-    how: Alignment = IN_PLACE,
+    how: Alignment = NO_ALIGNMENT,
 ) -> Comparison:
     """Compare `b` with the reference `a`.
 
@@ -130,25 +133,25 @@ def compared(
         given: rules of tolerance, after the default and the uncertainty that a digitised curve states.
         signals: patterns of the signals to compare; empty: all that both have.
     """
-    units = paired(a, b, signals, given)
+    units = common_units(a, b, signals, given)
     digitised = [read for log in (a, b) if (read := provenance(log))]
     stated = [Rule(d.signal, d.value, units[d.signal].dimension, d.time) for d in digitised if d.signal in units]
-    moved = shift(a, b, how)
-    widest = spans(a)
+    moved = time_shift(a, b, how)
+    widest = signal_ranges(a)
     rows, of_signals, apart = [], {}, []
     for name, unit in units.items():
         ours, theirs = a[name], b[name]
         theirs = LogSeries(theirs.t + moved.seconds, theirs.values, theirs.unit)
         span, magnitude = widest[name.partition("[")[0]], float(np.nanmax(np.abs(ours.values)))
         allowed = allowance(name, unit, span, magnitude, [*stated, *given])
-        found = curves(ours, theirs, allowed)
+        found = tube_curves(ours, theirs, allowed)
         if len(found.t):
             of_signals[name] = found
-            rows.append(row(name, ours, theirs, allowed, found, span))
+            rows.append(signal_row(name, ours, theirs, allowed, found, span))
         else:
             apart.append(name)
     if not rows:
-        raise ComparisonRefused(no_overlap(a, b, apart[0], moved.seconds))
+        raise ComparisonError(no_overlap(a, b, apart[0], moved.seconds))
     notes = [read.text for read in digitised]
     notes += [f"{log.path.name}: {note}" for log in (a, b) for note in log.notes]
     notes += [f"no instants in common: {', '.join(apart)}"] if apart else []
@@ -162,7 +165,7 @@ def compared(
         shift=moved,
         rows=tuple(rows),
         curves=of_signals,
-        apart=tuple(apart),
+        disjoint=tuple(apart),
         only_a=only_a,
         only_b=only_b,
         most=max(sum(not signals or any(matches(p, n) for p in signals) for n in log.series) for log in (a, b)),

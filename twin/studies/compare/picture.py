@@ -7,21 +7,21 @@ import numpy as np
 from twin.kernel.recording.logs.log import sampling
 from twin.studies.compare.comparison import Comparison
 from twin.studies.compare.signal_row import SignalRow, TubeCurves
-from twin.studies.compare.text import shown
+from twin.studies.compare.text import display_unit
 from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, Axes, picture
 from twin.studies.metrics.response import rms
-from twin.studies.result import some
+from twin.studies.result import join_names
 
-MOST = 6
-ALIKE = 0.02
+MAX_CURVES = 6
+SAME_CURVE_SHARE = 0.02
 """Share of a curve's range within which another one, rms, is the same to the eye: a low-pass, a display's steps."""
-NAMED = 2
+MAX_NAMED = 2
 A_COLOUR, B_COLOUR, OUT_COLOUR = PAPER_BLUE, PAPER_ORANGE, "#b3261e"
 
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
     """Write the picture of the worst signals, at most MOST of them, to `path` (PNG); what is the same is drawn once."""
-    rows = distinct(comparison)[:MOST]
+    rows = distinct_signals(comparison)[:MAX_CURVES]
     columns = 1 if len(rows) == 1 else 2
     deep = -(-len(rows) // columns)
     with picture(path, 6.6 * columns, 3.2 * deep + 0.4) as figure:
@@ -32,18 +32,18 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
             below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
             _draw(above, below, row, comparison.curves[row.signal])
             if alike:
-                above.set_title(f"as {some(alike, NAMED)}", loc="right", fontsize=8)
+                above.set_title(f"as {join_names(alike, MAX_NAMED)}", loc="right", fontsize=8)
         handles, names = figure.axes[0].get_legend_handles_labels()
         files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
         names = [files.get(name, name) for name in names]
         figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9)
 
 
-def distinct(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
+def distinct_signals(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
     """Signals worst first, each with those after it that show the same in both logs: one force has many names."""
     found: list[tuple[SignalRow, list[str]]] = []
     for row in comparison.rows:
-        first = next((one for one in found[:MOST] if _same(comparison, one[0], row)), None)
+        first = next((one for one in found[:MAX_CURVES] if _same(comparison, one[0], row)), None)
         if first is None:
             found.append((row, []))
         else:
@@ -52,17 +52,17 @@ def distinct(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
 
 
 def _same(comparison: Comparison, one: SignalRow, other: SignalRow) -> bool:
-    """Whether both are one curve in A and one in B, up to the sign and to `ALIKE` of what it runs through."""
+    """Whether both are one curve in A and one in B, up to the sign and to `SAME_CURVE_SHARE` of what it runs through."""
     if one.unit != other.unit:
         return False
     here, there = comparison.curves[one.signal], comparison.curves[other.signal]
     span = max(np.ptp(here.a), np.ptp(here.b))
     pairs = [(x, np.interp(here.t, there.t, y)) for x, y in ((here.a, there.a), (here.b, there.b))]
-    return any(all(rms(x - sign * y) <= ALIKE * span for x, y in pairs) for sign in (1.0, -1.0))
+    return any(all(rms(x - sign * y) <= SAME_CURVE_SHARE * span for x, y in pairs) for sign in (1.0, -1.0))
 
 
 def _draw(above: Axes, below: Axes, row: SignalRow, curves: TubeCurves) -> None:
-    unit, factor = shown(row.unit)
+    unit, factor = display_unit(row.unit)
     t, apart = _with_breaks(curves.t)
     a, b, lower, upper = (factor * np.insert(values, apart, np.nan) for values in (curves.a, curves.b, *curves.tube))
     excess = np.insert(curves.tube.excess(curves.b), apart, 0.0)

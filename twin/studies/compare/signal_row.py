@@ -62,7 +62,7 @@ class TubeCurves:
     tube: Tube
 
 
-def curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves:
+def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves:
     """Both signals and the tube at the instants of whichever is sampled more sparsely, without gaps; n may be 0."""
     start, end = max(ours.t[0], theirs.t[0]), min(ours.t[-1], theirs.t[-1])
     count = [np.sum((series.t >= start) & (series.t <= end)) for series in (ours, theirs)]
@@ -74,11 +74,11 @@ def curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves
         np.interp(t, ours.t, ours.values),
         np.interp(t, theirs.t, theirs.values),
         bounds,
-        bounds.widened(allowed.value),
+        bounds.widen(allowed.value),
     )
 
 
-def row(
+def signal_row(
     signal: str, ours: LogSeries, theirs: LogSeries, allowed: Allowance, found: TubeCurves, span: float
 ) -> SignalRow:
     """What `found`, of at least one instant, comes to."""

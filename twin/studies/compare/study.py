@@ -5,19 +5,19 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, Asked, FromS, Option, Say, ToS, judged, study
-from twin.studies.first_look import find_logs, print_latest
+from twin.studies.command import Argument, ArgumentValues, FromS, Option, Say, ToS, study, write_verdict
+from twin.studies.precheck import find_logs, print_latest
 from twin.studies.result import Result
 
-HOME = Path("results") / "compare"
-FIGURES = ("fig4", "fig5")
+RESULTS_FOLDER = Path("results") / "compare"
+PAPER_FIGURES = ("fig4", "fig5")
 
 
-def _print_latest(asked: Asked) -> dict[str, Any]:
+def _print_latest(asked: ArgumentValues) -> dict[str, Any]:
     """Print which runs are read also where none is named; see `print_latest`."""
     if asked["paper"] is not None and not asked["runs"]:
         from twin.studies.paper.study import FIGURE_EXPERIMENTS
-        from twin.studies.paper.study import HOME as RESULTS
+        from twin.studies.paper.study import RESULTS_FOLDER as RESULTS
 
         asked = {"runs": [RESULTS / name for name in FIGURE_EXPERIMENTS.get(asked["paper"], ())]}
     return print_latest(asked)
@@ -64,8 +64,8 @@ def compare(
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
     if paper is not None:
-        if paper not in FIGURES:
-            raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
+        if paper not in PAPER_FIGURES:
+            raise InputRefused(f"--paper {paper}: expected one of {', '.join(PAPER_FIGURES)}")
         if signals or tolerances or maps or partial or align != "none" or (from_s, to_s) != (None, None):
             raise InputRefused(
                 f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial, --from-s, --to-s; claims have "
@@ -78,12 +78,12 @@ def compare(
         raise InputRefused(
             f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.studies.compare.comparison import both, compared, experiments_differ
+    from twin.studies.compare.comparison import compare_logs, experiments_differ, read_logs
     from twin.studies.compare.picture import draw_comparison
     from twin.studies.compare.text import comparison_result
     from twin.studies.compare.tolerance import alignment, rules
 
-    logs = both(runs[0], runs[1], maps, (from_s, to_s))
-    found = compared(*logs, rules(tolerances), signals, alignment(align, by, max_shift))
+    logs = read_logs(runs[0], runs[1], maps, (from_s, to_s))
+    found = compare_logs(*logs, rules(tolerances), signals, alignment(align, by, max_shift))
     result = comparison_result(found, partial, experiments_differ(found.a, found.b))
-    return judged("compare", out or HOME, result, lambda path: draw_comparison(found, path))
+    return write_verdict("compare", out or RESULTS_FOLDER, result, lambda path: draw_comparison(found, path))

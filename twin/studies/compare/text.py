@@ -7,11 +7,11 @@ from twin.kernel.serialise import to_dict
 from twin.studies.compare.comparison import Comparison, Differences
 from twin.studies.compare.signal_row import SignalRow
 from twin.studies.compare.tolerance import some_signals
-from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, cut
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, count_text, shorten
 
-FEW = 8
+MAX_DIFFERENCES = 8
 """The most differences in the text; the JSON has all."""
-LONG = 24
+MAX_VALUE_LENGTH = 24
 """Characters of a value in the text."""
 
 
@@ -22,17 +22,17 @@ def differences_lines(differences: Differences | None) -> list[Note | str]:
     if not differences:
         return ["", "Nothing differs in the experiments."]
     lines = [
-        Note(" and ".join(cut(value, LONG) for value in values), f"  {key}  ", later=6, whole=True)
-        for key, values in list(differences.items())[:FEW]
+        Note(" and ".join(shorten(value, MAX_VALUE_LENGTH) for value in values), f"  {key}  ", later=6, whole=True)
+        for key, values in list(differences.items())[:MAX_DIFFERENCES]
     ]
-    more = len(differences) - FEW
-    rest = [f"  and {counted(more, 'more value')}"] if more > 0 else []
+    more = len(differences) - MAX_DIFFERENCES
+    rest = [f"  and {count_text(more, 'more value')}"] if more > 0 else []
     return ["", "What differs in the experiments, A and B:", *lines, *rest]
 
 
-MOST_OUTSIDE, MOST_INSIDE = 8, 6
+MAX_OUTSIDE_ROWS, MAX_INSIDE_ROWS = 8, 6
 """Rows printed; all are in the JSON."""
-COLUMNS = (
+SIGNAL_COLUMNS = (
     Column("", 4, left=True),
     Column("signal", left=True),
     Column("unit", 5, left=True),
@@ -42,13 +42,13 @@ COLUMNS = (
     Column("mean", 10, ".2g", gap=0),
     Column("of tube", 8, gap=0),
 )
-SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
+DISPLAY_UNITS = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
 """Units people read, by those of recordings, and the factor."""
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
     """The answer first, then the files, then signals worst first, then what differs in the experiments."""
-    covered = partial or comparison.least_covered[1] == 1.0
+    covered = partial or comparison.least_coverage[1] == 1.0
     parts = [
         f"  A  {comparison.a}",
         f"  B  {comparison.b}{_shift(comparison)}",
@@ -57,31 +57,31 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
         *differences_lines(differences),
     ]
     facts = to_dict(comparison) | {"experiments": differences}
-    common = len(comparison.rows) + len(comparison.apart)
+    common = len(comparison.rows) + len(comparison.disjoint)
     share = f"{common} of {comparison.most} signals in common: " if common < comparison.most else ""
     answer = Note(share + _answer(comparison, partial), later=2, whole=True)
-    return Result(answer, parts, facts, exit_code=0 if covered and not comparison.outside else 1)
+    return Result(answer, parts, facts, exit_code=0 if covered and not comparison.outside_rows else 1)
 
 
-def shown(unit: str) -> tuple[str, float]:
+def display_unit(unit: str) -> tuple[str, float]:
     """The unit people read for an SI unit, and the factor to it."""
-    return SHOWN.get(unit, (unit, 1.0))
+    return DISPLAY_UNITS.get(unit, (unit, 1.0))
 
 
 def _answer(comparison: Comparison, partial: bool) -> str:
     count = len(comparison.rows)
     if comparison.identical:
         return f"B is identical to A: the same bytes, {count} signals"
-    _, covered = comparison.least_covered
+    _, covered = comparison.least_coverage
     # less than all never reads as all
     of_a = "all" if covered == 1.0 else f"{min(100.0 * covered, 99.9):.3g} %"
-    if not comparison.outside and covered < 1.0 and not partial:
+    if not comparison.outside_rows and covered < 1.0 and not partial:
         return f"B covers only {of_a} of A's time, within the tolerance tube there"
-    if not comparison.outside:
-        return f"B stays within the tolerance tube of A: {counted(count, 'signal')}, {of_a} of A's time"
-    first = comparison.outside[0]
+    if not comparison.outside_rows:
+        return f"B stays within the tolerance tube of A: {count_text(count, 'signal')}, {of_a} of A's time"
+    first = comparison.outside_rows[0]
     when = first.first_exit.t if first.first_exit else math.nan
-    left = f"{len(comparison.outside)} of {counted(count, 'signal')} {'leaves' if count == 1 else 'leave'}"
+    left = f"{len(comparison.outside_rows)} of {count_text(count, 'signal')} {'leaves' if count == 1 else 'leave'}"
     return f"{left} the tube around A (first: {first.signal}, at {when:.6g} s), compared over {of_a} of A"
 
 
@@ -93,19 +93,19 @@ def _tables(comparison: Comparison) -> list[Block]:
     outside = [row for row in comparison.rows if row.first_exit]
     inside = [row for row in comparison.rows if not row.first_exit]
     # the one that the answer names is among them
-    first = [row for row in comparison.outside[:1] if row not in outside[:MOST_OUTSIDE]]
-    rows = [*outside[: MOST_OUTSIDE - len(first)], *first, *inside[:MOST_INSIDE]]
+    first = [row for row in comparison.outside_rows[:1] if row not in outside[:MAX_OUTSIDE_ROWS]]
+    rows = [*outside[: MAX_OUTSIDE_ROWS - len(first)], *first, *inside[:MAX_INSIDE_ROWS]]
     left = [
         f"{len(found) - most} more {where}"
-        for found, most, where in ((outside, MOST_OUTSIDE, "outside"), (inside, MOST_INSIDE, "inside"))
+        for found, most, where in ((outside, MAX_OUTSIDE_ROWS, "outside"), (inside, MAX_INSIDE_ROWS, "inside"))
         if len(found) > most
     ]
-    table = Table(COLUMNS, [cells for row in rows for cells in _rows(row)], indent=0)
+    table = Table(SIGNAL_COLUMNS, [cells for row in rows for cells in _rows(row)], indent=0)
     return [table, *([f"     and {', '.join(left)}"] if left else [])]
 
 
 def _rows(row: SignalRow) -> list[Sequence[Cell] | str]:
-    unit, factor = shown(row.unit)
+    unit, factor = display_unit(row.unit)
     used = ">999 %" if row.used > 9.99 else f"{100.0 * row.used:.0f} %"
     errors = (factor * row.max_error, row.max_error_at, factor * row.rms_error, factor * row.mean_error)
     line = ("OUT" if row.first_exit else "ok", row.signal, unit, *errors, used)
@@ -117,7 +117,7 @@ def _rows(row: SignalRow) -> list[Sequence[Cell] | str]:
 
 
 def _others(comparison: Comparison, partial: bool) -> Iterable[Block]:
-    lacking, covered = comparison.least_covered
+    lacking, covered = comparison.least_coverage
     if covered < 1.0 and not partial:
         yield _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):

@@ -36,13 +36,13 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_toml
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.units import Dimension, Unit, known_unit, weight_hint
-from twin.studies.result import some
+from twin.studies.result import join_names
 
-SECONDS = Dimension(s=1)
-_RULE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")
+TIME_DIMENSION = Dimension(s=1)
+_RULE_PATTERN = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")
 
 
-class ComparisonRefused(InputRefused):
+class ComparisonError(InputRefused):
     """Two logs, or the tolerances for them, do not fit together: what was found, what was expected, what to do."""
 
 
@@ -67,7 +67,7 @@ class Rule:
         return matches(self.pattern, signal)
 
 
-DEFAULT = Rule("*", 0.02, None, 0.004)
+DEFAULT_RULE = Rule("*", 0.02, None, 0.004)
 """2 % of the range, and two periods of the robot's controller (2 ms)."""
 
 
@@ -99,7 +99,7 @@ def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
             pattern, equals, text = entry.rpartition("=")
             _add(found, mistakes, "--tol", pattern.strip() if equals else "*", text)
     if mistakes:
-        raise ComparisonRefused("\n".join(mistakes))
+        raise ComparisonError("\n".join(mistakes))
     return tuple(found)
 
 
@@ -112,7 +112,7 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
             that numbers written with ten digits are equal to those they were.
     """
     value, dt = 0.0, 0.0
-    for rule in (DEFAULT, *given):
+    for rule in (DEFAULT_RULE, *given):
         if not rule.fits(signal):
             continue
         if rule.value is not None and rule.dimension is None:
@@ -121,7 +121,7 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
             value = rule.value
         elif rule.value is not None and not set("*?") & set(rule.pattern):
             got = rule.dimension or Dimension()
-            raise ComparisonRefused(
+            raise ComparisonError(
                 f"tolerance of {rule.pattern} is in {Unit(got).si}, but it is in {unit.si}"
                 f"{weight_hint(got, unit.dimension)}"
             )
@@ -151,7 +151,7 @@ def _table(path: Path, mistakes: list[str]) -> dict[str, object]:
 
 def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text: object) -> None:
     option = f"{where}: {pattern} = {text!r}" if where != "--tol" else f"--tol {pattern}={text}"
-    match = _RULE.fullmatch(text) if isinstance(text, str) and text.strip() else None
+    match = _RULE_PATTERN.fullmatch(text) if isinstance(text, str) and text.strip() else None
     try:
         numbers = [float(part) if part is not None else None for part in (match[1], match[3])] if match else []
     except ValueError:
@@ -162,7 +162,7 @@ def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text:
     value, dt = numbers
     unit, stamp = match[2] or "", match[4] or "s"
     time_unit = known_unit(stamp)
-    if time_unit is None or time_unit.dimension != SECONDS:
+    if time_unit is None or time_unit.dimension != TIME_DIMENSION:
         mistakes.append(f"{option}: time in '{stamp}'; expected s, ms or us")
         return
     dt = None if dt is None else time_unit.in_si(dt)
@@ -185,7 +185,7 @@ class Tube(NamedTuple):
     lower: Curve
     upper: Curve
 
-    def widened(self, tolerance: float) -> "Tube":
+    def widen(self, tolerance: float) -> "Tube":
         """The tube with `tolerance` below and above."""
         return Tube(self.lower - tolerance, self.upper + tolerance)
 
@@ -233,9 +233,9 @@ def _least(values: Curve, first: NDArray[np.intp], last: NDArray[np.intp]) -> Cu
 
 
 Kind = Literal["none", "start", "event", "fit"]
-LEAST_OVERLAP = 0.5
+MIN_OVERLAP = 0.5
 """Share of the shorter series that a fitted shift must leave to compare; less would fit the ends to each other."""
-STEPS = 500
+MAX_SHIFTS = 500
 """Shifts tried on either side of none, at most, before the best is refined."""
 
 
@@ -265,15 +265,15 @@ class TimeShift(NamedTuple):
 def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
     """What `--align kind --by signal --max-shift` mean."""
     if kind not in get_args(Kind):
-        raise ComparisonRefused(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
+        raise ComparisonError(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
     if kind in ("event", "fit") and not signal:
-        raise ComparisonRefused(f"--align {kind}: by which signal? Add --by SIGNAL")
+        raise ComparisonError(f"--align {kind}: by which signal? Add --by SIGNAL")
     if not 0.0 < max_shift < np.inf:
-        raise ComparisonRefused(f"--max-shift {max_shift:g}: expected a time > 0 s")
+        raise ComparisonError(f"--max-shift {max_shift:g}: expected a time > 0 s")
     return Alignment(cast(Kind, kind), signal, max_shift)
 
 
-def shift(a: Log, b: Log, how: Alignment) -> TimeShift:
+def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
     """What to add to the times of `b` to align it with `a`."""
     if how.kind == "none":
         return TimeShift()
@@ -282,31 +282,31 @@ def shift(a: Log, b: Log, how: Alignment) -> TimeShift:
         return TimeShift(float(first[0] - first[1]))
     ours, theirs = a[how.signal], b[how.signal]
     if np.ptp(ours.values) == 0.0 or np.ptp(theirs.values) == 0.0:
-        raise ComparisonRefused(f"--by {how.signal}: is constant, so nothing in it can be aligned")
+        raise ComparisonError(f"--by {how.signal}: is constant, so nothing in it can be aligned")
     if how.kind == "event":
-        return _event(a, b, how.signal)
-    return _fit(ours, theirs, how.max_shift)
+        return _event_shift(a, b, how.signal)
+    return _best_shift(ours, theirs, how.max_shift)
 
 
-def _event(a: Log, b: Log, signal: str) -> TimeShift:
+def _event_shift(a: Log, b: Log, signal: str) -> TimeShift:
     level = 0.5 * float(a[signal].values.min() + a[signal].values.max())
     times = []
     for log in (a, b):
         t, above = log[signal].t, log[signal].values - level
         crossings = np.flatnonzero((above[1:] >= 0.0) != (above[:-1] >= 0.0))
         if not len(crossings):
-            raise ComparisonRefused(f"{log.path}: {signal} never crosses {level:.4g}, the middle of the first's range")
+            raise ComparisonError(f"{log.path}: {signal} never crosses {level:.4g}, the middle of the first's range")
         k = crossings[0]
         times.append(float(t[k] + (t[k + 1] - t[k]) * above[k] / (above[k] - above[k + 1])))
     return TimeShift(times[0] - times[1])
 
 
-def _fit(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
+def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
     """The best of a grid of shifts, then the best near it; the rms may have several minima, a grid sees all."""
     # scipy takes a while to load, and only this needs it
     from scipy.optimize import minimize_scalar
 
-    least = LEAST_OVERLAP * min(np.ptp(ours.t), np.ptp(theirs.t))
+    least = MIN_OVERLAP * min(np.ptp(ours.t), np.ptp(theirs.t))
 
     def rms(seconds: float) -> float:
         start, end = max(ours.t[0], theirs.t[0] + seconds), min(ours.t[-1], theirs.t[-1] + seconds)
@@ -316,12 +316,12 @@ def _fit(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
         error = np.interp(ours.t[inside], theirs.t + seconds, theirs.values) - ours.values[inside]
         return float(np.sqrt(np.mean(error**2))) if len(error) else np.inf
 
-    step = max(limit / STEPS, min(limit, min(ours.sampling.period, theirs.sampling.period)))
+    step = max(limit / MAX_SHIFTS, min(limit, min(ours.sampling.period, theirs.sampling.period)))
     count = int(np.ceil(limit / step))
     grid = np.linspace(-limit, limit, 2 * count + 1)
     costs = np.array([rms(seconds) for seconds in grid])
     if not np.isfinite(costs).any():
-        raise ComparisonRefused(
+        raise ComparisonError(
             f"--align fit: within {limit:g} s the logs overlap by less than half of the shorter; widen --max-shift, or "
             "try --align start"
         )
@@ -334,7 +334,7 @@ def _fit(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
     return TimeShift(found, note)
 
 
-def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
+def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
     """Names of the signals to compare, with their units.
 
     Args:
@@ -343,7 +343,7 @@ def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dic
     """
     common = [name for name in a.series if name in b.series]
     if not common:
-        raise ComparisonRefused(_nothing_in_common(a, b))
+        raise ComparisonError(_nothing_in_common(a, b))
     mistakes = [
         f"--signal {pattern}: no such signal is in both logs; {_nearest(pattern, common)}"
         for pattern in signals
@@ -364,11 +364,11 @@ def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dic
             hint += weight_hint(_unit(b[name]).dimension, units[name].dimension)
             mistakes.append(f"{name} is in {a[name].unit} in {a.path} but in {b[name].unit} in {b.path}; {hint}")
     if mistakes:
-        raise ComparisonRefused("\n".join(mistakes))
+        raise ComparisonError("\n".join(mistakes))
     return units
 
 
-def spans(a: Log) -> dict[str, float]:
+def signal_ranges(a: Log) -> dict[str, float]:
     """Range of each signal; of a vector that of its widest component, as one that is only noise has no scale."""
     widest: dict[str, float] = {}
     for name, series in a.series.items():
@@ -404,7 +404,7 @@ def _nothing_in_common(a: Log, b: Log) -> str:
 
 def some_signals(names: Iterable[str], most: int) -> str:
     """At most so many of the signals `names`; elements of an array are one."""
-    return some(list(dict.fromkeys(name.partition("[")[0] for name in names)), most)
+    return join_names(list(dict.fromkeys(name.partition("[")[0] for name in names)), most)
 
 
 def _unit(series: LogSeries) -> Unit:

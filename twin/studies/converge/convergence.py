@@ -6,17 +6,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.robot.experiment.experiment import Experiment, shortened
+from twin.robot.experiment.experiment import Experiment, shorten
 from twin.robot.mechanism.statics import G_ACCELERATION
-from twin.studies.command import Say, Steps, silent
+from twin.studies.command import Say, Steps, ignore_progress
 from twin.studies.converge.coupling import COUPLINGS, Coupling
 from twin.studies.converge.order import Order, observed_order
 from twin.studies.converge.power import PowerResidual, power_residuals
 from twin.studies.converge.reference import ReferenceRun, reference_of
-from twin.studies.converge.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
-from twin.studies.converge.smooth import Smooth, comparable, smoothed
+from twin.studies.converge.signals import (
+    COMPARED_SIGNALS,
+    FORCE_SIGNAL,
+    POSITION_SIGNAL,
+    Signal,
+    largest_errors,
+    sampled_run,
+)
+from twin.studies.converge.smooth import SmoothExperiment, comparable_experiment, without_friction
 
-SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
+TICK_SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 """Ticks to run, in ticks of the experiment; those that periods or drives do not fit are left out."""
 
 
@@ -87,9 +94,9 @@ class CouplingStudy:
     )
 
     @property
-    def judged(self) -> Signal:
+    def judged_signal(self) -> Signal:
         """What the study is about: the force; the position in the air, where no coupling can be wrong about a force."""
-        return FORCE if self.reference.pressed else POSITION
+        return FORCE_SIGNAL if self.reference.is_pressing else POSITION_SIGNAL
 
 
 def convergence(
@@ -97,7 +104,7 @@ def convergence(
     tolerance: float = 0.005,
     duration: float | None = None,
     smooth: bool = False,
-    say: Say = silent,
+    say: Say = ignore_progress,
 ) -> CouplingStudy:
     """Run `experiment` in every coupling and at every tick, and say which is good enough.
 
@@ -108,9 +115,9 @@ def convergence(
     """
     steps = Steps(say, 1 + len(COUPLINGS))
     steps.next("reference")
-    whole = comparable(experiment)
-    cut = Smooth(shortened(whole.experiment, duration) if duration else whole.experiment, whole.changes)
-    used = smoothed(cut) if smooth else cut
+    whole = comparable_experiment(experiment)
+    cut = SmoothExperiment(shorten(whole.experiment, duration) if duration else whole.experiment, whole.changes)
+    used = without_friction(cut) if smooth else cut
     reference = reference_of(used.experiment)
     series: list[CouplingSeries] = []
     left_out: dict[str, str] = {}
@@ -134,12 +141,12 @@ def convergence(
         series=tuple(series),
         left_out=left_out,
         tolerance=tolerance,
-        choice=recommended(series, tolerance) if reference.pressed else None,
+        choice=recommend_coupling(series, tolerance) if reference.is_pressing else None,
         resolution=experiment.scale.resolution * G_ACCELERATION if experiment.scale else None,
     )
 
 
-def recommended(series: list[CouplingSeries], tolerance: float) -> CouplingChoice | None:
+def recommend_coupling(series: list[CouplingSeries], tolerance: float) -> CouplingChoice | None:
     """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
 
     At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
@@ -151,7 +158,7 @@ def recommended(series: list[CouplingSeries], tolerance: float) -> CouplingChoic
         for one in series:
             for point in one.points:
                 shorter = [other for other in one.points if other.tick <= tick]
-                if point.tick == tick and all(other.errors[FORCE.name] <= tolerance for other in shorter):
+                if point.tick == tick and all(other.errors[FORCE_SIGNAL.name] <= tolerance for other in shorter):
                     return CouplingChoice(one.coupling, point)
     return None
 
@@ -163,17 +170,17 @@ def _series(experiment: Experiment, coupling: Coupling, reference: ReferenceRun)
         signal.name: observed_order(
             ticks, [point.errors[signal.name] for point in points], reference.floor[signal.name]
         )
-        for signal in SIGNALS
+        for signal in COMPARED_SIGNALS
     }
-    own = coupling.of(experiment, experiment.cosim.tick)
+    own = coupling.apply_to(experiment, experiment.cosim.tick)
     ran = any(point.tick == own.cosim.tick and np.isfinite(point.cost) for point in points)
     return CouplingSeries(coupling, points, orders, power_residuals(own) if ran else ())
 
 
 def _points(experiment: Experiment, coupling: Coupling, reference: ReferenceRun) -> Iterator[TickPoint]:
-    for share in SHARES:
+    for share in TICK_SHARES:
         try:
-            varied = coupling.of(experiment, share * experiment.cosim.tick)
+            varied = coupling.apply_to(experiment, share * experiment.cosim.tick)
             samples, cost = sampled_run(varied)
         except InputRefused:
             # at the experiment's own tick it is the coupling that does not fit, not the tick
@@ -181,6 +188,6 @@ def _points(experiment: Experiment, coupling: Coupling, reference: ReferenceRun)
                 raise
             continue
         except ComponentFailed:
-            yield TickPoint(share * experiment.cosim.tick, {signal.name: np.inf for signal in SIGNALS}, np.inf)
+            yield TickPoint(share * experiment.cosim.tick, {signal.name: np.inf for signal in COMPARED_SIGNALS}, np.inf)
             continue
         yield TickPoint(varied.cosim.tick, largest_errors(samples, reference.samples), cost)

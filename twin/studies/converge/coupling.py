@@ -25,7 +25,7 @@ class Coupling:
         """Where everything is smooth: the error of a value held from one end, or of the middle of a line."""
         return 1 if self.inputs == "hold" else 2
 
-    def of(self, experiment: Experiment, tick: float) -> Experiment:
+    def apply_to(self, experiment: Experiment, tick: float) -> Experiment:
         """`experiment` coupled so at `tick` (s)."""
         return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
 
@@ -37,5 +37,5 @@ COUPLINGS = (
     Coupling("jacobi", "linear"),
     Coupling("gauss_seidel", "linear", iterations=2),
 )
-FINEST = Coupling("gauss_seidel", "linear")
+FINEST_COUPLING = Coupling("gauss_seidel", "linear")
 """The most accurate one that every drive can."""

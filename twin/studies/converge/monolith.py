@@ -22,25 +22,25 @@ from scipy.integrate import DOP853
 
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.port import memory_of, places, record, width
+from twin.kernel.cosim.port import memory_of, port_slices, record, width
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.build import belief, controller, plant_parameters, shafts, surface_motions
-from twin.robot.assembly.drives import ALONE, DrivePlan
+from twin.robot.assembly.drives import ONLY_PART, DrivePlan
 from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.plant.component import MOTION, OUTPUTS, STILL, outputs_near, resting
+from twin.robot.plant.component import NO_MOTION, OUTPUTS_RECORD, PLANT_OUTPUTS, outputs_near, rest_state
 from twin.robot.plant.contact import apex_frame
-from twin.robot.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
+from twin.robot.plant.dynamics import INITIAL_ANCHORS, PARAMETERS_RECORD, STATE_SIZE, PlantParameters, derivative
 from twin.robot.plant.encoder import Encoder
 from twin.robot.plant.equations import PlantEquations
-from twin.robot.plant.joints import ANCHORS
+from twin.robot.plant.joints import ANCHOR_SIZE
 
-_STEP = ctypes.CFUNCTYPE(
+_STEP_SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
 
 
-class Sampled:
+class ComponentStepper:
     """A component stepped by hand: all its input values in, all its output values out.
 
     Calling it raises `ValueError` for another number of inputs, `ComponentFailed` for a bad status.
@@ -48,9 +48,9 @@ class Sampled:
 
     def __init__(self, component: Component):
         self.component = component
-        self._step = _STEP(component.step_address)
+        self._step = _STEP_SIGNATURE(component.step_address)
         self._y = component.initial_outputs.copy()
-        self._places = places(component.outputs)
+        self._places = port_slices(component.outputs)
 
     def __call__(self, u: NDArray[np.float64], t: float = 0.0, h: float = 2e-3) -> NDArray[np.float64]:
         u = np.ascontiguousarray(u, dtype=float)
@@ -62,7 +62,7 @@ class Sampled:
             raise ComponentFailed(f"{self.component.name} {self.component.explain(status)}")
         return self._y.copy()
 
-    def named(
+    def outputs_by_port(
         self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
     ) -> dict[str, NDArray[np.float64]]:
         """The outputs by port; `u` may hold the inputs by port likewise, among others."""
@@ -72,17 +72,17 @@ class Sampled:
         return {name: y[place] for name, place in self._places.items()}
 
 
-_COUPLED = record(
-    parameters=PARAMETERS, **dict.fromkeys(("T_m", "droop", "omega_ref", "theta_m", "omega_m"), "3f8"),
-    **dict.fromkeys(("dtheta_m", "domega_m"), "3f8"), x=("f8", (STATES,)), dx=("f8", (STATES,)),
-    anchors=("f8", (3, ANCHORS)), y=MOTION,
+_EQUATIONS_RECORD = record(
+    parameters=PARAMETERS_RECORD, **dict.fromkeys(("T_m", "droop", "omega_ref", "theta_m", "omega_m"), "3f8"),
+    **dict.fromkeys(("dtheta_m", "domega_m"), "3f8"), x=("f8", (STATE_SIZE,)), dx=("f8", (STATE_SIZE,)),
+    anchors=("f8", (3, ANCHOR_SIZE)), y=OUTPUTS_RECORD,
 )  # fmt: skip
 """Constants, command, state, derivative; where dry friction holds, which is nowhere; outputs of the plant."""
 
 
-@entry("nothing", _COUPLED)
+@entry("nothing", _EQUATIONS_RECORD)
 def _derive(m):
-    outputs_near(m.parameters, m.x, m.theta_m, STILL, STILL, apex_frame(m.parameters), m.anchors, m.y)
+    outputs_near(m.parameters, m.x, m.theta_m, NO_MOTION, NO_MOTION, apex_frame(m.parameters), m.anchors, m.y)
     for leg in range(3):
         target = m.omega_ref[leg] - m.droop[leg] * m.y.tau_load[leg]
         if m.T_m[leg] > 0.0:
@@ -90,10 +90,10 @@ def _derive(m):
             m.domega_m[leg] = (target - m.omega_m[leg]) / m.T_m[leg]
         else:
             m.dtheta_m[leg], m.domega_m[leg] = target, 0.0
-    derivative(m.parameters, m.x, m.theta_m, STILL, STILL, m.dx)
+    derivative(m.parameters, m.x, m.theta_m, NO_MOTION, NO_MOTION, m.dx)
 
 
-class Coupled:
+class CoupledEquations:
     """dx/dt at x = (theta_m (3), omega_m (3), the plant's state (8)), SI; the surface stays at rest.
 
     Args:
@@ -101,12 +101,18 @@ class Coupled:
     """
 
     def __init__(self, parameters: PlantParameters, T_m: ArrayLike, droop: ArrayLike):
-        self._memory = memory_of(_COUPLED, parameters=tuple(parameters), T_m=T_m, droop=droop)
+        self._memory = memory_of(_EQUATIONS_RECORD, parameters=tuple(parameters), T_m=T_m, droop=droop)
 
     def derivative(self, omega_ref: ArrayLike, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """dx/dt (14,) with the command `omega_ref` (3,) in rad/s."""
         m = self._memory
-        m["omega_ref"], m["theta_m"], m["omega_m"], m["x"], m["anchors"] = omega_ref, x[:3], x[3:6], x[6:], UNTOUCHED
+        m["omega_ref"], m["theta_m"], m["omega_m"], m["x"], m["anchors"] = (
+            omega_ref,
+            x[:3],
+            x[3:6],
+            x[6:],
+            INITIAL_ANCHORS,
+        )
         _derive(m)
         return np.concatenate([m[name][0] for name in ("dtheta_m", "domega_m", "dx")])
 
@@ -118,7 +124,7 @@ RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 @dataclass(frozen=True)
 class Servos:
-    """The constants of `Coupled`, and the limits within which it is the drives' equation; (3,) each.
+    """The constants of `CoupledEquations`, and the limits within which it is the drives' equation; (3,) each.
 
     Attributes:
         T_m: s.
@@ -141,21 +147,21 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
     """What stands behind three joints, if its equations are known here: velocity_servo.fmu or ideal_velocity.fmu."""
     found: list[tuple[float, ...]] = []
     for plan in plans:
-        fmu, table = plan.parts.get(ALONE), plan.table
+        fmu, table = plan.parts.get(ONLY_PART), plan.table
         plain = table.gear_ratio == 1.0 and table.sign == 1 and plan.is_bare and table.substeps == 1
         name = fmu.model.modelName if fmu is not None and plain and plan.axes == 1 else ""
         if name == "ideal_velocity":
             found.append((0.0, 0.0, np.inf, np.inf, np.inf, 0.0))
         elif name == "velocity_servo" and fmu is not None:
             given = {v: float(fmu.variables[v].start) for v in Servos.__annotations__}
-            given |= {v.name: value for v, value in plan.settings[ALONE] if isinstance(value, float)}
+            given |= {v.name: value for v, value in plan.settings[ONLY_PART] if isinstance(value, float)}
             found.append(tuple(given[v] for v in Servos.__annotations__))
         else:
             return None
     return Servos(*np.array(found).T)
 
 
-def applies(experiment: Experiment) -> bool:
+def has_monolithic_form(experiment: Experiment) -> bool:
     """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, watches, and
     no dry friction remembers where it was."""
     return not (
@@ -178,31 +184,31 @@ def applies(experiment: Experiment) -> bool:
 def monolithic_rows(
     experiment: Experiment, drives: Servos, rtol: float = RTOL, atol: NDArray[np.float64] = ATOL
 ) -> dict[str, NDArray[np.float64]]:
-    """Run `experiment`, to which `applies`, without co-simulating it.
+    """Run `experiment`, to which `has_monolithic_form`, without co-simulating it.
 
     Args:
         experiment: its [cosim] plays no role.
-        rtol, atol: tolerances of the solver, (14,) as the state of `Coupled`.
+        rtol, atol: tolerances of the solver, (14,) as the state of `CoupledEquations`.
 
     Returns:
         Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
         controller.
     """
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
-    x_plant, theta_m = resting(parameters, experiment.start)
+    x_plant, theta_m = rest_state(parameters, experiment.start)
     x = np.concatenate([theta_m, np.zeros(3), x_plant])
-    encoder = Sampled(Encoder(*shafts(p)))
-    estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
-    law = Sampled(controller(experiment))
-    plant, coupled = PlantEquations(parameters), Coupled(parameters, drives.T_m, drives.droop)
+    encoder = ComponentStepper(Encoder(*shafts(p)))
+    estimator = ComponentStepper(Estimator(belief(experiment), experiment.controller.gravity_compensation))
+    law = ComponentStepper(controller(experiment))
+    plant, coupled = PlantEquations(parameters), CoupledEquations(parameters, drives.T_m, drives.droop)
     T_s = experiment.controller_ticks * experiment.cosim.tick
-    y = np.empty(experiment.duration_ticks // experiment.controller_ticks + 1, dtype=MOTION)
+    y = np.empty(experiment.duration_ticks // experiment.controller_ticks + 1, dtype=OUTPUTS_RECORD)
     shaft = np.empty((len(y), 9))
     for k, row in enumerate(y):
         shaft[k, :6] = x[:6]
         y[k] = plant.outputs(x[6:], x[:3])[0]
-        estimate = estimator.named(encoder.named({"theta_m": x[:3], "theta_l": row["theta_l"]}))
-        omega_ref = shaft[k, 6:] = law.named(estimate, k * T_s, T_s)["omega_ref"]
+        estimate = estimator.outputs_by_port(encoder.outputs_by_port({"theta_m": x[:3], "theta_l": row["theta_l"]}))
+        omega_ref = shaft[k, 6:] = law.outputs_by_port(estimate, k * T_s, T_s)["omega_ref"]
 
         def rate(_t: float, x: NDArray[np.float64], omega_ref: NDArray[np.float64] = omega_ref) -> NDArray[np.float64]:
             return coupled.derivative(omega_ref, x)
@@ -211,13 +217,13 @@ def monolithic_rows(
         while solver.status == "running":
             solver.step()
         x = solver.y
-        x[6:] = plant.settled(x[6:])
-    rows = {f"plant.{port.name}": np.reshape(y[port.name], (len(y), -1)) for port in OUTPUTS}
+        x[6:] = plant.settle_bristle(x[6:])
+    rows = {f"plant.{port.name}": np.reshape(y[port.name], (len(y), -1)) for port in PLANT_OUTPUTS}
     return rows | {"theta_m": shaft[:, :3], "omega_m": shaft[:, 3:6], "omega_ref": shaft[:, 6:]}
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos stayed what `Coupled` says, at every tick of the controller.
+    """Whether the servos stayed what `CoupledEquations` says, at every tick of the controller.
 
     That is where acceleration and torque are largest: between two commands a servo only relaxes.
     """

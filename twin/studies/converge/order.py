@@ -6,11 +6,11 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-UNEVEN = 0.3
+MAX_SLOPE_SPREAD = 0.3
 """Slopes of neighbouring pairs that differ by more belong to no power of the tick."""
-FEWEST = 3
+MIN_ERRORS = 3
 """So many errors above the floor make a slope that can contradict itself."""
-LEAST = 0.5
+MIN_SLOPE = 0.5
 """A smaller slope is no order: what is left is not the coupling's error."""
 
 
@@ -44,12 +44,12 @@ def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
     if not np.all(np.isfinite(e)):
         return Order(None, OrderFinding.UNSTABLE)
     clear = e > 10.0 * floor
-    if np.count_nonzero(clear) < FEWEST:
+    if np.count_nonzero(clear) < MIN_ERRORS:
         return Order(None, OrderFinding.AT_FLOOR)
     by_tick = np.argsort(h[clear])
     log_h, log_e = np.log(h[clear][by_tick]), np.log(e[clear][by_tick])
     pairs = np.diff(log_e) / np.diff(log_h)
     slope = float(np.polyfit(log_h, log_e, 1)[0])
-    if slope < LEAST:
+    if slope < MIN_SLOPE:
         return Order(None, OrderFinding.NOT_FALLING)
-    return Order(slope, OrderFinding.NOT_SMOOTH if np.ptp(pairs) > UNEVEN else OrderFinding.SMOOTH)
+    return Order(slope, OrderFinding.NOT_SMOOTH if np.ptp(pairs) > MAX_SLOPE_SPREAD else OrderFinding.SMOOTH)

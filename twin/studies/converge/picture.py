@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from twin.studies.converge.convergence import CouplingSeries, CouplingStudy
-from twin.studies.converge.signals import FORCE, Signal
+from twin.studies.converge.signals import FORCE_SIGNAL, Signal
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, Axes, picture
 
-STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"))
+CURVE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"))
 
 
 def draw_convergence(study: CouplingStudy, path: Path) -> None:
@@ -19,8 +19,8 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
 
     with picture(path, 11, 5.6) as figure:
         by_tick, by_cost = figure.subplots(1, 2, sharey=True)
-        signal = study.judged
-        for one, (color, marker) in zip(study.series, STYLES, strict=False):
+        signal = study.judged_signal
+        for one, (color, marker) in zip(study.series, CURVE_STYLES, strict=False):
             points = [point for point in one.points if isfinite(point.cost)]
             error = [signal.scale * point.errors[signal.name] for point in points]
             # the last two often lie on each other
@@ -33,7 +33,7 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
         ticks = sorted({1e3 * point.tick for one in study.series for point in one.points})
         by_tick.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         by_tick.minorticks_off()
-        if study.reference.pressed:
+        if study.reference.is_pressing:
             _draw_tolerance(by_tick, by_cost, study)
         by_tick.set(xlabel="tick (ms)", ylabel=f"largest error of {signal.name} ({signal.unit})")
         by_cost.set_xlabel("computing per simulated second (ms)")
@@ -46,7 +46,7 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:
     """The tolerance of the force, and the run that is recommended for it."""
-    limit = FORCE.scale * study.tolerance
+    limit = FORCE_SIGNAL.scale * study.tolerance
     for axes in (by_tick, by_cost):
         axes.axhline(limit, color=RED, lw=1.0, ls="--")
     by_tick.annotate(
@@ -56,7 +56,7 @@ def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:
     if study.choice is None:
         return
     point = study.choice.point
-    error = FORCE.scale * point.errors[FORCE.name]
+    error = FORCE_SIGNAL.scale * point.errors[FORCE_SIGNAL.name]
     ring: dict[str, Any] = {"marker": "o", "ms": 15, "mfc": "none", "mec": INK, "mew": 1.2, "ls": "none"}
     by_tick.plot(1e3 * point.tick, error, label="recommended", **ring)
     by_cost.plot(1e3 * point.cost, error, **ring)
@@ -69,7 +69,7 @@ def _label(one: CouplingSeries, signal: Signal) -> str:
 
 def _draw_slopes(axes: Axes, study: CouplingStudy) -> None:
     """Slopes 1 and 2 from the largest error of each kind of input on, twice as high."""
-    signal = study.judged
+    signal = study.judged_signal
     for order in (1, 2):
         series = [one for one in study.series if one.coupling.expected_order == order]
         points = [point for one in series for point in one.points if isfinite(point.cost)]

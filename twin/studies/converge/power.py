@@ -69,7 +69,7 @@ class _Inputs(Observer):
         self.ramp = any(port.name == "theta_m_start" for port in self._plant.inputs)
         self.load, self.end, self.start = (np.empty((simulation.last_tick, 3)) for _ in range(3))
 
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+    def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         # in the last tick no step is made
         if first < len(self.load):
             self.load[first] = np.concatenate([self._input(drive, "tau_load") for drive in self._drives])
@@ -83,7 +83,7 @@ class _Inputs(Observer):
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
     run, inputs, p = Trace(), _Inputs(), plant_parameters(experiment.plant, experiment.contact)
-    simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1).completed()
+    simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1).require_success()
     tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]
     W_drive = inputs.load * np.diff(run.of_drives("theta_m"), axis=0)
     if inputs.ramp:

@@ -20,18 +20,18 @@ class Signal:
     scale: float = 1.0
 
 
-SIGNALS = (
+COMPARED_SIGNALS = (
     Signal("F_z", "mN", 1e3),
     Signal("p_B", "um", 1e6),
     Signal("theta_m", "urad", 1e6),
     Signal("tau_load", "uN m", 1e6),
 )
-FORCE, POSITION = SIGNALS[:2]
+FORCE_SIGNAL, POSITION_SIGNAL = COMPARED_SIGNALS[:2]
 Samples = dict[str, NDArray[np.float64]]
 """By name of the signal, (n, values): one row per tick of the controller."""
 
 
-def chosen(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
+def signal_samples(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
     """The signals out of the plant's outputs, by "plant.port", and the motor angles (n, 3)."""
     return {
         "F_z": -plant["plant.F_ee_B"][:, 2:],
@@ -45,10 +45,10 @@ def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
     """The signals of `experiment` run in this process, and wall time per simulated time of the master (1)."""
     run = Trace(experiment.controller_ticks)
     with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [run]).completed()
+        done = simulate(assembly, experiment.duration_ticks, [run]).require_success()
     plant = {key: run[key] for key in ("plant.F_ee_B", "plant.p_B", "plant.tau_load")}
     simulated = experiment.duration_ticks * experiment.cosim.tick
-    return chosen(plant, run.of_drives("theta_m")), done.stepping / simulated
+    return signal_samples(plant, run.of_drives("theta_m")), done.stepping / simulated
 
 
 def largest_errors(samples: Samples, reference: Samples) -> dict[str, float]:

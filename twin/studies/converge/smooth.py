@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.roles import refuse_other_parts
-from twin.robot.experiment.experiment import Experiment, exactly_measured, with_plant
+from twin.robot.assembly.roles import refuse_third_party_parts
+from twin.robot.experiment.experiment import Experiment, with_exact_encoders, with_plant
 from twin.robot.run.trace import run_in_memory
 
 OUT_OF_REACH = 1e9
@@ -18,14 +18,14 @@ OUT_OF_REACH = 1e9
 
 
 @dataclass(frozen=True)
-class Smooth:
+class SmoothExperiment:
     """An experiment and what was taken out of it, one phrase each."""
 
     experiment: Experiment
     changes: tuple[str, ...]
 
 
-def comparable(experiment: Experiment) -> Smooth:
+def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
     """With exact encoders and a force loop that starts when it did, not when a count says so."""
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
@@ -42,8 +42,8 @@ def comparable(experiment: Experiment) -> Smooth:
             "without hysteresis and stop; remove it from [plant]"
         )
     changes = ["encoders exact"]
-    smooth = exactly_measured(experiment)
-    refuse_other_parts(experiment, "a study of the coupling", ("controller", "estimator"))
+    smooth = with_exact_encoders(experiment)
+    refuse_third_party_parts(experiment, "a study of the coupling", ("controller", "estimator"))
     if experiment.monitor is not None:
         # it believes in the encoders of the robot
         smooth = replace(smooth, monitor=None)
@@ -54,11 +54,13 @@ def comparable(experiment: Experiment) -> Smooth:
         force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})
         smooth = replace(smooth, controller=smooth.controller.model_copy(update={"force": force}))
         changes.append(f"force loop on at {when:g} s, not by force")
-    return Smooth(smooth, tuple(changes))
+    return SmoothExperiment(smooth, tuple(changes))
 
 
-def smoothed(smooth: Smooth) -> Smooth:
+def without_friction(smooth: SmoothExperiment) -> SmoothExperiment:
     """Without backlash and friction, too: spring and contact then change direction without an event."""
     experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
     contact = experiment.contact.model_copy(update={"friction": 0.0})
-    return Smooth(replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head"))
+    return SmoothExperiment(
+        replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head")
+    )

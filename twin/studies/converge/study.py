@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
-HOME = Path("results") / "converge"
-PICTURE, FACTS = "convergence.png", "convergence.json"
+RESULTS_FOLDER = Path("results") / "converge"
+PICTURE_FILE, FACTS_FILE = "convergence.png", "convergence.json"
 
 
 @study(draws=True, isolated=True, before=[load_experiments])
@@ -31,18 +31,18 @@ def converge(
 
     Example: twin converge experiments/fig4_force_position.toml --duration 6
     """
+    from twin.kernel.atomic_write import make_folder, write_json
     from twin.kernel.serialise import to_dict
-    from twin.kernel.writing import made_folder, write_json
     from twin.robot.assembly.load import load_experiment
     from twin.studies.converge.convergence import convergence
     from twin.studies.converge.picture import draw_convergence
     from twin.studies.converge.text import convergence_result
 
     loaded = load_experiment(experiment, settings, drive)
-    folder = made_folder(out or HOME / loaded.name)
+    folder = make_folder(out or RESULTS_FOLDER / loaded.name)
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     done = convergence(loaded, tolerance, duration, smooth, say)
-    draw_convergence(done, home / PICTURE)
-    write_json(home / FACTS, to_dict(done))
-    return convergence_result(done, {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)})
+    draw_convergence(done, home / PICTURE_FILE)
+    write_json(home / FACTS_FILE, to_dict(done))
+    return convergence_result(done, {"picture": str(folder / PICTURE_FILE), "facts": str(folder / FACTS_FILE)})

@@ -7,12 +7,12 @@ from math import isfinite
 from twin.kernel.serialise import to_dict
 from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint
 from twin.studies.converge.order import Order, OrderFinding
-from twin.studies.converge.signals import FORCE, SIGNALS, Signal
+from twin.studies.converge.signals import COMPARED_SIGNALS, FORCE_SIGNAL, Signal
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
-NAME = 31
-COLUMN = 9
-REMARKS = {
+NAME_WIDTH = 31
+COLUMN_WIDTH = 9
+ORDER_REMARKS = {
     OrderFinding.NOT_SMOOTH: (
         "~",
         "slopes of neighbouring ticks differ by more than 0.3: an event moves with the tick",
@@ -45,12 +45,12 @@ def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
         note("changed", "; ".join(study.changes)),
         *(note("left out", f"{name}: {why}") for name, why in study.left_out.items()),
     ]
-    met = study.choice is not None or not study.reference.pressed
+    met = study.choice is not None or not study.reference.is_pressing
     return Result(headline, parts, to_dict(study) | files, files, exit_code=0 if met else 1)
 
 
 def _headline(study: CouplingStudy) -> list[Block]:
-    if not study.reference.pressed:
+    if not study.reference.is_pressing:
         why = "  so no tolerance of the force says which tick and coupling to use"
         return [f"{study.name}: presses on nothing", why]
     limit = f"{1e3 * study.tolerance:g} mN"
@@ -60,10 +60,10 @@ def _headline(study: CouplingStudy) -> list[Block]:
     blocks: list[Block] = [
         f"{study.name}: use {coupling.name} at {1e3 * point.tick:g} ms",
         f"  the longest tick, and the simplest coupling there, that keeps F_z within {limit}:",
-        f"  {_number(1e3 * point.errors[FORCE.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
+        f"  {_number(1e3 * point.errors[FORCE_SIGNAL.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
     ]
-    if (own := _own(study)) is not None:
-        error, cost = _number(1e3 * own.errors[FORCE.name]), 1e3 * own.cost
+    if (own := _own_point(study)) is not None:
+        error, cost = _number(1e3 * own.errors[FORCE_SIGNAL.name]), 1e3 * own.cost
         blocks.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
         blocks += _why_not(study, own)
     return blocks
@@ -73,7 +73,7 @@ def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
     """Why an experiment that has another coupling than the one recommended may keep it, and how to change it."""
     if study.choice is None or (study.choice.coupling, study.choice.point.tick) == (study.coupling, study.tick):
         return []
-    error = own.errors[FORCE.name]
+    error = own.errors[FORCE_SIGNAL.name]
     if not isfinite(error):
         return []
     if error <= study.tolerance:
@@ -96,41 +96,48 @@ def _settings(study: CouplingStudy) -> str:
     return " ".join(f"--set cosim.{key}={value}" for key, value in settings.items())
 
 
-def _own(study: CouplingStudy) -> TickPoint | None:
+def _own_point(study: CouplingStudy) -> TickPoint | None:
     """The run of the experiment's own coupling and tick, if it is among the others."""
-    return next((_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
+    return next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
 
 
-def _at(one: CouplingSeries, tick: float) -> TickPoint | None:
+def _point_at(one: CouplingSeries, tick: float) -> TickPoint | None:
     return next((point for point in one.points if point.tick == tick), None)
 
 
 def _errors_by_tick(study: CouplingStudy) -> Table:
     ticks = sorted({point.tick for one in study.series for point in one.points}, reverse=True)
-    rows = [[one.coupling.name, *(_error(_at(one, tick), study.judged) for tick in ticks)] for one in study.series]
-    title = f"largest error of {study.judged.name} in {study.judged.unit} at"
+    rows = [
+        [one.coupling.name, *(_error(_point_at(one, tick), study.judged_signal) for tick in ticks)]
+        for one in study.series
+    ]
+    title = f"largest error of {study.judged_signal.name} in {study.judged_signal.unit} at"
     return _table(title, [f"{1e3 * tick:g} ms" for tick in ticks], rows)
 
 
 def _errors_by_signal(study: CouplingStudy) -> Table:
-    found = [(one, point) for one in study.series if (point := _at(one, study.tick)) is not None]
+    found = [(one, point) for one in study.series if (point := _point_at(one, study.tick)) is not None]
     return _table(
         f"largest error at {1e3 * study.tick:g} ms",
-        [signal.name for signal in SIGNALS],
-        [[one.coupling.name, *(_error(point, signal) for signal in SIGNALS)] for one, point in found],
-        [signal.unit for signal in SIGNALS],
+        [signal.name for signal in COMPARED_SIGNALS],
+        [[one.coupling.name, *(_error(point, signal) for signal in COMPARED_SIGNALS)] for one, point in found],
+        [signal.unit for signal in COMPARED_SIGNALS],
     )
 
 
 def _orders(study: CouplingStudy) -> list[Block]:
     rows = [
-        [one.coupling.name, *(_order(one.orders[signal.name]) for signal in SIGNALS), str(one.coupling.expected_order)]
+        [
+            one.coupling.name,
+            *(_order(one.orders[signal.name]) for signal in COMPARED_SIGNALS),
+            str(one.coupling.expected_order),
+        ]
         for one in study.series
     ]
     found = {order.finding for one in study.series for order in one.orders.values()}
     return [
-        _table("observed order", [*(signal.name for signal in SIGNALS), "expected"], rows),
-        *(note(mark, meaning) for finding, (mark, meaning) in REMARKS.items() if finding in found),
+        _table("observed order", [*(signal.name for signal in COMPARED_SIGNALS), "expected"], rows),
+        *(note(mark, meaning) for finding, (mark, meaning) in ORDER_REMARKS.items() if finding in found),
     ]
 
 
@@ -147,8 +154,8 @@ def _power(study: CouplingStudy) -> list[Block]:
 
 
 def _table(title: str, names: list[str], rows: list[list[str]], units: Sequence[str] = ()) -> Table:
-    columns = [Column(name, COLUMN, unit=unit, gap=0) for name, unit in zip_longest(names, units, fillvalue="")]
-    return Table([Column(title, NAME, left=True), *columns], rows)
+    columns = [Column(name, COLUMN_WIDTH, unit=unit, gap=0) for name, unit in zip_longest(names, units, fillvalue="")]
+    return Table([Column(title, NAME_WIDTH, left=True), *columns], rows)
 
 
 def _balance(one: CouplingSeries) -> list[str]:
@@ -173,5 +180,5 @@ def _number(value: float) -> str:
 
 
 def _order(order: Order) -> str:
-    mark = REMARKS[order.finding][0] if order.finding in REMARKS else ""
+    mark = ORDER_REMARKS[order.finding][0] if order.finding in ORDER_REMARKS else ""
     return mark if order.slope is None else f"{mark}{order.slope:.2f}"

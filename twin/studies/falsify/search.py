@@ -16,34 +16,31 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
+from twin.kernel.atomic_write import write_text
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.kernel.process.warm import Pool
-from twin.kernel.writing import write_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.measure import Required, requirement, signals_of
-from twin.robot.experiment.together import THEN
+from twin.robot.experiment.fault import FAULT_KINDS
+from twin.robot.experiment.measure import RequirementMeasure, parse_requirement, signals_of
+from twin.robot.experiment.together import SEQUENCE_SEPARATOR
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.run.runs import RunRequest, Runs
 from twin.robot.run.trace import fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
-from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, creeps, offset_text, ways_of
-from twin.studies.faults.magnitudes import BEYOND
-from twin.studies.faults.matrix import default_onsets
-from twin.studies.faults.together import DELAYS, HERE
-from twin.studies.faults.trials import fault_trial
+from twin.studies.falsify.space import EarlyEnd, Place, Requirement, Space, TriedFault, may_creep, offset_text, ways_of
+from twin.studies.faults.magnitudes import UPPER_SHARE
+from twin.studies.faults.offsets import NO_OFFSET
+from twin.studies.faults.onsets import FORCE_SIGNAL, PLACE_SIGNAL, default_onsets
+from twin.studies.faults.together import SECOND_DELAYS
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
 
-FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
-
-
-MOST_PASTS = 8
+MAX_PASTS = 8
 """Maximum number of pasts in one process: a body each, at rest and moved."""
 
 
@@ -53,7 +50,7 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
-def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
+def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
     """Run the experiment file `settings[0]`: "NAME.distance" of each of its requirements.
 
     A component that fails ends the run, and what is required is judged until then.
@@ -69,11 +66,11 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
     began = time.perf_counter()
     try:
         experiment = load_experiment(settings[0], (), drive)
-        required = [measure for measure in experiment.measures if isinstance(measure, Required)]
-        names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
+        required = [measure for measure in experiment.measures if isinstance(measure, RequirementMeasure)]
+        names = {name for measure in required for name, _ in signals_of(parse_requirement(measure.formula))}
         # drives that need processes would need some for each past
-        most = 0 if need_processes(planned_drives(experiment)) else MOST_PASTS
-        ended = _runs(frozenset(names | {FORCE, PLACE}), most).run(experiment)
+        most = 0 if need_processes(planned_drives(experiment)) else MAX_PASTS
+        ended = _runs(frozenset(names | {FORCE_SIGNAL, PLACE_SIGNAL}), most).run(experiment)
         assert ended.trace is not None
         signals = Signals(ended.trace, geometry_of(experiment.controller.model))
         found: dict[str, float | None] = {
@@ -83,7 +80,7 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         if not experiment.faults:
             try:
                 # in contact first: that is where a fault can press
-                onsets = list(reversed(default_onsets(fault_trial(ended))))
+                onsets = list(reversed(default_onsets(ended)))
             except InputRefused:
                 onsets = [round(0.5 * experiment.duration_ticks)]
     # a mistake of ours in one run costs that run, as in a sweep
@@ -94,7 +91,7 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
     return RunFinding(ended.status, ended.reason, found, time.perf_counter() - began, ended.stepping, more)
 
 
-TRIAL = "twin.studies.falsify.search:judged"
+TRIAL_JOB = "twin.studies.falsify.search:judge_run"
 
 
 class Judge:
@@ -117,10 +114,10 @@ class Judge:
         self._trips: dict[TriedFault, int] = {}
         self.distances: dict[TriedFault, dict[str, float]] = {}
         self.first: dict[str, int] = {}
-        self.ended: dict[TriedFault, Ended] = {}
+        self.ended: dict[TriedFault, EarlyEnd] = {}
         self.seconds = 0.0
 
-    def healthy(self) -> list[int]:
+    def run_healthy(self) -> list[int]:
         """Make the runs without a fault, on each body, and return where faults begin first (ticks).
 
         Raises:
@@ -128,7 +125,7 @@ class Judge:
         """
         unbroken = [TriedFault("", body=body) for body in self._space.bodies]
         onsets: list[int] = []
-        for wrong, facts in zip(unbroken, self._found(unbroken), strict=True):
+        for wrong, facts in zip(unbroken, self._run_batch(unbroken), strict=True):
             on = f" on {wrong.body}" if wrong.body else ""
             if facts.get("status") == "refused":
                 raise InputRefused(facts["reason"])
@@ -152,14 +149,14 @@ class Judge:
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
         """Of each run: until then if a failed component ended it, infinite if it is refused."""
         shares = []
-        for wrong, facts in zip(batch, self._found(batch), strict=True):
+        for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
             share = min((distances[name] / scale for name, scale in self._scales.items()), default=math.inf)
             self.distances[wrong] = distances
             if facts.get("status") not in ("done", "tripped"):
-                self.ended[wrong] = Ended(facts.get("status") == "refused", facts.get("reason") or "")
-            if share < 0.0 and wrong.offset != HERE and (wanting := self._without_fault(wrong)):
-                self.ended[wrong], share = Ended(True, wanting), math.inf
+                self.ended[wrong] = EarlyEnd(facts.get("status") == "refused", facts.get("reason") or "")
+            if share < 0.0 and wrong.offset != NO_OFFSET and (wanting := self._without_fault(wrong)):
+                self.ended[wrong], share = EarlyEnd(True, wanting), math.inf
             if share < 0.0:
                 self.first.setdefault(wrong.kind, len(self.distances))
             shares.append(share)
@@ -169,7 +166,7 @@ class Judge:
         """Why the place of `wrong` says nothing of its fault: the healthy robot violates there, trips or fails; ""."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
-            (facts,) = self._found([unbroken])
+            (facts,) = self._run_batch([unbroken])
             violated = any(self._distance(facts, name) < 0.0 for name in self._scales)
             reason = facts.get("reason") if facts.get("status") != "done" else "violated" if violated else ""
             self._moved[unbroken] = f"{offset_text(wrong.offset)}, without any fault: {reason}" if reason else ""
@@ -182,14 +179,14 @@ class Judge:
 
     def trip(self, wrong: TriedFault) -> int:
         """Tick from which the second fault of an ordered pair that was run is delayed."""
-        return self._trips[self._space.first_alone(wrong)] if THEN in wrong.kind else 0
+        return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
-    def _found(self, batch: Sequence[TriedFault]) -> list[dict]:
-        first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if THEN in wrong.kind)
+    def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:
+        first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if SEQUENCE_SEPARATOR in wrong.kind)
         new = [one for one in first if one not in self._trips]
         if new:
             # not counted as runs: they are judged as single faults
-            trips = [facts.get("trip") for facts in self._found(new)]
+            trips = [facts.get("trip") for facts in self._run_batch(new)]
             self._trips |= {one: one.onset if trip is None else trip for one, trip in zip(new, trips, strict=True)}
         files = []
         for number, wrong in enumerate(batch):
@@ -211,7 +208,9 @@ def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) ->
     """
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")
-    named = [(measure.name, measure.formula) for measure in experiment.measures if isinstance(measure, Required)]
+    named = [
+        (measure.name, measure.formula) for measure in experiment.measures if isinstance(measure, RequirementMeasure)
+    ]
     named = [(f"requirement_{number}", text) for number, text in enumerate(texts, start=1)] or named
     if not named:
         raise InputRefused(
@@ -230,21 +229,21 @@ def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) ->
 
 def _number(kind: str) -> int:
     """By which the order of the places of `kind` is drawn."""
-    kinds = list(CATALOGUE)
+    kinds = list(FAULT_KINDS)
     return kinds.index(kind) if kind in kinds else len(kinds) + zlib.crc32(kind.encode())
 
 
 Judgement = Callable[[Sequence[TriedFault]], list[float]]
 """How near each of some runs comes to violating: its distance as a share of the healthy one, negative if it does."""
 
-POPULATION = 6
+POPULATION_SIZE = 6
 """Of differential evolution, at least 5 for its mutation; small, since the space has two to five dimensions and the
 runs are few."""
-BREADTH = 0.7
+RACE_SHARE = 0.7
 """Share of the runs that the race takes at most, but for the first run of every kind."""
-SLOWEST = 0.01
+MIN_SPEED_SHARE = 0.01
 """Share of the speed of a drive that creeps after a trip; not 0, which has no direction."""
-SEEDS = 1000
+SEED_COUNT = 1000
 """Seeds that the search draws from."""
 
 
@@ -266,36 +265,38 @@ class Search:
     onsets: Sequence[int]
     tried: dict[TriedFault, float] = field(default_factory=dict)
 
-    def go(self) -> None:
+    def spend_runs(self) -> None:
         """Spend the runs."""
         self._race()
         found = sorted((share, kind) for kind, (_, share) in self.worst.items())
         violated = [kind for share, kind in found if share < 0.0] or [kind for _, kind in found[:1]]
         # two generations at least, or it is no evolution
         for number, kind in enumerate(violated):
-            rest = max(self._left // (len(violated) - number), 2 * POPULATION)
-            self._evolve(kind, min(rest, self._left))
+            rest = max(self._runs_left // (len(violated) - number), 2 * POPULATION_SIZE)
+            self._evolve(kind, min(rest, self._runs_left))
 
     def _race(self) -> None:
         rounds = {kind: self._rounds(kind) for kind in self.space.kinds}
         # the first place has all onsets, each other place one
         everywhere = {kind: len(self.space.places(kind)) + len(self.onsets) - 1 for kind in rounds}
         for lap in range(max(everywhere.values())):
-            self._once([(kind, lap) for kind in self._open if lap < everywhere[kind]], rounds)
-        racing, lap = self._open, 0
-        while self._left_to_race and (racing := [kind for kind in self._open if kind in racing][: len(racing) // 2]):
-            self._once([(kind, everywhere[kind] + lap) for kind in racing], rounds)
+            self._run_round([(kind, lap) for kind in self._open_kinds if lap < everywhere[kind]], rounds)
+        racing, lap = self._open_kinds, 0
+        while self._race_runs_left and (
+            racing := [kind for kind in self._open_kinds if kind in racing][: len(racing) // 2]
+        ):
+            self._run_round([(kind, everywhere[kind] + lap) for kind in racing], rounds)
             lap += 1
 
-    def _once(self, batch: Sequence[tuple[str, int]], rounds: dict[str, list[tuple[Place, int]]]) -> None:
-        self._try([self._probe(kind, lap, rounds[kind]) for kind, lap in batch[: self._left_to_race]])
+    def _run_round(self, batch: Sequence[tuple[str, int]], rounds: dict[str, list[tuple[Place, int]]]) -> None:
+        self._try([self._probe(kind, lap, rounds[kind]) for kind, lap in batch[: self._race_runs_left]])
 
     @property
-    def _left_to_race(self) -> int:
-        return max(0, max(len(self.space.kinds), int(BREADTH * self.runs)) - len(self.tried))
+    def _race_runs_left(self) -> int:
+        return max(0, max(len(self.space.kinds), int(RACE_SHARE * self.runs)) - len(self.tried))
 
     @property
-    def _open(self) -> list[str]:
+    def _open_kinds(self) -> list[str]:
         """Kinds that are not found to violate, the nearest first."""
         share = {kind: self.worst[kind][1] if kind in self.worst else 0.0 for kind in self.space.kinds}
         return sorted((kind for kind in share if share[kind] >= 0.0), key=lambda kind: share[kind])
@@ -310,12 +311,12 @@ class Search:
         return best
 
     @property
-    def _left(self) -> int:
+    def _runs_left(self) -> int:
         return max(0, self.runs - len(self.tried))
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
         """The shares of `batch`; of what has been tried before without a run, infinite where there are none left."""
-        fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._left]
+        fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))
         return [self.tried.get(wrong, np.inf) for wrong in batch]
@@ -338,19 +339,19 @@ class Search:
         """The run of `kind` in a round: at the catalogue's largest in `rounds`, later ever finer between all times,
         sizes up to the upper end, offsets and delays."""
         place, onset = rounds[lap % len(rounds)]
-        shares, offset, ordered = [1.0] * len(place.ways), HERE, THEN in kind
-        delay = DELAYS[(lap + _number(kind)) % len(DELAYS)] if ordered else 0.0
-        if creeps(kind):
-            shares[1] = (1.0, SLOWEST, 0.5)[lap % 3]
+        shares, offset, ordered = [1.0] * len(place.ways), NO_OFFSET, SEQUENCE_SEPARATOR in kind
+        delay = SECOND_DELAYS[(lap + _number(kind)) % len(SECOND_DELAYS)] if ordered else 0.0
+        if may_creep(kind):
+            shares[1] = (1.0, MIN_SPEED_SHARE, 0.5)[lap % 3]
         if lap >= len(rounds):
             wide = 1 + len(shares) + ordered + (2 if self.space.reach else 0)
             time, *rest = (float(each) for each in qmc.Halton(wide, scramble=False).random(lap + 1)[-1])
             onset = round(time * (self.space.ticks - 1))
-            shares = [0.5 + (BEYOND - 0.5) * more for more in rest[: len(shares)]]
-            if creeps(kind):
-                shares[1] = max(SLOWEST, BEYOND * rest[1])
-            delay = DELAYS[-1] * rest[2] if ordered else 0.0
-            offset = self.space.offset(*rest[-2:]) if self.space.reach else HERE
+            shares = [0.5 + (UPPER_SHARE - 0.5) * more for more in rest[: len(shares)]]
+            if may_creep(kind):
+                shares[1] = max(MIN_SPEED_SHARE, UPPER_SHARE * rest[1])
+            delay = SECOND_DELAYS[-1] * rest[2] if ordered else 0.0
+            offset = self.space.offset(*rest[-2:]) if self.space.reach else NO_OFFSET
         shares = [way * share for way, share in zip(place.ways, shares, strict=True)]
         seed = lap if self.space.draws(kind) else 0
         return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset, delay)
@@ -359,13 +360,13 @@ class Search:
         """Spend `runs` around what is known of `kind`."""
         space = self.space
         targets, bodies = space.targets(kind), space.bodies
-        seeds = SEEDS if space.draws(kind) else 0
-        sizes = [(BEYOND * min(0, *ways), BEYOND) for ways in ways_of(kind)]
+        seeds = SEED_COUNT if space.draws(kind) else 0
+        sizes = [(UPPER_SHARE * min(0, *ways), UPPER_SHARE) for ways in ways_of(kind)]
         bounds: list[tuple[float, float]] = [(0, space.ticks - 1), *sizes]
         bounds += [(0, len(targets) - 1), (0, len(bodies) - 1), (0, seeds)]
         whole = [True, *[False] * len(sizes), True, True, True]
-        ordered = THEN in kind
-        more = [(0.0, DELAYS[-1])] * ordered + [(0.0, 1.0)] * (2 if space.reach else 0)
+        ordered = SEQUENCE_SEPARATOR in kind
+        more = [(0.0, SECOND_DELAYS[-1])] * ordered + [(0.0, 1.0)] * (2 if space.reach else 0)
         bounds += more
         whole += [False] * len(more)
         best = self.worst[kind][0]
@@ -373,18 +374,18 @@ class Search:
         def made(x: NDArray[np.float64]) -> TriedFault:
             onset, *rest = (float(each) for each in x)
             shares, (target, body, seed) = rest[: len(sizes)], map(round, rest[len(sizes) : len(sizes) + 3])
-            offset = space.offset(*rest[-2:]) if space.reach else HERE
+            offset = space.offset(*rest[-2:]) if space.reach else NO_OFFSET
             delay = rest[len(sizes) + 3] if ordered else 0.0
             return space.fault(kind, (targets[target], bodies[body]), shares, round(onset), seed, offset, delay)
 
-        last = len(self.tried) + min(runs, self._left)
+        last = len(self.tried) + min(runs, self._runs_left)
 
         def shares(x: NDArray[np.float64]) -> NDArray[np.float64]:
             if len(self.tried) >= last:
                 return np.full(x.shape[1], np.inf)
             return np.array(self._try([made(column) for column in x.T]))
 
-        first = qmc.LatinHypercube(len(bounds), seed=0).random(POPULATION)
+        first = qmc.LatinHypercube(len(bounds), seed=0).random(POPULATION_SIZE)
         lower, upper = np.array(bounds, dtype=float).T
         population = lower + first * (upper - lower)
         where = targets.index(best.target), bodies.index(best.body)

@@ -12,24 +12,25 @@ from typing import Any, NamedTuple, Self
 
 import tomlkit
 
-from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE, Kind
-from twin.robot.experiment.source import laid_over
+from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, FaultKind
+from twin.robot.experiment.source import merge_tables
 from twin.robot.experiment.together import (
-    AND,
-    OF,
-    RUNAWAY,
-    THEN,
+    GROUP_SEPARATOR,
+    PAIR_SEPARATOR,
+    RUNAWAY_KIND,
+    SEQUENCE_SEPARATOR,
     common_names,
-    named_set,
     ordered_names,
     pair_names,
+    parse_fault_set,
 )
 from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
+from twin.studies.faults.offsets import NO_OFFSET, moved_tasks, on_disc
 from twin.studies.faults.text import magnitude_text
-from twin.studies.faults.together import HERE, moved_tasks, on_disc, slowest
-from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
+from twin.studies.faults.together import slowest
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, count_text, wrap_text
 
-RANDOM = (
+RANDOM_KINDS = (
     "encoder_dropout_hold", "encoder_dropout_zero", "encoder_dropout_nan", "encoder_glitch", "sample_jitter",
     "sample_loss",
 )  # fmt: skip
@@ -75,7 +76,7 @@ class TriedFault:
     body: str | None = None
     seed: int = 0
     shares: tuple[float, ...] = ()
-    offset: tuple[float, float] = HERE
+    offset: tuple[float, float] = NO_OFFSET
     delay: int = 0
 
 
@@ -111,11 +112,11 @@ class Space:
 
     def draws(self, kind: str) -> bool:
         """Whether another seed makes another run of a fault of `kind`."""
-        return self.noisy or any(part.kind in RANDOM for part in named_set(kind))
+        return self.noisy or any(part.kind in RANDOM_KINDS for part in parse_fault_set(kind))
 
     def targets(self, kind: str) -> list[str]:
         """Where `kind` may be; of a set every combination."""
-        return [AND.join(targets) for targets in product(*(part.targets for part in named_set(kind)))]
+        return [PAIR_SEPARATOR.join(targets) for targets in product(*(part.targets for part in parse_fault_set(kind)))]
 
     def places(self, kind: str) -> list[Place]:
         """Every place of `kind`, that of the catalogue and of the experiment first."""
@@ -134,7 +135,7 @@ class Space:
         shares: Sequence[float],
         onset: int,
         seed: int = 0,
-        offset: tuple[float, float] = HERE,
+        offset: tuple[float, float] = NO_OFFSET,
         delay: float = 0.0,
     ) -> TriedFault:
         """The run of `kind` at a target and on a body.
@@ -144,7 +145,7 @@ class Space:
             delay: of the second fault after the trip (s).
         """
         target, body = place
-        if alone(kind) is not None:
+        if single_kind(kind) is not None:
             return TriedFault(kind, target, self.magnitude(kind, shares[0]), onset, body, seed, offset=offset)
         # four digits are enough of a search
         rounded = tuple(float(f"{share:.4g}") for share in shares)
@@ -161,19 +162,21 @@ class Space:
 
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
         """Of fault `number` of a set, see `magnitude_between`; a drive that runs away second may creep."""
-        one = named_set(kind)[number].kind
-        return magnitude_between(one, share, self.tick, slowest(one, THEN in kind and number == 1))
+        one = parse_fault_set(kind)[number].kind
+        return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
     def first_alone(self, wrong: TriedFault) -> TriedFault:
         """The first fault of an ordered pair, without the second."""
-        kind, target = wrong.kind.partition(THEN)[0], wrong.target.partition(AND)[0]
+        kind, target = wrong.kind.partition(SEQUENCE_SEPARATOR)[0], wrong.target.partition(PAIR_SEPARATOR)[0]
         size = self.magnitude(kind, wrong.shares[0])
         return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
         """Those that `fault` makes `wrong` of; 0 where the kind has no magnitude."""
         return (
-            wrong.shares if alone(wrong.kind) is None else (share_of(named_set(wrong.kind)[0].kind, wrong.magnitude),)
+            wrong.shares
+            if single_kind(wrong.kind) is None
+            else (share_of(parse_fault_set(wrong.kind)[0].kind, wrong.magnitude),)
         )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
@@ -183,11 +186,11 @@ class Space:
             experiment: the file that it extends, as it is found from where it will stand.
             trip: tick from which the second fault of an ordered pair is delayed.
         """
-        tables = {"extends": str(experiment)} | laid_over(
+        tables = {"extends": str(experiment)} | merge_tables(
             self.base,
             ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
             | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
-            | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != HERE else {})
+            | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != NO_OFFSET else {})
             | ({"fault": self._tables(wrong, trip)} if wrong.kind else {}),
         )
         tables["measure"] = [
@@ -196,7 +199,7 @@ class Space:
         return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
 
     def _tables(self, wrong: TriedFault, trip: int) -> list[dict[str, Any]]:
-        parts, targets = named_set(wrong.kind), wrong.target.split(AND)
+        parts, targets = parse_fault_set(wrong.kind), wrong.target.split(PAIR_SEPARATOR)
         sizes = [wrong.magnitude]
         if len(parts) > 1:
             sizes = [self.magnitude(wrong.kind, share, number) for number, share in enumerate(wrong.shares)]
@@ -204,14 +207,14 @@ class Space:
             self._table(wrong, part.kind, target, size)
             for part, target, size in zip(parts, targets, sizes, strict=True)
         ]
-        if THEN in wrong.kind:
+        if SEQUENCE_SEPARATOR in wrong.kind:
             later = min(trip + wrong.delay, self.ticks - 1)
             tables[1]["onset_s"] = self.onset(replace(wrong, onset=later))
         return tables
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
         """Of one of its faults."""
-        known = CATALOGUE[kind]
+        known = FAULT_KINDS[kind]
         table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
             table["duration_s"] = self.duration
@@ -226,20 +229,20 @@ class Space:
         return float(f"{wrong.onset * self.tick:.12g}")
 
 
-def creeps(kind: str) -> bool:
+def may_creep(kind: str) -> bool:
     """Whether the second fault of an ordered pair turns drives, which may be slow."""
-    return THEN in kind and named_set(kind)[1].kind == RUNAWAY
+    return SEQUENCE_SEPARATOR in kind and parse_fault_set(kind)[1].kind == RUNAWAY_KIND
 
 
-def alone(kind: str) -> Kind | None:
+def single_kind(kind: str) -> FaultKind | None:
     """The kind of the catalogue that a set is of; None: it is of several."""
-    parts = named_set(kind)
-    return CATALOGUE[parts[0].kind] if len(parts) == 1 else None
+    parts = parse_fault_set(kind)
+    return FAULT_KINDS[parts[0].kind] if len(parts) == 1 else None
 
 
 def size_text(wrong: TriedFault) -> str:
     """A magnitude, or of a set of several faults the share of each, as people write it."""
-    parts = named_set(wrong.kind)
+    parts = parse_fault_set(wrong.kind)
     if len(parts) > 1:
         return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"
     return magnitude_text(parts[0].kind, wrong.magnitude)
@@ -247,7 +250,7 @@ def size_text(wrong: TriedFault) -> str:
 
 def offset_text(offset: tuple[float, float]) -> str:
     """`at 12.3 -4 mm`; empty where the tasks are where they are."""
-    return "" if offset == HERE else "at " + " ".join(f"{1e3 * each:.3g}" for each in offset) + " mm"
+    return "" if offset == NO_OFFSET else "at " + " ".join(f"{1e3 * each:.3g}" for each in offset) + " mm"
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
@@ -257,22 +260,22 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
         InputRefused: there is no such kind or group.
     """
     for kind in kinds:
-        named_set(kind)
+        parse_fault_set(kind)
     if kinds:
         return (
-            *(kind for kind in CATALOGUE if kind in kinds),
-            *(k for k in dict.fromkeys(kinds) if k not in CATALOGUE),
+            *(kind for kind in FAULT_KINDS if kind in kinds),
+            *(k for k in dict.fromkeys(kinds) if k not in FAULT_KINDS),
         )
-    lists = {"single": tuple(CATALOGUE), "common": common_names(), "pairs": pair_names(), "ordered": ordered_names()}
+    lists = {"single": tuple(FAULT_KINDS), "common": common_names(), "pairs": pair_names(), "ordered": ordered_names()}
     return tuple(name for each, names in lists.items() if each in sets for name in names)
 
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
     """Of each fault of a set whether its magnitude may have the other sign, or be the inverse of a factor, too."""
-    return [(1, -1) if has_two_ways(part.kind) else (1,) for part in named_set(kind)]
+    return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 
 
-class Ended(NamedTuple):
+class EarlyEnd(NamedTuple):
     """Why a run did not come to its end.
 
     Attributes:
@@ -285,7 +288,7 @@ class Ended(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Holes:
+class UnviolatedKinds:
     """Of the kinds of which no run violates what is required.
 
     Attributes:
@@ -297,12 +300,12 @@ class Holes:
 
     untried: Mapping[str, Sequence[Place]]
     places: Mapping[str, int]
-    ended: Mapping[str, Sequence[tuple[TriedFault, Ended]]]
+    ended: Mapping[str, Sequence[tuple[TriedFault, EarlyEnd]]]
     runs: Mapping[str, int]
 
     @classmethod
-    def of(
-        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, Ended], violating: Collection[str]
+    def from_search(
+        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
     ) -> Self:
         """Those of a search.
 
@@ -326,17 +329,17 @@ class Holes:
         )
 
     @property
-    def not_violated(self) -> list[str]:
+    def not_violated_kinds(self) -> list[str]:
         """Kinds of which every run came to its end, and none violated what is required."""
         return [kind for kind in self.places if kind not in self.ended]
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def json_values(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "not_violated": self.not_violated,
+            "not_violated": self.not_violated_kinds,
             # the name of 1.0
-            "kept": self.not_violated,
+            "kept": self.not_violated_kinds,
             "not_tried": [
                 {
                     "kind": kind,
@@ -363,22 +366,20 @@ class Holes:
             for kind, some in self.ended.items():
                 of_these = [end.reason for _, end in some if end.refused == refused]
                 if of_these:
-                    cut_short.append(f"{kind} ({len(of_these)} of {counted(self.runs[kind], 'run')})")
+                    cut_short.append(f"{kind} ({len(of_these)} of {count_text(self.runs[kind], 'run')})")
                     reasons += of_these
             if cut_short:
                 first = (reasons[0].splitlines() or ["no reason was given"])[0]
-                lines += wrapped(f"{what}: {', '.join(cut_short)}. The first: {first}")
+                lines += wrap_text(f"{what}: {', '.join(cut_short)}. The first: {first}")
         if self.untried:
             left = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
             number = sum(map(len, self.untried.values()))
-            text = (
-                f"Not tried, {counted(number, 'place')} (target, sign, body; --runs N tries more): {', '.join(left)}."
-            )
-            lines += wrapped(text)
+            text = f"Not tried, {count_text(number, 'place')} (target, sign, body; --runs N tries more): {', '.join(left)}."
+            lines += wrap_text(text)
         return lines
 
 
-COLUMNS = (
+FOUND_COLUMNS = (
     Column("", 23, left=True),
     Column("distance", 10),
     Column("magnitude", 11),
@@ -387,7 +388,7 @@ COLUMNS = (
     Column("run", 4),
     Column(left=True),
 )
-SHOWN = 5
+MAX_SHOWN = 5
 """Kinds that do not violate, the nearest first."""
 
 
@@ -401,7 +402,7 @@ class Requirement:
 
 
 @dataclass(frozen=True)
-class Found:
+class NearestRun:
     """The nearest run of one kind.
 
     Attributes:
@@ -418,11 +419,11 @@ class Found:
     share: float
     run: int
     first: int | None
-    ended: Ended | None = None
+    ended: EarlyEnd | None = None
 
-    def facts(self, space: Space) -> dict[str, Any]:
+    def to_dict(self, space: Space) -> dict[str, Any]:
         """For JSON."""
-        wrong, known = self.wrong, alone(self.wrong.kind)
+        wrong, known = self.wrong, single_kind(self.wrong.kind)
         return {
             "kind": wrong.kind,
             "target": wrong.target,
@@ -430,7 +431,7 @@ class Found:
             "shares": list(wrong.shares),
             "offset_mm": [1e3 * each for each in wrong.offset],
             "onset_s": space.onset(wrong),
-            "after_trip_s": wrong.delay * space.tick if THEN in wrong.kind else None,
+            "after_trip_s": wrong.delay * space.tick if SEQUENCE_SEPARATOR in wrong.kind else None,
             "body": wrong.body,
             "seed": wrong.seed,
             "distances": self.distances,
@@ -441,7 +442,7 @@ class Found:
         }
 
 
-def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -> list[str]:
+def header(experiment: str, found: NearestRun, requirements: Sequence[Requirement]) -> list[str]:
     """Comments of the experiment that keeps `found`."""
     lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
     return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
@@ -450,8 +451,8 @@ def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -
 def falsify_result(
     experiment: str,
     requirements: Sequence[Requirement],
-    found: Sequence[Found],
-    holes: Holes,
+    found: Sequence[NearestRun],
+    holes: UnviolatedKinds,
     space: Space,
     runs: int,
     seconds: float,
@@ -468,11 +469,11 @@ def falsify_result(
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
     if not violating:
-        count = "any" if len(holes.not_violated) == len(space.kinds) else str(len(holes.not_violated))
+        count = "any" if len(holes.not_violated_kinds) == len(space.kinds) else str(len(holes.not_violated_kinds))
         verdict = f"{experiment}  not violated by {count} of {len(space.kinds)} kinds of fault, as far as was searched"
     last = max((one.first or 0 for one in violating), default=0)
     when = f", the last of these kinds was found in run {last}" if violating else ""
-    nearest = [*violating, *[one for one in found if one.share >= 0.0][:SHOWN]]
+    nearest = [*violating, *[one for one in found if one.share >= 0.0][:MAX_SHOWN]]
     unknown, files = holes.lines(), [f"  {folder / one.wrong.kind}.toml" for one in violating]
     parts: list[Block] = [
         *(f"  {r.name}  {r.formula}" for r in requirements),
@@ -486,18 +487,22 @@ def falsify_result(
         "requirements": [vars(requirement) for requirement in requirements],
         "runs": runs,
         "seconds": seconds,
-        "found": [one.facts(space) for one in found],
-        **holes.facts,
+        "found": [one.to_dict(space) for one in found],
+        **holes.json_values,
     }
     headline = Note(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
     return Result(headline, parts, facts, exit_code=1 if violating else 0)
 
 
-def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: Holes, space: Space) -> Table:
+def _table(
+    found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
+) -> Table:
     """One row each; names of sets are longer than those of kinds, and say where they are."""
     rows = [_row(one, requirements, holes, space) for one in found]
-    sets = any(mark in one.wrong.kind for one in found for mark in (OF, AND, THEN))
-    name, distance, magnitude, onset, target, *rest = COLUMNS
+    sets = any(
+        mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)
+    )
+    name, distance, magnitude, onset, target, *rest = FOUND_COLUMNS
     if sets:
         return Table(
             (replace(name, width=0), distance, magnitude, onset, *rest), [r[:4] + r[5:] for r in rows], indent=0
@@ -505,7 +510,7 @@ def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: H
     return Table((name, distance, magnitude, onset, target, *rest), rows, indent=0)
 
 
-def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: Space) -> list[Cell]:
+def _row(one: NearestRun, requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space) -> list[Cell]:
     wrong = one.wrong
     return [
         ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
@@ -518,7 +523,7 @@ def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: S
             filter(
                 None,
                 (
-                    f"2nd {wrong.delay * space.tick:.3g} s later" if THEN in wrong.kind else "",
+                    f"2nd {wrong.delay * space.tick:.3g} s later" if SEQUENCE_SEPARATOR in wrong.kind else "",
                     f"on {wrong.body}" if wrong.body else "",
                     offset_text(wrong.offset),
                 ),
@@ -527,5 +532,5 @@ def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: S
     ]
 
 
-def _distance(found: Found, requirement: Requirement) -> str:
+def _distance(found: NearestRun, requirement: Requirement) -> str:
     return f"{found.distances[requirement.name]:.4g} {requirement.unit}"

@@ -9,12 +9,12 @@ from typing import Annotated
 
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
-HOME = Path("results") / "falsify"
-FOUND = "falsify.json"
-RUNS = 260
+RESULTS_FOLDER = Path("results") / "falsify"
+RESULT_FILE = "falsify.json"
+DEFAULT_RUNS = 260
 """Enough for the race to be in each of the 140 places of all kinds."""
 
 
@@ -57,7 +57,7 @@ def falsify(
     reach: Annotated[
         float, Option("Also move all tasks sideways, by up to this much.", "MM", "--reach-mm", least=0.0)
     ] = 0.0,
-    runs: Annotated[int, Option("Maximum number of runs with a fault.", "N", least=1)] = RUNS,
+    runs: Annotated[int, Option("Maximum number of runs with a fault.", "N", least=1)] = DEFAULT_RUNS,
     duration: Annotated[float | None, Option("Duration of each fault; default: to the end of the run.", "S")] = None,
     processes: Annotated[
         int | None,
@@ -87,17 +87,17 @@ def falsify(
         ComponentFailed, SafetyTrip: the healthy run fails, or its monitor trips.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.process.job import JobLimits, cores
-    from twin.kernel.writing import made_folder, write_json, write_text
+    from twin.kernel.atomic_write import make_folder, write_json, write_text
+    from twin.kernel.process.job import JobLimits, core_count
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.experiment_files import experiment_file
-    from twin.robot.experiment.source import Source, override
-    from twin.studies.falsify.search import TRIAL, Judge, Search, requirements_of
-    from twin.studies.falsify.space import Found, Holes, Space, falsify_result, header, known_sets
-    from twin.studies.faults.matrix import cases
-    from twin.studies.left_behind import held_folder
+    from twin.robot.experiment.source import Source, apply_overrides
+    from twin.studies.falsify.search import TRIAL_JOB, Judge, Search, requirements_of
+    from twin.studies.falsify.space import NearestRun, Space, UnviolatedKinds, falsify_result, header, known_sets
+    from twin.studies.faults.cases import cases
+    from twin.studies.stale_files import held_folder
     from twin.studies.sweep.engine import Job, run_pool
-    from twin.studies.tune.text import findable
+    from twin.studies.tune.text import findable_path
 
     if os.name != "posix":
         raise InputRefused("twin falsify: needs Linux or macOS, where a drive that crashes can be kept apart")
@@ -111,7 +111,7 @@ def falsify(
     if reach and not loaded.tasks:
         raise InputRefused(f"--reach-mm {reach:g}: {path} has no [[task]] that could be moved")
     base = Source()
-    override(base, settings)
+    apply_overrides(base, settings)
     if drive is not None:
         base.values.setdefault("drive", {})["fmu"] = loaded.values["drive"]["fmu"]
     space = Space(
@@ -127,26 +127,26 @@ def falsify(
         loaded.tasks,
         1e-3 * reach,
     )
-    folder = made_folder(out or HOME / path.stem).absolute()
-    job = Job(path, folder, "none", JobLimits(), "", TRIAL)
-    with held_folder() as scratch, run_pool(job, processes or cores()) as workers:
+    folder = make_folder(out or RESULTS_FOLDER / path.stem).absolute()
+    job = Job(path, folder, "none", JobLimits(), "", TRIAL_JOB)
+    with held_folder() as scratch, run_pool(job, processes or core_count()) as workers:
         judge = Judge(space, wanted, workers, path.resolve(), scratch, runs, say)
-        onsets = judge.healthy()
+        onsets = judge.run_healthy()
         search = Search(space, judge.shares, runs, onsets)
-        search.go()
+        search.spend_runs()
     order = {wrong: number for number, wrong in enumerate(search.tried, start=1)}
     ended = judge.ended
     found = [
-        Found(wrong, judge.distances[wrong], share, order[wrong], judge.first.get(wrong.kind), ended.get(wrong))
+        NearestRun(wrong, judge.distances[wrong], share, order[wrong], judge.first.get(wrong.kind), ended.get(wrong))
         for wrong, share in sorted(search.worst.values(), key=lambda pair: pair[1])
         if math.isfinite(share)
     ]
     violating = [one for one in found if one.share < 0.0]
     for one in violating:
-        text = space.file(one.wrong, findable(path, folder), header(path.stem, one, wanted), judge.trip(one.wrong))
+        text = space.file(one.wrong, findable_path(path, folder), header(path.stem, one, wanted), judge.trip(one.wrong))
         write_text(folder / f"{one.wrong.kind}.toml", text)
-    holes = Holes.of(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
-    shown = out or HOME / path.stem
+    holes = UnviolatedKinds.from_search(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
+    shown = out or RESULTS_FOLDER / path.stem
     result = falsify_result(path.stem, wanted, found, holes, space, len(search.tried), judge.seconds, shown)
-    write_json(folder / FOUND, result.facts)
+    write_json(folder / RESULT_FILE, result.facts)
     return result

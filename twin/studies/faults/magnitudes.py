@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 
 _ONE_SAMPLE = "JUMP: 25 rad/s is 2.9 deg of the motor's shaft in one sample of 2 ms"
-_WHOLE = "a share: all samples"
-CLAIMED, BEYOND = 1.0, 2.0
+_ALL_SAMPLES = "a share: all samples"
+CLAIMED_SHARE, UPPER_SHARE = 1.0, 2.0
 """Shares of the catalogue's largest magnitude and of the upper end, see `magnitude_between`."""
 
 
@@ -28,13 +28,13 @@ UPPER_ENDS = {
     "encoder_bias": UpperEnd(5.0, _ONE_SAMPLE),
     "encoder_drift": UpperEnd(1400.0, "JUMP: 25 rad/s is 1,432 deg/s"),
     "encoder_quantisation": UpperEnd(5.0, _ONE_SAMPLE),
-    "encoder_dropout_hold": UpperEnd(1.0, _WHOLE),
-    "encoder_dropout_zero": UpperEnd(1.0, _WHOLE),
-    "encoder_dropout_nan": UpperEnd(1.0, _WHOLE),
+    "encoder_dropout_hold": UpperEnd(1.0, _ALL_SAMPLES),
+    "encoder_dropout_zero": UpperEnd(1.0, _ALL_SAMPLES),
+    "encoder_dropout_nan": UpperEnd(1.0, _ALL_SAMPLES),
     "encoder_glitch": UpperEnd(180.0, "half a turn: no angle is further off"),
     "sample_delay": UpperEnd(200.0, "STALE: 10 ms"),
     "sample_jitter": UpperEnd(200.0, "STALE: 10 ms"),
-    "sample_loss": UpperEnd(1.0, _WHOLE),
+    "sample_loss": UpperEnd(1.0, _ALL_SAMPLES),
     "controller_overrun": UpperEnd(1000.0, "as command_held: nothing arrives until the force is at its limit"),
     "command_held": UpperEnd(1.0, "a share: all commands"),
     "command_lost": UpperEnd(1.0, "a share: all commands"),
@@ -57,13 +57,13 @@ UPPER_ENDS = {
 
 def has_two_ways(kind: str) -> bool:
     """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
 
 
 def directions(kind: str) -> tuple[float, ...]:
     """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
-    return (1.0, -1.0) if has_two_ways(kind) and CATALOGUE[kind].unit != "factor" else (1.0,)
+    return (1.0, -1.0) if has_two_ways(kind) and FAULT_KINDS[kind].unit != "factor" else (1.0,)
 
 
 def magnitude_between(kind: str, share: float, tick: float, slowest: float | None = None) -> float | None:
@@ -75,16 +75,16 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
         tick: (s).
         slowest: in place of the catalogue's smallest.
     """
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     if known.magnitudes is None:
         return None
     smallest, largest, upper = slowest or known.magnitudes[0], known.magnitudes[-1], UPPER_ENDS[kind].magnitude
     # the largest is the catalogue's to the last bit
     size = largest
-    if abs(share) < CLAIMED:
+    if abs(share) < CLAIMED_SHARE:
         size = smallest * (largest / smallest) ** abs(share)
-    elif abs(share) > CLAIMED:
-        size = largest * (upper / largest) ** (min(abs(share), BEYOND) - CLAIMED)
+    elif abs(share) > CLAIMED_SHARE:
+        size = largest * (upper / largest) ** (min(abs(share), UPPER_SHARE) - CLAIMED_SHARE)
     if known.unit == "ms":
         # delays are whole ticks
         return float(f"{1e3 * tick * max(1, round(1e-3 * size / tick)):.12g}")
@@ -95,7 +95,7 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
 
 def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -> float:
     """The share that makes `magnitude`, see `magnitude_between`; 0 where there is none."""
-    known = CATALOGUE[kind]
+    known = FAULT_KINDS[kind]
     if known.magnitudes is None or magnitude is None:
         return 0.0
     size, middle = magnitude, 1.0 if known.unit == "factor" else 0.0
@@ -104,6 +104,6 @@ def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -
         size = 1.0 / size if known.unit == "factor" else -size
     smallest, largest, upper = slowest or known.magnitudes[0], known.magnitudes[-1], UPPER_ENDS[kind].magnitude
     share = float(np.log(size / smallest) / np.log(largest / smallest))
-    if share > CLAIMED and upper != largest:
-        share = CLAIMED + float(np.log(size / largest) / np.log(upper / largest))
+    if share > CLAIMED_SHARE and upper != largest:
+        share = CLAIMED_SHARE + float(np.log(size / largest) / np.log(upper / largest))
     return way * share

@@ -6,12 +6,12 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, Asked, DriveName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.command import Argument, ArgumentValues, DriveName, Option, Say, Settings, study
+from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
-HOME = Path("results") / "faults"
-ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
+RESULTS_FOLDER = Path("results") / "faults"
+ROWS_FILE, MATRIX_FILE, PICTURE_FILE = "rows.jsonl", "matrix.json", "matrix.png"
 
 
 class SetOfFaults(StrEnum):
@@ -22,8 +22,8 @@ class SetOfFaults(StrEnum):
     PAIRS = "pairs"
 
 
-def _rows_until_then(asked: Asked) -> str:
-    rows: Path = (asked["out"] or HOME / asked["experiment"].stem) / ROWS
+def _rows_until_then(asked: ArgumentValues) -> str:
+    rows: Path = (asked["out"] or RESULTS_FOLDER / asked["experiment"].stem) / ROWS_FILE
     count = rows.read_text().count("\n") if rows.exists() else 0
     return f"Kept until then: {rows} ({count} rows)." if count else ""
 
@@ -87,75 +87,52 @@ def faults(
 
     Raises:
         InputRefused: experiment, kinds, onsets or the folder cannot be used.
-        SafetyTrip, ComponentFailed: without any fault, see `healthy_trial`.
+        SafetyTrip, ComponentFailed: without any fault, see `checked_healthy_run`.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.writing import growing, json_text, made_folder, write_json
-    from twin.robot.assembly.load import load_experiment
-    from twin.studies.faults.matrix import (
-        Case,
-        FaultRow,
-        FaultTrial,
-        cases,
-        healthy_trial,
-        known_kinds,
-        matrix_rows,
-        onsets_of,
-        touching,
-    )
-    from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result, together_result
-    from twin.studies.faults.together import (
-        FaultSet,
-        Stage,
-        TogetherRow,
-        moved_settings,
-        places,
-        together_of,
-        together_rows,
-    )
+    from twin.kernel.atomic_write import json_text, make_folder, open_unbuffered, write_json
+    from twin.studies.faults.cases import cases, known_kinds
+    from twin.studies.faults.matrix import FaultRow, matrix_rows
+    from twin.studies.faults.offsets import offsets
+    from twin.studies.faults.stage import Stage, load_stage
+    from twin.studies.faults.text import combination_result, draw_fault_matrix, fault_matrix_result
+    from twin.studies.faults.together import CombinationRow, FaultSet, combination_rows, combinations_of
 
-    folder = made_folder(out or HOME / experiment.stem)
-    name, picture = experiment.stem, folder / PICTURE
+    folder = make_folder(out or RESULTS_FOLDER / experiment.stem)
+    name, picture = experiment.stem, folder / PICTURE_FILE
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     wanted = [FaultSet(one) for one in sets] or list(FaultSet)
     say("without any fault", 0.0)
     # a row is written as soon as there is one, so that a drive that crashes costs none of them
-    with growing(home / ROWS) as append:
+    with open_unbuffered(home / ROWS_FILE) as append:
         chosen = known_kinds(kinds)
         stages: list[Stage] = []
-        of_bodies: list[tuple[FaultTrial, tuple[Case, ...]]] = []
-        for body, place in product(dict.fromkeys(bodies) or (None,), places(1e-3 * reach)):
-            loaded = load_experiment(experiment, settings, drive, body)
-            if moved := moved_settings(loaded, place):
-                loaded = load_experiment(experiment, (*settings, *moved), drive, body)
-            healthy = healthy_trial(loaded)
-            times = onsets_of(loaded, healthy, onsets)
+        for body, offset in product(dict.fromkeys(bodies) or (None,), offsets(1e-3 * reach)):
+            stages.append(load_stage(experiment, settings, body, offset, drive, onsets))
             # checks the onsets, too
-            of_bodies.append((healthy, cases(loaded, chosen, times, duration)))
-            touches = touching(healthy)
-            inside = tuple((t, bool(touches[round(t / loaded.cosim.tick)])) for t in times)
-            stages.append(Stage(body or "", loaded, inside, place))
+            planned = cases(stages[-1].experiment, chosen, stages[-1].onsets, duration)
+        first = stages[0]
         # single faults on the first body
-        healthy, planned = of_bodies[0] if FaultSet.SINGLE in wanted else (of_bodies[0][0], ())
-        begin = [at for stage in stages for at in stage.onsets]
-        total = len(planned) + sum(len(together_of(kind, *at, kinds)) for kind in wanted for at in begin)
+        planned = cases(first.experiment, chosen, first.onsets, duration) if FaultSet.SINGLE in wanted else ()
+        begin = [(onset, stage.touches(onset)) for stage in stages for onset in stage.onsets]
+        total = len(planned) + sum(len(combinations_of(kind, *at, kinds)) for kind in wanted for at in begin)
         rows: list[FaultRow] = []
-        for row in matrix_rows(stages[0].experiment, healthy, planned):
+        for row in matrix_rows(first, planned):
             rows.append(row)
-            append(json_text(row.facts()) + "\n")
+            append(json_text(row.to_dict()) + "\n")
             say(f"{len(rows)} of {total} cases", len(rows) / total)
-        together: list[TogetherRow] = []
+        together: list[CombinationRow] = []
         for stage in stages:
-            for found in together_rows(stage, wanted, kinds):
+            for found in combination_rows(stage, wanted, kinds):
                 together.append(found)
-                append(json_text(found.facts()) + "\n")
+                append(json_text(found.to_dict()) + "\n")
                 say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
     if not rows:
-        result = together_result(name, together, wanted)
+        result = combination_result(name, together, wanted)
     else:
         say("drawing the matrix", 1.0)
         result = fault_matrix_result(name, rows, picture, together)
-        draw_fault_matrix(name, rows, home / PICTURE)
-    write_json(home / MATRIX, result.facts)
+        draw_fault_matrix(name, rows, home / PICTURE_FILE)
+    write_json(home / MATRIX_FILE, result.facts)
     return result

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-CONFIDENCE = 0.95
+CONFIDENCE_LEVEL = 0.95
 
 
 class Line(NamedTuple):
@@ -18,7 +18,7 @@ class Line(NamedTuple):
 
 def t_factor(clusters: int) -> float:
     """Half width of a 95 % interval in standard deviations: Student's t of clusters - 1 degrees of freedom."""
-    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, clusters - 1)) if clusters > 1 else np.inf
+    return float(student.ppf(0.5 + 0.5 * CONFIDENCE_LEVEL, clusters - 1)) if clusters > 1 else np.inf
 
 
 def sandwich(

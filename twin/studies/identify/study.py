@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, ColumnMaps, FromS, Option, Say, Settings, ToS, silent, study
-from twin.studies.first_look import find_experiments, find_logs, print_latest
+from twin.studies.command import Argument, ColumnMaps, FromS, Option, Say, Settings, ToS, ignore_progress, study
+from twin.studies.precheck import find_experiments, find_logs, print_latest
 from twin.studies.result import Result
 
-HOME = Path("results") / "identify"
-PICTURE, MODEL, FACTS = "identify.png", "model.toml", "identify.json"
+IDENTIFY_FOLDER = Path("results") / "identify"
+PICTURE_FILE, MODEL_FILE, FACTS_FILE = "identify.png", "model.toml", "identify.json"
 
 
 @study(draws=True, before=[find_logs, find_experiments, print_latest])
@@ -24,7 +24,7 @@ def identify(
     from_s: FromS = None,
     to_s: ToS = None,
     out: Annotated[Path | None, Option("Folder; default: results/identify/NAME/TIME.", "DIR")] = None,
-    say: Say = silent,
+    say: Say = ignore_progress,
 ) -> Result:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
 
@@ -42,11 +42,11 @@ def identify(
     """
     from datetime import datetime
 
+    from twin.kernel.atomic_write import write_json, write_text
     from twin.kernel.recording.folder import claim_run_folder, create_run_folder
     from twin.kernel.recording.logs.column_map import column_map
     from twin.kernel.recording.logs.reader import is_recording, read_log
-    from twin.kernel.writing import write_json, write_text
-    from twin.studies.identify.identification import identified
+    from twin.studies.identify.identification import identify_log
     from twin.studies.identify.text import (
         draw_identification,
         identification_facts,
@@ -59,12 +59,12 @@ def identify(
     say("reading", 0.0)
     curves = read_log(log, column_map(maps), (from_s, to_s))
     model, own = model_for(curves.path, experiment, settings), is_recording(curves.path)
-    one = identified(curves, model, None if height is None else 1e-3 * height, motor_torque, say)
+    one = identify_log(curves, model, None if height is None else 1e-3 * height, motor_torque, say)
     # only a run of the twin that is taken for what it was has a truth to be scored by
     true = truth(model) if own and experiment is None else {}
     name = model.name if own else curves.path.stem
-    folder = claim_run_folder(out) if out else create_run_folder(HOME, name, datetime.now())
-    files = {"model": folder / MODEL, "picture": folder / PICTURE, "facts": folder / FACTS}
+    folder = claim_run_folder(out) if out else create_run_folder(IDENTIFY_FOLDER, name, datetime.now())
+    files = {"model": folder / MODEL_FILE, "picture": folder / PICTURE_FILE, "facts": folder / FACTS_FILE}
     draw_identification(one, name, files["picture"])
     write_text(files["model"], model_fragment(one, curves.path.name))
     facts = identification_facts(one, curves.path.name, true)

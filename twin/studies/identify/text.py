@@ -7,22 +7,23 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin.kernel.errors import visible
-from twin.kernel.writing import inline_table
+from twin.kernel.atomic_write import inline_table
+from twin.kernel.errors import escape_controls
 from twin.robot.experiment.schema import Cosim
 from twin.robot.plant.dynamics import TrueRobot, series_share, spring_stiffness
-from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
+from twin.studies.figure import INK, JOINT_COLORS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
+from twin.studies.identify.estimate import Estimate, decimals, display_unit, display_value
 from twin.studies.identify.identification import Identification, Quantity
-from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
+from twin.studies.identify.windows import JOINTS_PER_METRE
 from twin.studies.replay.model import RobotModel
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
 ALL_THREE = {"zero of joint": "zeros of the joints", "zero of deflection": "zeros of the deflections"}
-COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),
+QUANTITY_COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),
            Column("believed", 9))  # fmt: skip
-STEPS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
-LOADING, UNLOADING = PAPER_BLUE, PAPER_ORANGE
-STILL = 5e-4
+PAPER_COLUMNS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
+LOADING_COLOR, UNLOADING_COLOR = PAPER_BLUE, PAPER_ORANGE
+MIN_LOADING_SPEED = 5e-4
 """m/s: slower in z is neither loading nor unloading."""
 
 
@@ -81,7 +82,7 @@ def identification_result(
     rows = [_row(name, quantity, true) for name, quantity in one.quantities.items() if quantity.found is not None]
     parts = [
         "",
-        Table([*COLUMNS, *([Column("true", 9)] if true else [])], rows),
+        Table([*QUANTITY_COLUMNS, *([Column("true", 9)] if true else [])], rows),
         "",
         "  Not identifiable from this log:",
         *(Note(text, "    ", 6, whole=True) for text in _unknown(one)),
@@ -99,12 +100,12 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
     digits, unit = decimals(found), found.unit
 
     def format_number(value: float | None) -> str:
-        return Column(form=f".{digits}f").text(None if value is None else shown(value, unit))
+        return Column(form=f".{digits}f").text(None if value is None else display_value(value, unit))
 
     cells = [
         format_number(found.value),
         format_number(found.half_width),
-        shown_unit(unit),
+        display_unit(unit),
         format_number(quantity.believed),
     ]
     return [quantity.meaning, *cells, *([format_number(true.get(name))] if true else [])]
@@ -113,7 +114,7 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
 def _unknown(one: Identification) -> list[str]:
     """What this log does not say, in plain words."""
     reasons = []
-    if not one.apart:
+    if not one.separates_eta:
         loss = (
             "and loading and unloading agree" if one.loss is not None else "and loading is not compared with unloading"
         )
@@ -130,7 +131,7 @@ def _unknown(one: Identification) -> list[str]:
         reasons.append(f"{_list(missing)}: uncertain by more than a tenth of their plausible range")
     if one.quantities["friction"].found is None:
         reasons.append("friction under the head: no sweep under load that is long enough")
-    alike = dict.fromkeys(_list(group) for group in one.alike if len(group) > 1)
+    alike = dict.fromkeys(_list(group) for group in one.inseparable if len(group) > 1)
     reasons += [f"trade against each other: {names}" for names in alike]
     if "height" in one.quantities:
         reasons.append("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
@@ -165,7 +166,7 @@ def _paper(one: Identification) -> list[Block]:
         f"{press.force[0]:.1f} to {press.force[-1]:.1f} N, k_s eta by a line through the origin:"
     )
     rows = [(step.name, step.k_s_eta, 100.0 * (step.k_s_eta / k - 1.0), "%") for step in press.steps]
-    return [note("paper", text, whole=True), Table(STEPS, rows, indent=4), ""]
+    return [note("paper", text, whole=True), Table(PAPER_COLUMNS, rows, indent=4), ""]
 
 
 def _residuals(one: Identification) -> list[Block]:
@@ -194,7 +195,7 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
         "log": log,
         "experiment": one.model.name,
         "quantities": quantities,
-        "only_together": [list(group) for group in one.alike],
+        "only_together": [list(group) for group in one.inseparable],
         "singular_values": one.fit.singular.tolist(),
         "windows": len(one.fit.seen.t),
         "clusters": one.fit.clusters,
@@ -228,10 +229,10 @@ def model_fragment(one: Identification, log: str) -> str:
     backlash = q["backlash"].found
     if backlash is not None and backlash.value >= 0.0:
         digits = decimals(backlash)
-        source = f"identified from {log}: +- {shown(backlash.half_width, 'rad'):.{digits}f} deg"
-        value = round(shown(backlash.value, "rad"), digits)
+        source = f"identified from {log}: +- {display_value(backlash.half_width, 'rad'):.{digits}f} deg"
+        value = round(display_value(backlash.value, "rad"), digits)
         controller = {"dead_zone_deg": inline_table({"value": value, "source": source})} | controller
-    head = f"# identified from {visible(log)}; lay it over an experiment, or paste it there\n"
+    head = f"# identified from {escape_controls(log)}; lay it over an experiment, or paste it there\n"
     return head + tomlkit.dumps({"controller": controller})
 
 
@@ -241,7 +242,7 @@ def _zeros(angles: np.ndarray, source: str) -> Any:
 
 def _width(found: Sequence[Estimate | None]) -> str:
     """The widest of the intervals, in degrees."""
-    return f"{max(shown(one.half_width, 'rad') for one in found if one):.2g} deg"
+    return f"{max(display_value(one.half_width, 'rad') for one in found if one):.2g} deg"
 
 
 def draw_identification(one: Identification, name: str, path: Path) -> None:
@@ -274,9 +275,9 @@ def _draw_force(axes: Axes, one: Identification) -> None:
 def _draw_halves(axes: Axes, one: Identification, window: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
     down = np.mean(one.fit.seen.speed[window], axis=1) / JOINTS_PER_METRE
     for chosen, color, label in (
-        (down > STILL, LOADING, "loading"),
-        (down < -STILL, UNLOADING, "unloading"),
-        (np.abs(down) <= STILL, "0.6", "sweeping"),
+        (down > MIN_LOADING_SPEED, LOADING_COLOR, "loading"),
+        (down < -MIN_LOADING_SPEED, UNLOADING_COLOR, "unloading"),
+        (np.abs(down) <= MIN_LOADING_SPEED, "0.6", "sweeping"),
     ):
         if np.any(chosen):
             axes.plot(x[chosen], y[chosen], ".", ms=4, color=color, alpha=0.7, label=label)
@@ -285,7 +286,7 @@ def _draw_halves(axes: Axes, one: Identification, window: np.ndarray, x: np.ndar
 def _draw_air(axes: Axes, one: Identification) -> None:
     r, window = _of_kind(one, 0)
     t = one.fit.seen.t[window[::3]]
-    for i, color in enumerate(JOINTS):
+    for i, color in enumerate(JOINT_COLORS):
         axes.plot(t, np.degrees(r[i::3]), ".", ms=3, color=color, alpha=0.7, label=f"joint {i + 1}")
     axes.set_title("in free air: deflection less that of the robot's weight", fontsize="medium", loc="left")
     axes.set(xlabel="time (s)", ylabel="residual (deg, motor side)")
@@ -314,7 +315,7 @@ def _draw_paper(axes: Axes, one: Identification) -> None:
     slope = one.fit.x[0] / believed
     middle = press.calculated.mean(), press.force.mean()
     axes.plot(
-        reach, middle[1] + slope * (reach - middle[0]), color=LOADING, ls="--",
+        reach, middle[1] + slope * (reach - middle[0]), color=LOADING_COLOR, ls="--",
         label=f"slope of the identified {one.fit.x[0]:.3f}",
     )  # fmt: skip
     axes.set(xlabel="F_z by (20) to (27), believed k_s eta (N)", ylabel="scale (N)")

@@ -15,16 +15,27 @@ from scipy.ndimage import maximum_filter1d
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.units import known_unit
-from twin.robot.experiment.measure import AtMost, Formula, Holds, Joined, Not, Sum, Term, Until, Within, requirement
+from twin.robot.experiment.measure import (
+    BooleanOp,
+    Formula,
+    Inequality,
+    Negation,
+    Predicate,
+    Sum,
+    Temporal,
+    Term,
+    UntilFormula,
+    parse_requirement,
+)
 
 Curve = NDArray[np.float64]
 
 
-Held = Callable[[str], NDArray]
+SignalValues = Callable[[str], NDArray]
 """Values of a signal at every tick, by `topic.field`, such as `Trace.held`."""
 
 
-def distance(formula: Formula, tick: float, held: Held) -> float:
+def distance(formula: Formula, tick: float, held: SignalValues) -> float:
     """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if it does.
 
     Args:
@@ -34,28 +45,28 @@ def distance(formula: Formula, tick: float, held: Held) -> float:
     return float(_distances(formula, tick, held)[0])
 
 
-def _distances(formula: Formula, tick: float, held: Held) -> Curve:
+def _distances(formula: Formula, tick: float, held: SignalValues) -> Curve:
     """Return the distances at every tick, (n,)."""
     match formula:
-        case AtMost(smaller, larger):
+        case Inequality(smaller, larger):
             return _value(larger, held) - _value(smaller, held)
-        case Holds(signal):
+        case Predicate(signal):
             return np.where(held(signal), np.inf, -np.inf)
-        case Not(of):
+        case Negation(of):
             return -_distances(of, tick, held)
-        case Joined(how, left, right):
+        case BooleanOp(how, left, right):
             return (np.minimum if how == "and" else np.maximum)(
                 _distances(left, tick, held), _distances(right, tick, held)
             )
-        case Within(how, of, begin, end):
+        case Temporal(how, of, begin, end):
             sign = -1.0 if how == "always" else 1.0
             return sign * _largest(sign * _distances(of, tick, held), *_ticks(begin, end, tick))
-        case Until(hold, goal, begin, end):
+        case UntilFormula(hold, goal, begin, end):
             first, last = _ticks(begin, end, tick)
             fulfilled, reached = _distances(hold, tick, held), _distances(goal, tick, held)
             # with hold until begin, and from there untimed; that the goal is in time is the third of them
             before = -_largest(-fulfilled, 0, first - 1)
-            after = _shifted(_untimed(fulfilled, reached), first)
+            after = _shift(_untimed_until(fulfilled, reached), first)
             return np.minimum(np.minimum(before, after), _largest(reached, first, last))
 
 
@@ -66,21 +77,21 @@ def _ticks(begin: float, end: float | None, tick: float) -> tuple[int, int | Non
 def _largest(values: Curve, first: int, last: int | None) -> Curve:
     """Largest of `values` from `first` to `last` ticks later on, as far as the run goes; -inf where there is none."""
     if last is None or last - first >= len(values):
-        return _shifted(np.maximum.accumulate(values[::-1])[::-1], first)
+        return _shift(np.maximum.accumulate(values[::-1])[::-1], first)
     if last < first:
         return np.full(len(values), -np.inf)
     size = last - first + 1
     # the filter's window is centred; origin makes it begin at the tick
     windows = maximum_filter1d(values, size, mode="constant", cval=-np.inf, origin=-(size // 2))
-    return _shifted(windows, first)
+    return _shift(windows, first)
 
 
-def _shifted(values: Curve, ticks: int) -> Curve:
+def _shift(values: Curve, ticks: int) -> Curve:
     """`values` of so many ticks later; -inf where the run is over."""
     return np.concatenate([values[ticks:], np.full(min(ticks, len(values)), -np.inf)])
 
 
-def _untimed(held: Curve, reached: Curve) -> Curve:
+def _untimed_until(held: Curve, reached: Curve) -> Curve:
     """Of `held until reached`, whenever that is."""
     found, later = np.empty(len(held)), -np.inf
     for tick in range(len(held) - 1, -1, -1):
@@ -89,18 +100,18 @@ def _untimed(held: Curve, reached: Curve) -> Curve:
     return found
 
 
-def _value(terms: Sum, held: Held) -> Curve:
+def _value(terms: Sum, held: SignalValues) -> Curve:
     """(n,), or (n, k) where the signals are vectors; a number where there are none."""
     return np.asarray(sum(term.sign * _term(term, held) for term in terms))
 
 
-def _term(term: Term, held: Held) -> Curve:
-    if isinstance(term.what, tuple):
-        inside = _value(term.what, held)
+def _term(term: Term, held: SignalValues) -> Curve:
+    if isinstance(term.value, tuple):
+        inside = _value(term.value, held)
         return np.linalg.norm(inside, axis=1) if np.ndim(inside) == 2 else np.abs(inside)
-    if not isinstance(term.what, str):
-        return np.asarray(term.what)
-    values = held(term.what).astype(float, copy=False)
+    if not isinstance(term.value, str):
+        return np.asarray(term.value)
+    values = held(term.value).astype(float, copy=False)
     return values if term.index is None else values[:, term.index]
 
 
@@ -125,7 +136,7 @@ def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[F
         InputRefused: it spells none, names a signal that is not among these, or mixes units.
     """
     try:
-        formula = requirement(text)
+        formula = parse_requirement(text)
         units = _units(formula, signals)
     except ValueError as problem:
         raise InputRefused(f'"{text}": {problem}') from None
@@ -144,20 +155,20 @@ def _units(formula: Formula, signals: Mapping[str, SignalInfo]) -> set[str]:
         ValueError: it cannot be evaluated.
     """
     match formula:
-        case AtMost(smaller, larger):
+        case Inequality(smaller, larger):
             sides = [_measure(side, signals) for side in (smaller, larger)]
-            if not any(isinstance(term.what, str | tuple) for term in (*smaller, *larger)):
+            if not any(isinstance(term.value, str | tuple) for term in (*smaller, *larger)):
                 raise ValueError("a comparison of numbers; expected a signal on one side")
             if sides[0].size > 1 or sides[1].size > 1:
                 raise ValueError("a comparison of vectors; expected one component, x[2], or the size, |x|")
             return {_common(*sides)}
-        case Holds(signal):
-            if _known(signal, signals).kind != "bool":
+        case Predicate(signal):
+            if _signal_info(signal, signals).kind != "bool":
                 raise ValueError(f"{signal} is not true or false; expected a comparison")
             return set()
-        case Not(of) | Within(_, of):
+        case Negation(of) | Temporal(_, of):
             return _units(of, signals)
-        case Joined(_, left, right) | Until(left, right):
+        case BooleanOp(_, left, right) | UntilFormula(left, right):
             return _units(left, signals) | _units(right, signals)
 
 
@@ -184,20 +195,20 @@ def _measure(terms: Sum, signals: Mapping[str, SignalInfo]) -> _Measure:
 
 
 def _of_term(term: Term, signals: Mapping[str, SignalInfo]) -> _Measure:
-    if isinstance(term.what, tuple):
-        return _measure(term.what, signals)._replace(size=1)
-    if not isinstance(term.what, str):
+    if isinstance(term.value, tuple):
+        return _measure(term.value, signals)._replace(size=1)
+    if not isinstance(term.value, str):
         assert term.unit is not None
         return _Measure(1, term.unit.si)
-    signal = _known(term.what, signals)
+    signal = _signal_info(term.value, signals)
     if term.index is not None and (signal.size == 1 or term.index >= signal.size):
         wanted = f"[0] to [{signal.size - 1}]" if signal.size > 1 else "no index"
-        raise ValueError(f"{term.what}[{term.index}]: it has {signal.size} components; expected {wanted}")
+        raise ValueError(f"{term.value}[{term.index}]: it has {signal.size} components; expected {wanted}")
     unit = known_unit(signal.unit)
     return _Measure(signal.size if term.index is None else 1, unit.si if unit else signal.unit)
 
 
-def _known(name: str, signals: Mapping[str, SignalInfo]) -> SignalInfo:
+def _signal_info(name: str, signals: Mapping[str, SignalInfo]) -> SignalInfo:
     if name not in signals:
         raise ValueError(f"no such signal as {name}; {nearest(name, signals, 'there are {}', 3)}")
     return signals[name]

@@ -18,18 +18,18 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 
 Curve = NDArray[np.float64]
-TAIL = 0.1
+TAIL_SHARE = 0.1
 """Share of the samples at the end over which the final value is a mean."""
-STILL = 0.05
+SETTLED_BAND = 0.05
 """A response has settled if it stays this near to its final value (share of the step) for twice the tail."""
-PERIODS = 4
+MIN_PERIODS = 4
 """The least that a window holds of the slowest swing: half the width of a Hann window's main lobe is 2 / window, so
 what is left of a drift has died away by then."""
-PADDED = 8
+PADDING_FACTOR = 8
 """Times the window's length: a sine between two frequencies of the transform loses less than 0.3 % of its amplitude."""
 
 
-def within(t: Curve, start: float, end: float) -> NDArray[np.bool_]:
+def window_mask(t: Curve, start: float, end: float) -> NDArray[np.bool_]:
     """Which samples lie in start <= t <= end (s), half a nanosecond of rounding allowed."""
     return (t >= start - 5e-10) & (t <= end + 5e-10)
 
@@ -123,19 +123,19 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
         raise InputRefused(f"a step response of {len(t)} samples: expected 20 or more; record longer or faster")
     if reference == before:
         raise InputRefused(f"a step from {before:g} to {reference:g}: no step")
-    tail = max(2, round(TAIL * len(t)))
+    tail = max(2, round(TAIL_SHARE * len(t)))
     final = float(np.mean(y[-tail:]))
     step = final - before
-    if abs(step) < STILL * abs(reference - before):
+    if abs(step) < SETTLED_BAND * abs(reference - before):
         raise InputRefused(
             f"no response to the step from {before:g} to {reference:g}: in the end it is {final:g}, moved less than "
-            f"{100 * STILL:g} % of the step"
+            f"{100 * SETTLED_BAND:g} % of the step"
         )
     rest = float(np.max(np.abs(y[-2 * tail :] - final)))
-    if rest > STILL * abs(step):
+    if rest > SETTLED_BAND * abs(step):
         raise InputRefused(
             f"the step response has not settled: in its last {t[-1] - t[-2 * tail]:.3g} s it is still {rest:.3g} from "
-            f"its end, {100 * rest / abs(step):.0f} % of the step, expected at most {100 * STILL:g} %; simulate longer"
+            f"its end, {100 * rest / abs(step):.0f} % of the step, expected at most {100 * SETTLED_BAND:g} %; simulate longer"
         )
     share = (y - before) / step
     farthest = int(np.argmax(share))
@@ -247,13 +247,13 @@ def strongest_swing(t: Curve, y: Curve, lowest: float) -> tuple[float, float]:
     window, weighted by that.
 
     Args:
-        t, y: evenly spaced samples (n,) over at least `PERIODS` periods of `lowest`.
+        t, y: evenly spaced samples (n,) over at least `MIN_PERIODS` periods of `lowest`.
         lowest: frequencies below it (Hz) are no swing.
     """
     from scipy.signal import periodogram
 
     f, power = periodogram(
-        y, 1.0 / (t[1] - t[0]), window="hann", nfft=PADDED * len(y), detrend="linear", scaling="spectrum"
+        y, 1.0 / (t[1] - t[0]), window="hann", nfft=PADDING_FACTOR * len(y), detrend="linear", scaling="spectrum"
     )
     slow = f < lowest
     power[slow] = 0.0

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from twin.robot.run.hold import GRACE
-from twin.robot.run.measures import HEADLINE, LEAST_CHATTER, MEASURES, MeasureRow, Values, fixed
+from twin.robot.run.hold import TOUCH_GRACE
+from twin.robot.run.measures import HEADLINE_KEYS, LEAST_CHATTER, ROWS_BY_KEY, MeasureRow, Values, fixed_point
 
-EFFORT = ("torque", "current", "shaft_work", "energy")
-JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
+EFFORT_MEASURES = ("torque", "current", "shaft_work", "energy")
+COMPARED_MEASURES = (*HEADLINE_KEYS, "held_lateral_error", "held_z_error", *EFFORT_MEASURES)
 """Keys of the measures that runs are compared by; less is better."""
 T_QUANTILE = {8: 2.365}
 """Number of paired runs -> 97.5 % quantile of Student's distribution."""
-DECISIVE = {
+DECISIVE_KEYS = {
     "reference": ("controller.mode", "controller.force.reference_N", "reference", "duration_s"),
     "task": ("task",),
     "body": ("contact",),
@@ -28,12 +28,12 @@ DECISIVE = {
 """What has to be the same in two recorded experiments that are compared -> its keys."""
 
 
-TORN = 2
+MIXED_RANK = 2
 """Rank over several experiments: better in one and worse in another."""
-HOW = {-1: "better in", 1: "worse in", 0: "the same in", TORN: "now better, now worse in"}
+RANK_WORDS = {-1: "better in", 1: "worse in", 0: "the same in", MIXED_RANK: "now better, now worse in"}
 """Rank of a candidate in a measure -> its words."""
 Ranks = Mapping[str, int]
-"""Name of a measure -> -1 better, 1 worse, 0 the same, `TORN`."""
+"""Name of a measure -> -1 better, 1 worse, 0 the same, `MIXED_RANK`."""
 
 
 def standing_sentence(one: str, other: str, ranks: Ranks, values: Mapping[str, str] | None = None) -> str:
@@ -43,7 +43,7 @@ def standing_sentence(one: str, other: str, ranks: Ranks, values: Mapping[str, s
         values: text in brackets after a measure that is better or worse, by its name.
     """
     named = {name: f"{name} ({values[name]})" for name in ranks if values and ranks[name] in (-1, 1) and name in values}
-    lists = {how: [named.get(name, name) for name in ranks if ranks[name] == rank] for rank, how in HOW.items()}
+    lists = {how: [named.get(name, name) for name in ranks if ranks[name] == rank] for rank, how in RANK_WORDS.items()}
     parts = [f"{how} {', '.join(names)}" for how, names in lists.items() if names]
     return f"{one} beside {other}: {'; '.join(parts) or 'no measure that both have'}"
 
@@ -77,12 +77,12 @@ class Difference:
         if self.measure.key == "chatter" and not (self.mean or self.half_width):
             return f"below {LEAST_CHATTER:g} N in all runs"
         per_SI, digits = self.measure.unit.per_SI, self.measure.digits + 1
-        mean = fixed(self.mean * per_SI, digits, "+")
+        mean = fixed_point(self.mean * per_SI, digits, "+")
         interval = f"{mean} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
         return f"{interval}, in {self.agreeing} of {self.runs}"
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def json_values(self) -> dict[str, Any]:
         """Values for JSON, SI."""
         return {
             "mean": self.mean,
@@ -105,8 +105,8 @@ def compared_value(key: str, values: Values) -> float | None:
     if key == "chatter":
         return 0.0
     begin, end = values["hold_begin"].value, values["hold_end"].value
-    if key == "hold_settling_time" and values[key].reason == MEASURES[key].missing and begin is not None and end:
-        return end - begin + GRACE
+    if key == "hold_settling_time" and values[key].reason == ROWS_BY_KEY[key].missing and begin is not None and end:
+        return end - begin + TOUCH_GRACE
     return None
 
 
@@ -115,11 +115,11 @@ def judged_keys(runs: Sequence[Values]) -> list[str]:
 
     Where a run holds no force, the errors of the whole run take the place of those while a force is held.
     """
-    keys: tuple[str, ...] = JUDGED
+    keys: tuple[str, ...] = COMPARED_MEASURES
     if any(values["hold_error"].value is None for values in runs):
         controlled = any(values["force_error"].value is not None for values in runs)
         # z minus its pre-defined reference includes the indentation if the force is controlled
-        keys = ("force_error" if controlled else "z_error", "lateral_error", *EFFORT)
+        keys = ("force_error" if controlled else "z_error", "lateral_error", *EFFORT_MEASURES)
     # the load of the springs stands for the torque of drives that report none: two different quantities
     alike = {values["torque"].reason for values in runs}
     return [
@@ -135,8 +135,8 @@ def standing(one: Values, other: Values) -> Ranks:
     for key in judged_keys([one, other]):
         value, beside = compared_value(key, one), compared_value(key, other)
         assert value is not None and beside is not None
-        differs = MEASURES[key].differs(value, beside)
-        ranks[MEASURES[key].text] = (1 if value > beside else -1) if differs else 0
+        differs = ROWS_BY_KEY[key].differs(value, beside)
+        ranks[ROWS_BY_KEY[key].text] = (1 if value > beside else -1) if differs else 0
     return ranks
 
 
@@ -148,7 +148,7 @@ def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[D
     """
     found, n = [], len(one)
     for key in judged_keys([*one, *other]):
-        measure = MEASURES[key]
+        measure = ROWS_BY_KEY[key]
         a, b = (np.array([compared_value(key, values) for values in runs], dtype=float) for runs in (one, other))
         d = a - b
         mean, half_width = float(d.mean()), float(T_QUANTILE[n] * d.std(ddof=1) / math.sqrt(n))
@@ -158,16 +158,18 @@ def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[D
     return found
 
 
-def overall(each: Sequence[Ranks]) -> Ranks:
+def overall_ranks(each: Sequence[Ranks]) -> Ranks:
     """Combine the ranks of several experiments: better where better in at least one and worse in none, and so on."""
     found = {}
     for name in dict.fromkeys(name for ranks in each for name in ranks):
         seen = {ranks[name] for ranks in each if ranks.get(name)}
-        found[name] = TORN if len(seen) > 1 else max(seen, default=0)
+        found[name] = MIXED_RANK if len(seen) > 1 else max(seen, default=0)
     return found
 
 
-def one_run_each(names: tuple[str, str], runs: tuple[Values, Values], experiments: tuple[Mapping, Mapping]) -> str:
+def compare_single_runs(
+    names: tuple[str, str], runs: tuple[Values, Values], experiments: tuple[Mapping, Mapping]
+) -> str:
     """Compare two recorded runs in a sentence; without a verdict if reference, task or body differ.
 
     Args:
@@ -178,15 +180,15 @@ def one_run_each(names: tuple[str, str], runs: tuple[Values, Values], experiment
     one, other = names
     differing = [
         what
-        for what, keys in DECISIVE.items()
-        if any(len({repr(_at(e, key)) for e in experiments}) > 1 for key in keys)
+        for what, keys in DECISIVE_KEYS.items()
+        if any(len({repr(_value_at(e, key)) for e in experiments}) > 1 for key in keys)
     ]
     if differing:
         return f"{one} beside {other}: no verdict, another {' and another '.join(differing)}"
     return f"{standing_sentence(one, other, standing(*runs) if all(runs) else {})} (one run each)"
 
 
-def _at(values: Mapping, key: str) -> Any:
+def _value_at(values: Mapping, key: str) -> Any:
     found: Any = values
     for part in key.split("."):
         found = found.get(part) if isinstance(found, Mapping) else None

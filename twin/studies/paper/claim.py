@@ -9,7 +9,7 @@ from twin.kernel.errors import UnknownSeries
 
 Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
 """"Not reproduced" and "reproduced after all" are of claims with a `KnownMiss`; "fails" is unexpected."""
-PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
+PAPER_CLAIMS, OWN_CHECKS = "claims of the paper's text", "of this run's own checks"
 """Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
 
 
@@ -58,7 +58,7 @@ class Claim:
     miss: KnownMiss | None = None
 
     @property
-    def expected(self) -> str:
+    def bounds_text(self) -> str:
         """`5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
         if math.isfinite(self.low):
             return f"{self.low:g} .. {self.high:g}" if math.isfinite(self.high) else f">= {self.low:g}"
@@ -75,7 +75,7 @@ class ClaimFinding:
     reason: str
 
     @property
-    def measured(self) -> str:
+    def measured_text(self) -> str:
         """`5.606 s`, or `never`."""
         if self.claim.measure is None or (self.verdict in ("trivial", "not scored") and not math.isfinite(self.value)):
             return ""
@@ -84,12 +84,12 @@ class ClaimFinding:
         return f"{self.value:.{self.claim.digits}f} {self.claim.unit}".rstrip()
 
     @property
-    def expected(self) -> str:
-        """See `Claim.expected`."""
-        return self.claim.expected
+    def bounds_text(self) -> str:
+        """See `Claim.bounds_text`."""
+        return self.claim.bounds_text
 
 
-def judged(claim: Claim, runs: Any) -> ClaimFinding:
+def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
     """Measure `claim` on `runs`; one that needs a series which they lack is not scored."""
     if claim.measure is None:
         return ClaimFinding(claim, math.nan, "not reproduced", claim.miss.reason if claim.miss else "")
@@ -107,7 +107,7 @@ def judged(claim: Claim, runs: Any) -> ClaimFinding:
     return ClaimFinding(claim, value, "holds" if holds else "fails", "")
 
 
-def as_facts(finding: ClaimFinding) -> dict[str, object]:
+def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
     """For JSON: what was claimed, measured, expected and found."""
     claim = finding.claim
     return {
@@ -125,19 +125,19 @@ def as_facts(finding: ClaimFinding) -> dict[str, object]:
     }
 
 
-def failed(findings: Iterable[ClaimFinding]) -> list[str]:
+def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:
     """Keys of the claims that fail."""
-    return with_verdict(findings, "fails")
+    return keys_with_verdict(findings, "fails")
 
 
-def with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
+def keys_with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
     """Keys of the claims with this verdict."""
     return [f.claim.key for f in findings if f.verdict == verdict]
 
 
-def unscored(findings: Iterable[ClaimFinding]) -> list[str]:
+def unscored_keys(findings: Iterable[ClaimFinding]) -> list[str]:
     """Keys of the claims that need a series which the runs lack."""
-    return with_verdict(findings, "not scored")
+    return keys_with_verdict(findings, "not scored")
 
 
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
@@ -147,14 +147,18 @@ def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
     return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
 
 
-def standing(findings: Sequence[ClaimFinding], name: str) -> str:
+def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
     """`25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
-    (held, judged), missed, failing = tally(findings), with_verdict(findings, "not reproduced"), failed(findings)
+    (held, judged), missed, failing = (
+        tally(findings),
+        keys_with_verdict(findings, "not reproduced"),
+        failed_keys(findings),
+    )
     lost = f", {len(failing)} {'fails' if len(failing) == 1 else 'fail'}" if failing and missed else ""
     return f"{held} of {judged} {name} hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
 
 
-def bound_used(finding: ClaimFinding) -> float:
+def bound_usage(finding: ClaimFinding) -> float:
     """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
 
     Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.

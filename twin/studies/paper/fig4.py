@@ -14,36 +14,36 @@ from twin.studies.paper.claim import (
     Claim,
     ClaimFinding,
     KnownMiss,
-    as_facts,
-    failed,
-    judged,
+    failed_keys,
+    finding_to_dict,
+    judge_claim,
+    keys_with_verdict,
     tally,
-    unscored,
-    with_verdict,
+    unscored_keys,
 )
 from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 """Whose runs the claims are judged on, in this order."""
-SMALL_Z = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
-CURVE = "ours: half of the last digit printed of a height, in the worst of descent, arrival, sweep and end"
-LAGS = (
+SMALL_Z_SOURCE = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
+CURVE_SOURCE = "ours: half of the last digit printed of a height, in the worst of descent, arrival, sweep and end"
+LAG_REASON = (
     "a position loop of gain kp without feed-forward lags by 1/kp = 0.67 s and its drive, 2.6 mm at 3.9 mm/s; kp is "
     "tuned to the trigger's time"
 )
-DELAYED = (
+DELAY_REASON = (
     "excluded by 'severe delay', where force is in proportion to z: 0.5 mm are 0.6 N, and on arrival position control "
     "presses 1.2 N less in the mean"
 )
-SHARE = "ours: 5 % of the reference"
+SHARE_SOURCE = "ours: 5 % of the reference"
 WITHOUT_X = attrgetter("without_x")
 
 
-CLAIMS = (
+FIG4_CLAIMS = (
     Claim(
         "sweep_ends", "sweep from p_y = 20 to -20 mm, ends missed by", "III.A.1",
         "the manipulator was allowed to move along the y-axis from p_y = 20 to p_y = -20mm",
-        while_sweeping(measure.ends_missed), high=2.0, unit="mm", scale=1e3,
+        while_sweeping(measure.end_error), high=2.0, unit="mm", scale=1e3,
         source="ours: a twentieth of the 40 mm",
     ),
     Claim(
@@ -62,7 +62,7 @@ CLAIMS = (
     Claim(
         "reference_overlaps", "z reference overlaps until the trigger, off by", "4 A",
         "initially, its z-axis trajectory overlaps the pre-define trajectory represented by the blue curve",
-        measure.reference_apart, high=0.1, unit="mm", scale=1e3,
+        measure.reference_distance, high=0.1, unit="mm", scale=1e3,
         source="ours: 'overlaps', a fifth of 'almost overlaps'",
     ),
     Claim(
@@ -103,38 +103,38 @@ CLAIMS = (
     Claim(
         "z_tracks_position", "... average difference, in its worst part", "4 A",
         "the average tracking difference of this trajectory keeps small values",
-        lambda runs: measure.z_error(runs.position), high=0.5, unit="mm", scale=1e3, source=CURVE,
-        miss=KnownMiss(LAGS, high=2.6),
+        lambda runs: measure.z_error(runs.position), high=0.5, unit="mm", scale=1e3, source=CURVE_SOURCE,
+        miss=KnownMiss(LAG_REASON, high=2.6),
     ),
     Claim(
         "z_lag", "... lag in time", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
         lambda runs: measure.lag(runs.position)[0], high=0.5, unit="s",
-        source="ours: less than the delay of the force that the text calls 'severe'", miss=KnownMiss(LAGS, high=0.75),
+        source="ours: less than the delay of the force that the text calls 'severe'", miss=KnownMiss(LAG_REASON, high=0.75),
     ),
     Claim(
         "z_place", "... error in place, without the lag", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
-        lambda runs: measure.lag(runs.position)[1], high=0.5, unit="mm", scale=1e3, source=CURVE,
+        lambda runs: measure.lag(runs.position)[1], high=0.5, unit="mm", scale=1e3, source=CURVE_SOURCE,
         miss=KnownMiss("pressed in by the scale the drives give way, and z arrives late and 0.4 mm short", high=1.1),
     ),
     Claim(
         "z_tracks", "whole curve, force-position: average difference", "4 A",
         "the proposed force-position control strategy can enable the end-effector to track the pre-defined "
         "trajectory and force",
-        lambda runs: measure.z_error(runs.force_position), high=0.5, unit="mm", scale=1e3, source=CURVE,
-        miss=KnownMiss(LAGS, high=2.6),
+        lambda runs: measure.z_error(runs.force_position), high=0.5, unit="mm", scale=1e3, source=CURVE_SOURCE,
+        miss=KnownMiss(LAG_REASON, high=2.6),
     ),
     Claim(
         "z_same", "whole curve: z of both runs nearly the same", "4 A",
         "the z-axis trajectory based on the force-position control strategy is almost the same as the z-axis "
         "control-based trajectory",
-        measure.z_gap, high=0.5, unit="mm", scale=1e3, source=CURVE, miss=KnownMiss(DELAYED, high=1.1),
+        measure.z_gap, high=0.5, unit="mm", scale=1e3, source=CURVE_SOURCE, miss=KnownMiss(DELAY_REASON, high=1.1),
     ),
     Claim(
         "force_tracks", "F_z tracks 5 N while sweeping", "4 B",
         "the tracking performance of F_{z-fp} is superior to that of F_{z-p} owing to the involved force control",
-        while_sweeping(lambda runs: measure.force_error(runs.force_position)), high=0.25, unit="N", source=SHARE,
+        while_sweeping(lambda runs: measure.force_error(runs.force_position)), high=0.25, unit="N", source=SHARE_SOURCE,
     ),
     Claim(
         "force_rises", "position only: F_z rises, share of its changes", "4 B",
@@ -161,7 +161,7 @@ CLAIMS = (
         "estimate_bias", "estimated F_z less the scale's, sweeping", "III.A",
         "Comparing the force calculated via the proposed static force model with the force measured by the electronic "
         "scale, we can obtain the errors of the calculated force",
-        while_sweeping(measure.bias), -0.25, 0.25, "N", source=SHARE,
+        while_sweeping(measure.bias), -0.25, 0.25, "N", source=SHARE_SOURCE,
     ),
     Claim(
         "scale_linear", "scale: force off proportion to z by", "III.A.1",
@@ -207,7 +207,7 @@ CLAIMS = (
     Claim(
         "fluctuation_survived", "... and F_z keeps tracking, worst error", "4 B",
         "F_{z-fp} can still successfully continue tracking the reference force",
-        while_sweeping(measure.force_after_fluctuation), high=0.25, unit="N", source=f"{SHARE}, 13.2-14.7 s",
+        while_sweeping(measure.force_after_fluctuation), high=0.25, unit="N", source=f"{SHARE_SOURCE}, 13.2-14.7 s",
     ),
     Claim(
         "backlash_offset", "position error comes from backlash", "4 A",
@@ -216,7 +216,7 @@ CLAIMS = (
     ),
 )  # fmt: skip
 
-QUALITY = (
+QUALITY_CLAIMS = (
     Claim(
         "early_trigger", "force loop triggered before the first touch by", "truth",
         "ours: a trigger in the air is a false one, whatever the estimate read",
@@ -224,7 +224,7 @@ QUALITY = (
     ),
     Claim(
         "true_force", "rms of 5 N - F_z while sweeping", "truth", "ours: judged on the true contact force",
-        while_sweeping(measure.true_force_error), high=0.25, unit="N", digits=3, source=SHARE,
+        while_sweeping(measure.true_force_error), high=0.25, unit="N", digits=3, source=SHARE_SOURCE,
     ),
     Claim(
         "true_overshoot", "overshoot of F_z", "truth", "ours: judged on the true contact force",
@@ -233,11 +233,11 @@ QUALITY = (
     ),
     Claim(
         "true_final", "F_z at the end", "truth", "ours: judged on the true contact force",
-        measure.true_final_force, 4.75, 5.25, "N", source=SHARE,
+        measure.true_final_force, 4.75, 5.25, "N", source=SHARE_SOURCE,
     ),
     Claim(
         "true_z", "rms of the z error while sweeping", "truth", "ours: judged on the true position",
-        while_sweeping(measure.true_z_error), high=0.6, unit="mm", scale=1e3, digits=3, source=SMALL_Z,
+        while_sweeping(measure.true_z_error), high=0.6, unit="mm", scale=1e3, digits=3, source=SMALL_Z_SOURCE,
     ),
 )  # fmt: skip
 
@@ -245,7 +245,7 @@ OUT_OF_SCOPE = ("user experience scores (Sec. III.B): people are not part of the
 
 
 @dataclass(frozen=True)
-class Score:
+class Fig4Score:
     """What runs say to Fig. 4.
 
     Attributes:
@@ -265,50 +265,50 @@ class Score:
     out_of_scope: tuple[str, ...] = OUT_OF_SCOPE
 
     @property
-    def failed(self) -> list[str]:
+    def failed_keys(self) -> list[str]:
         """Keys of what fails."""
-        return failed((*self.claims, *self.quality))
+        return failed_keys((*self.claims, *self.quality))
 
     @property
-    def not_reproduced(self) -> list[str]:
+    def not_reproduced_keys(self) -> list[str]:
         """Keys of what is known not to hold, and does not."""
-        return with_verdict((*self.claims, *self.quality), "not reproduced")
+        return keys_with_verdict((*self.claims, *self.quality), "not reproduced")
 
     @property
-    def reproduced_after_all(self) -> list[str]:
+    def reproduced_keys(self) -> list[str]:
         """Keys of what is known not to hold, and does."""
-        return with_verdict((*self.claims, *self.quality), "reproduced after all")
+        return keys_with_verdict((*self.claims, *self.quality), "reproduced after all")
 
     @property
-    def unscored(self) -> list[str]:
+    def unscored_keys(self) -> list[str]:
         """Keys of what cannot be scored."""
-        return unscored((*self.claims, *self.quality))
+        return unscored_keys((*self.claims, *self.quality))
 
-    def facts(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """For JSON."""
         held, judged = tally(self.claims)
         return {
             "figure": "4",
             "claims_held": held,
             "claims_judged": judged,
-            "failed": self.failed,
-            "not_reproduced": self.not_reproduced,
-            "reproduced_after_all": self.reproduced_after_all,
-            "not_scored": self.unscored,
+            "failed": self.failed_keys,
+            "not_reproduced": self.not_reproduced_keys,
+            "reproduced_after_all": self.reproduced_keys,
+            "not_scored": self.unscored_keys,
             "missing": {run: list(series) for run, series in self.missing.items()},
-            "claims": [as_facts(finding) for finding in self.claims],
-            "quality_on_true_force": [as_facts(finding) for finding in self.quality],
+            "claims": [finding_to_dict(finding) for finding in self.claims],
+            "quality_on_true_force": [finding_to_dict(finding) for finding in self.quality],
             "tuned": self.tuned,
             "out_of_scope": list(self.out_of_scope),
         }
 
 
-def fig4_score(runs: Fig4Runs) -> Score:
+def fig4_score(runs: Fig4Runs) -> Fig4Score:
     """Judge every claim of Fig. 4."""
-    return Score(
-        claims=tuple(judged(claim, runs) for claim in CLAIMS),
-        quality=tuple(judged(claim, runs) for claim in QUALITY),
-        tuned=runs.tuned,
+    return Fig4Score(
+        claims=tuple(judge_claim(claim, runs) for claim in FIG4_CLAIMS),
+        quality=tuple(judge_claim(claim, runs) for claim in QUALITY_CLAIMS),
+        tuned=runs.tuned_parameters,
         without_x=runs.without_x,
         missing=runs.missing,
     )

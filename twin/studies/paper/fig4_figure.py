@@ -9,21 +9,21 @@ from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLO
 from twin.studies.panel import Panel, PanelCurve, Reader, Samples, draw_panel
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 
-MM = 1e3
-WIDE, THIN = 1.6, 0.9
+MM_PER_M = 1e3
+WIDE_LINE, THIN_LINE = 1.6, 0.9
 """Widths of lines (pt); noise drawn wide is a block of colour."""
-BLUE, VERMILION, ORANGE, BLACK = 0, 1, 4, 6
+PAGE_BLUE, PAGE_VERMILION, PAGE_ORANGE, PAGE_BLACK = 0, 1, 4, 6
 """Numbers of the page's colours that are the nearest to the paper's."""
 PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE = PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE, GREY
-TRUE: dict[str, Any] = {"color": INK, "lw": THIN, "ls": ":"}
+TRUE_STYLE: dict[str, Any] = {"color": INK, "lw": THIN_LINE, "ls": ":"}
 TRUE_P, TRUE_FP = "P-based, true", "F&P-based, true"
-LOOKS: dict[str, dict[str, Any]] = {
-    "Pre-define": {"color": PRE_DEFINE, "lw": WIDE}, "P-based": {"color": P_BASED, "lw": WIDE},
-    "F&P-based": {"color": FP_BASED, "lw": WIDE}, "F&P-based-ref": {"color": FP_REFERENCE, "lw": THIN},
-    TRUE_P: {**TRUE, "label": "true force (plant)"}, TRUE_FP: {**TRUE, "label": None},
+CURVE_STYLES: dict[str, dict[str, Any]] = {
+    "Pre-define": {"color": PRE_DEFINE, "lw": WIDE_LINE}, "P-based": {"color": P_BASED, "lw": WIDE_LINE},
+    "F&P-based": {"color": FP_BASED, "lw": WIDE_LINE}, "F&P-based-ref": {"color": FP_REFERENCE, "lw": THIN_LINE},
+    TRUE_P: {**TRUE_STYLE, "label": "true force (plant)"}, TRUE_FP: {**TRUE_STYLE, "label": None},
 }  # fmt: skip
 """By label, in the order of the legends."""
-OF_FRICTION = LOOKS | {name: {**LOOKS[name], "lw": THIN} for name in ("P-based", "F&P-based")}
+FRICTION_STYLES = CURVE_STYLES | {name: {**CURVE_STYLES[name], "lw": THIN_LINE} for name in ("P-based", "F&P-based")}
 
 
 def _of_run(name: str, curve: str, scale: float = 1.0, column: int | None = None) -> Reader:
@@ -55,9 +55,9 @@ def _friction(title: str, axis: int, position: str, force_position: str) -> Pane
     return Panel(
         title, "N",
         (
-            PanelCurve("Pre-define", "reference", _level(), BLUE, shown=False, level=True),
-            PanelCurve("P-based", "truth", _of_run(position, "F_ee_B", column=axis), ORANGE),
-            PanelCurve("F&P-based", "truth", _of_run(force_position, "F_ee_B", column=axis), VERMILION),
+            PanelCurve("Pre-define", "reference", _level(), PAGE_BLUE, shown=False, level=True),
+            PanelCurve("P-based", "truth", _of_run(position, "F_ee_B", column=axis), PAGE_ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run(force_position, "F_ee_B", column=axis), PAGE_VERMILION),
         ),
     )  # fmt: skip
 
@@ -66,20 +66,20 @@ FIG4_PANELS = (
     Panel(
         "A: z position", "mm",
         (
-            PanelCurve("Pre-define", "truth", _of_run("force_position", "z_ref", MM), BLUE),
-            PanelCurve("P-based", "truth", _of_run("position", "z", MM), ORANGE),
-            PanelCurve("F&P-based", "truth", _of_run("force_position", "z", MM), VERMILION),
-            PanelCurve("F&P-based-ref", "reference", _of_run("force_position", "z_cmd", MM), BLACK),
+            PanelCurve("Pre-define", "truth", _of_run("force_position", "z_ref", MM_PER_M), PAGE_BLUE),
+            PanelCurve("P-based", "truth", _of_run("position", "z", MM_PER_M), PAGE_ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run("force_position", "z", MM_PER_M), PAGE_VERMILION),
+            PanelCurve("F&P-based-ref", "reference", _of_run("force_position", "z_cmd", MM_PER_M), PAGE_BLACK),
         ),
     ),
     Panel(
         "B: F_z, pressing", "N",
         (
-            PanelCurve("Pre-define", "truth", _level("F_z_ref"), BLUE, level=True),
-            PanelCurve("P-based", "truth", _of_run("position", "F_z"), ORANGE),
-            PanelCurve("F&P-based", "truth", _of_run("force_position", "F_z"), VERMILION),
-            PanelCurve(TRUE_P, "display", _of_run("position", "true_F_z"), BLACK, shown=False),
-            PanelCurve(TRUE_FP, "display", _of_run("force_position", "true_F_z"), BLACK, shown=False),
+            PanelCurve("Pre-define", "truth", _level("F_z_ref"), PAGE_BLUE, level=True),
+            PanelCurve("P-based", "truth", _of_run("position", "F_z"), PAGE_ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run("force_position", "F_z"), PAGE_VERMILION),
+            PanelCurve(TRUE_P, "display", _of_run("position", "true_F_z"), PAGE_BLACK, shown=False),
+            PanelCurve(TRUE_FP, "display", _of_run("force_position", "true_F_z"), PAGE_BLACK, shown=False),
         ),
     ),
     _friction("C: F_x, imperfect runs", 0, "imperfect_position", "imperfect_force_position"),
@@ -94,7 +94,7 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
         places = ("upper right", "lower right", "lower left", "lower left")
         labels = ("z position (mm)", "F_z, pressing (N)", "F_x (N)", "F_y (N)")
         for axes, panel, place, label in zip((a, b, c, d), FIG4_PANELS, places, labels, strict=True):
-            draw_panel(axes, panel, runs, LOOKS if axes in (a, b) else OF_FRICTION)
+            draw_panel(axes, panel, runs, CURVE_STYLES if axes in (a, b) else FRICTION_STYLES)
             axes.set_ylabel(label)
             axes.legend(loc=place)
             axes.set_title(panel.title[0], loc="left", fontweight="bold")

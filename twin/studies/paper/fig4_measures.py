@@ -14,47 +14,47 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
 from twin.robot.run.view import RunView
 from twin.studies.metrics import response as tracking
-from twin.studies.metrics.required_series import FIG4, lacking
-from twin.studies.metrics.response import Curve, first_time, level_changes, mean_error, rms, within
+from twin.studies.metrics.required_series import FIG4_SERIES, missing_series
+from twin.studies.metrics.response import Curve, first_time, level_changes, mean_error, rms, window_mask
 
-SWEEP = (10.7, 18.7)
+SWEEP_WINDOW = (10.7, 18.7)
 """From 2 s after the sweep along y has begun, when the lag of the position loop (1/kp) has died out, to its end (s)."""
-BEFORE = (8.0, 8.6)
+BEFORE_SWEEP = (8.0, 8.6)
 """Before the sweep, at rest (s)."""
-FINAL = (19.0, 19.9)
+FINAL_WINDOW = (19.0, 19.9)
 """After the sweep, at rest (s)."""
-WHOLE = 19.9
+MIN_DURATION = 19.9
 """What a recording has to cover (s)."""
-PARTS = ((0.72, 5.82), (5.82, 8.7), (8.7, 18.7), (18.7, WHOLE))
+CURVE_PARTS = ((0.72, 5.82), (5.82, 8.7), (8.7, 18.7), (18.7, MIN_DURATION))
 """Of a whole curve: descent, arrival, sweep, end (s)."""
-WAY = 0.020
+MIN_SWEEP = 0.020
 """Least way along -y (m) that counts as a sweep: half of the paper's 40 mm."""
-SYMMETRIC = 1e-3
+MAX_SYMMETRIC_FORCE = 1e-3
 """Force in x (N) below which a run is symmetrical."""
 
-START, END, HEIGHT = 0.020, -0.020, -0.105
+SWEEP_START, SWEEP_END, SWEEP_HEIGHT = 0.020, -0.020, -0.105
 """The sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
-GLIMPSE = 0.2
+JUMP_WINDOW = 0.2
 """Time over which a sudden change is looked for (s)."""
-JUMP = 0.1
+JUMP_TIME = 0.1
 """Time after the trigger within which the reference has jumped (s)."""
-FLUCTUATION = (13.2, 14.7)
+FLUCTUATION_WINDOW = (13.2, 14.7)
 """When the force has to be held although it fluctuates (s)."""
-SEEN = 0.02
+MIN_FORCE_CHANGE = 0.02
 """Change of the force (N) that is seen at all: half of what one count of a motor encoder is worth (0.04 N)."""
-DISTINCT = 10.0
+FLUCTUATION_RATIO = 10.0
 """A fluctuation changes the force by so many times the median change: the largest of noise has less than six."""
-CONSTANT = 0.2e-3
+MAX_HEIGHT_RANGE = 0.2e-3
 """Range (m) within which a height is a constant: a twentieth of the 4 mm that the head presses in."""
-THRESHOLD = 0.6
+FORCE_THRESHOLD = 0.6
 """Of the force control (N), as printed."""
-LONGEST_LAG = 2.0
+MAX_LAG = 2.0
 """Of those that are tried (s)."""
-ROUNDING = 1e-6
+TIME_ROUNDING = 1e-6
 """Of a time, in blocks of it: a sample on the edge belongs to the block that it begins."""
 
 
-def _read(of: Callable[[RunView], Curve]) -> "cached_property[Curve]":
+def _cached_series(of: Callable[[RunView], Curve]) -> "cached_property[Curve]":
     return cached_property(lambda run: of(run.recording))
 
 
@@ -76,19 +76,19 @@ class Fig4Run:
 
     recording: RunView
 
-    t = _read(lambda series: series.time("controller"))
-    t_plant = _read(lambda series: series.time("plant"))
-    t_scale = _read(lambda series: series.time("scale"))
-    F_z = _read(lambda series: series["controller.F_z"])
-    F_ee_B = _read(lambda series: series["estimator.F_ee_B"])
-    true_F_ee_B = _read(lambda series: series["plant.F_ee_B"])
-    true_F_z = _read(lambda series: -series["plant.F_ee_B"][:, 2])
-    scale_F_z = _read(lambda series: series["scale.F_z"])
-    p_B = _read(lambda series: series["estimator.p_B"])
-    z = _read(lambda series: series["estimator.p_B"][:, 2])
-    z_ref = _read(lambda series: series["controller.p_ref_B"][:, 2])
-    z_cmd = _read(lambda series: series["controller.p_cmd_B"][:, 2])
-    true_z = _read(lambda series: series["plant.p_B"][:, 2])
+    t = _cached_series(lambda series: series.time("controller"))
+    t_plant = _cached_series(lambda series: series.time("plant"))
+    t_scale = _cached_series(lambda series: series.time("scale"))
+    F_z = _cached_series(lambda series: series["controller.F_z"])
+    F_ee_B = _cached_series(lambda series: series["estimator.F_ee_B"])
+    true_F_ee_B = _cached_series(lambda series: series["plant.F_ee_B"])
+    true_F_z = _cached_series(lambda series: -series["plant.F_ee_B"][:, 2])
+    scale_F_z = _cached_series(lambda series: series["scale.F_z"])
+    p_B = _cached_series(lambda series: series["estimator.p_B"])
+    z = _cached_series(lambda series: series["estimator.p_B"][:, 2])
+    z_ref = _cached_series(lambda series: series["controller.p_ref_B"][:, 2])
+    z_cmd = _cached_series(lambda series: series["controller.p_cmd_B"][:, 2])
+    true_z = _cached_series(lambda series: series["plant.p_B"][:, 2])
 
     @property
     def is_in_step(self) -> bool:
@@ -112,16 +112,16 @@ class Fig4Run:
     @cached_property
     def sweeps(self) -> bool:
         """Whether the platform moves along -y while it should."""
-        y = self.p_B[self.at(*SWEEP), 1]
-        return bool(y[0] - y[-1] >= WAY)
+        y = self.p_B[self.controller_window(*SWEEP_WINDOW), 1]
+        return bool(y[0] - y[-1] >= MIN_SWEEP)
 
-    def at(self, start: float, end: float) -> np.ndarray:
+    def controller_window(self, start: float, end: float) -> np.ndarray:
         """Mask of the controller's samples in a window."""
-        return within(self.t, start, end)
+        return window_mask(self.t, start, end)
 
-    def truly_at(self, start: float, end: float) -> np.ndarray:
+    def plant_window(self, start: float, end: float) -> np.ndarray:
         """Mask of the plant's samples in a window."""
-        return within(self.t_plant, start, end)
+        return window_mask(self.t_plant, start, end)
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Fig4Runs:
         """Why these runs say nothing about forces in x, or ""."""
         if self.imperfect is None:
             return "needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml as well"
-        if all(np.max(np.abs(run.true_F_ee_B[:, 0])) < SYMMETRIC for run in self.imperfect):
+        if all(np.max(np.abs(run.true_F_ee_B[:, 0])) < MAX_SYMMETRIC_FORCE for run in self.imperfect):
             return "the true F_x is 0 by symmetry"
         return ""
 
@@ -159,11 +159,11 @@ class Fig4Runs:
         """Series that claims are judged on and a recorded run lacks, by the run's file."""
         runs = [self.force_position, self.position, *(self.imperfect or ())]
         recorded = [run.recording for run in runs if isinstance(run.recording, Recording)]
-        found = {str(one.path): lacking(FIG4, one.fields()) for one in recorded}
+        found = {str(one.path): missing_series(FIG4_SERIES, one.fields()) for one in recorded}
         return {path: names for path, names in found.items() if names}
 
     @property
-    def tuned(self) -> dict[str, str]:
+    def tuned_parameters(self) -> dict[str, str]:
         """Parameters whose source says that they were tuned to meet the text: key -> source."""
         runs = (self.force_position, *(self.imperfect[:1] if self.imperfect else ()))
         origins = [run.recording.metadata.get("origins", {}) for run in runs]
@@ -192,9 +192,9 @@ def checked_run(recording: Recording) -> Fig4Run:
     """
     run = Fig4Run(recording)
     end = run.t[-1] if len(run.t) else 0.0
-    if end < WHOLE:
+    if end < MIN_DURATION:
         note = f" ({recording.note})" if recording.note else ""
-        raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
+        raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {MIN_DURATION} s, run it again")
     if not run.is_in_step:
         raise InputRefused(f"{recording.path}: estimator and controller have different times; run it again")
     return run
@@ -232,7 +232,7 @@ def in_x(measure: Measure) -> Measure:
     return measured
 
 
-def _over(a: float, b: float) -> float:
+def _ratio(a: float, b: float) -> float:
     """The ratio of two sizes; infinity over nothing, nan if there is neither."""
     if b == 0.0:
         return math.inf if a > 0.0 else math.nan
@@ -242,12 +242,12 @@ def _over(a: float, b: float) -> float:
 # the way over the scale
 
 
-def ends_missed(runs: Fig4Runs) -> float:
+def end_error(runs: Fig4Runs) -> float:
     """How far the platform is from the ends of the sweep before and after it, the worst of both runs (m)."""
     missed = [
-        abs(float(np.mean(run.p_B[run.at(*window), 1])) - end)
+        abs(float(np.mean(run.p_B[run.controller_window(*window), 1])) - end)
         for run in (runs.force_position, runs.position)
-        for window, end in ((BEFORE, START), (FINAL, END))
+        for window, end in ((BEFORE_SWEEP, SWEEP_START), (FINAL_WINDOW, SWEEP_END))
     ]
     return max(missed)
 
@@ -256,7 +256,7 @@ def unsteadiness(runs: Fig4Runs) -> float:
     """Largest deviation of the speed along y, taken over 1 s, from its mean, as a share of it; of both runs."""
     worst = 0.0
     for run in (runs.force_position, runs.position):
-        on = run.at(*SWEEP)
+        on = run.controller_window(*SWEEP_WINDOW)
         t, y = run.t[on], run.p_B[on, 1]
         steps = round(1.0 / (t[1] - t[0]))
         speed = (y[steps:] - y[:-steps]) / (t[steps:] - t[:-steps])
@@ -267,9 +267,9 @@ def unsteadiness(runs: Fig4Runs) -> float:
 def off_line(runs: Fig4Runs) -> float:
     """Largest distance from the line p_x = 0, p_z = -105 mm: of the platform in x, of the pre-defined way in z (m)."""
     return max(
-        float(np.max(np.hypot(run.p_B[on, 0], run.z_ref[on] - HEIGHT)))
+        float(np.max(np.hypot(run.p_B[on, 0], run.z_ref[on] - SWEEP_HEIGHT)))
         for run in (runs.force_position, runs.position)
-        for on in (run.at(*SWEEP),)
+        for on in (run.controller_window(*SWEEP_WINDOW),)
     )
 
 
@@ -282,7 +282,7 @@ def force_at_trigger(runs: Fig4Runs) -> float:
     return float(run.F_z[np.searchsorted(run.t, run.trigger_time)]) if np.isfinite(run.trigger_time) else math.nan
 
 
-def reference_apart(runs: Fig4Runs) -> float:
+def reference_distance(runs: Fig4Runs) -> float:
     """Largest distance of the z reference from the pre-defined one before the trigger (m)."""
     run = runs.force_position
     before = run.t < run.trigger_time
@@ -294,22 +294,22 @@ def reference_jump(runs: Fig4Runs) -> float:
     run = runs.force_position
     if np.isinf(run.trigger_time):
         return math.nan
-    return float(np.max((run.z_ref - run.z_cmd)[run.at(run.trigger_time, run.trigger_time + JUMP)]))
+    return float(np.max((run.z_ref - run.z_cmd)[run.controller_window(run.trigger_time, run.trigger_time + JUMP_TIME)]))
 
 
 def position_jump(runs: Fig4Runs) -> float:
     """How many times faster the platform goes down after the trigger than before."""
     run = runs.force_position
-    if not GLIMPSE <= run.trigger_time <= run.t[-1] - GLIMPSE:
+    if not JUMP_WINDOW <= run.trigger_time <= run.t[-1] - JUMP_WINDOW:
         return math.nan
-    before, at, after = np.interp(run.trigger_time + GLIMPSE * np.array([-1.0, 0.0, 1.0]), run.t, run.z)
+    before, at, after = np.interp(run.trigger_time + JUMP_WINDOW * np.array([-1.0, 0.0, 1.0]), run.t, run.z)
     return float((at - after) / (before - at)) if at < before else math.nan
 
 
 def reference_left(runs: Fig4Runs) -> float:
     """Mean distance of the z reference from the pre-defined one at the end (m)."""
     run = runs.force_position
-    return mean_error(run.z_cmd[run.at(*FINAL)], run.z_ref[run.at(*FINAL)])
+    return mean_error(run.z_cmd[run.controller_window(*FINAL_WINDOW)], run.z_ref[run.controller_window(*FINAL_WINDOW)])
 
 
 def early_trigger(runs: Fig4Runs) -> float:
@@ -324,7 +324,7 @@ def early_trigger(runs: Fig4Runs) -> float:
 
 def _worst_part(run: Fig4Run, apart: Curve) -> float:
     """Mean size of `apart` (m), at the controller's rate, in that part of the curve in which it is largest."""
-    return max(float(np.mean(np.abs(apart[run.at(*part)]))) for part in PARTS)
+    return max(float(np.mean(np.abs(apart[run.controller_window(*part)]))) for part in CURVE_PARTS)
 
 
 def z_error(run: Fig4Run) -> float:
@@ -340,7 +340,7 @@ def z_gap(runs: Fig4Runs) -> float:
 
 def z_trend(run: Fig4Run) -> float:
     """Correlation of the height with the pre-defined one; nan if one of them never changes."""
-    on = run.at(PARTS[0][0], PARTS[-1][1])
+    on = run.controller_window(CURVE_PARTS[0][0], CURVE_PARTS[-1][1])
     if min(np.ptp(run.z[on]), np.ptp(run.z_ref[on])) == 0.0:
         return math.nan
     return float(np.corrcoef(run.z[on], run.z_ref[on])[0, 1])
@@ -348,21 +348,21 @@ def z_trend(run: Fig4Run) -> float:
 
 def lag(run: Fig4Run) -> tuple[float, float]:
     """(delay in s at which the pre-defined height fits the height best, what is then left in the worst part in m)."""
-    on = run.at(0.0, PARTS[-1][1])
-    delay = tracking.lag(run.t[on], run.z[on], run.z_ref[on], LONGEST_LAG)
+    on = run.controller_window(0.0, CURVE_PARTS[-1][1])
+    delay = tracking.lag(run.t[on], run.z[on], run.z_ref[on], MAX_LAG)
     return delay, _worst_part(run, run.z - np.interp(run.t - delay, run.t, run.z_ref))
 
 
 def rise_share(runs: Fig4Runs) -> float:
     """Share of its changes by which position control's force goes up, from the threshold to the sweep."""
     run = runs.position
-    start = first_time(run.t, run.F_z >= THRESHOLD)
-    if not start + 2.0 * GLIMPSE <= PARTS[1][1]:
+    start = first_time(run.t, run.F_z >= FORCE_THRESHOLD)
+    if not start + 2.0 * JUMP_WINDOW <= CURVE_PARTS[1][1]:
         return math.nan
-    on = run.at(start, PARTS[1][1])
-    blocks = np.floor((run.t[on] - start) / GLIMPSE + ROUNDING).astype(int)
+    on = run.controller_window(start, CURVE_PARTS[1][1])
+    blocks = np.floor((run.t[on] - start) / JUMP_WINDOW + TIME_ROUNDING).astype(int)
     change = np.diff(np.bincount(blocks, run.F_z[on]) / np.bincount(blocks))
-    return _over(float(np.sum(change[change > 0.0])), float(np.sum(np.abs(change))))
+    return _ratio(float(np.sum(change[change > 0.0])), float(np.sum(np.abs(change))))
 
 
 # position and force while sweeping
@@ -370,18 +370,20 @@ def rise_share(runs: Fig4Runs) -> float:
 
 def force_error(run: Fig4Run) -> float:
     """Mean distance of the force from its reference (N)."""
-    return mean_error(run.F_z[run.at(*SWEEP)], run.F_z_ref)
+    return mean_error(run.F_z[run.controller_window(*SWEEP_WINDOW)], run.F_z_ref)
 
 
 def force_error_ratio(runs: Fig4Runs) -> float:
     """How many times farther from its reference the force is under position control alone."""
-    return _over(force_error(runs.position), force_error(runs.force_position))
+    return _ratio(force_error(runs.position), force_error(runs.force_position))
 
 
 def force_gap(runs: Fig4Runs) -> float:
     """By how much position control presses less (N)."""
     fp, p = runs.force_position, runs.position
-    return float(np.mean(fp.F_z[fp.at(*SWEEP)]) - np.mean(p.F_z[p.at(*SWEEP)]))
+    return float(
+        np.mean(fp.F_z[fp.controller_window(*SWEEP_WINDOW)]) - np.mean(p.F_z[p.controller_window(*SWEEP_WINDOW)])
+    )
 
 
 def delay(runs: Fig4Runs) -> float:
@@ -393,23 +395,23 @@ def delay(runs: Fig4Runs) -> float:
 def bias(runs: Fig4Runs) -> float:
     """Mean of the estimated force less the scale's reading (N)."""
     run = runs.force_position
-    on = within(run.t_scale, *SWEEP)
+    on = window_mask(run.t_scale, *SWEEP_WINDOW)
     return float(np.mean(np.interp(run.t_scale[on], run.t, run.F_z) - run.scale_F_z[on]))
 
 
 def friction(run: Fig4Run, axis: int) -> float:
     """Root mean square of the force along x or y (N)."""
-    return rms(run.F_ee_B[run.at(*SWEEP), axis])
+    return rms(run.F_ee_B[run.controller_window(*SWEEP_WINDOW), axis])
 
 
 def friction_share(axis: int) -> Measure:
     """Friction of position control alone over that with force control."""
-    return lambda runs: _over(friction(runs.position, axis), friction(runs.force_position, axis))
+    return lambda runs: _ratio(friction(runs.position, axis), friction(runs.force_position, axis))
 
 
 def x_share(runs: Fig4Runs) -> float:
     """Force along x over that along y, in the run where that is more."""
-    return max(_over(friction(run, 0), friction(run, 1)) for run in (runs.force_position, runs.position))
+    return max(_ratio(friction(run, 0), friction(run, 1)) for run in (runs.force_position, runs.position))
 
 
 # the scale
@@ -421,7 +423,7 @@ def disproportion(runs: Fig4Runs) -> float:
     The line goes from where the scale begins to read to where position control alone has come before it sweeps.
     """
     run = runs.position
-    before = run.t_scale < SWEEP[0]
+    before = run.t_scale < SWEEP_WINDOW[0]
     reading, z = run.scale_F_z[before], np.interp(run.t_scale[before], run.t, run.z)
     pressing = np.flatnonzero(reading > 0.0)
     if len(pressing) == 0 or pressing[0] == 0:
@@ -435,9 +437,9 @@ def disproportion(runs: Fig4Runs) -> float:
 def force_range(runs: Fig4Runs) -> float:
     """Range of the scale's reading while position control alone keeps the height constant (N)."""
     run = runs.position
-    if np.ptp(run.z[run.at(*SWEEP)]) > CONSTANT:
+    if np.ptp(run.z[run.controller_window(*SWEEP_WINDOW)]) > MAX_HEIGHT_RANGE:
         return math.nan
-    return float(np.ptp(run.scale_F_z[within(run.t_scale, *SWEEP)]))
+    return float(np.ptp(run.scale_F_z[window_mask(run.t_scale, *SWEEP_WINDOW)]))
 
 
 # the fluctuation
@@ -445,11 +447,11 @@ def force_range(runs: Fig4Runs) -> float:
 
 def fluctuation(run: Fig4Run) -> tuple[float, float]:
     """(time, size) of the one sudden change of the force (s, N); nan if none stands out from the noise."""
-    on = run.at(*SWEEP)
-    t, change = level_changes(run.t[on], run.F_z[on], GLIMPSE)
+    on = run.controller_window(*SWEEP_WINDOW)
+    t, change = level_changes(run.t[on], run.F_z[on], JUMP_WINDOW)
     sizes: Curve = np.abs(change)
     largest = int(np.argmax(sizes))
-    if sizes[largest] < max(SEEN, DISTINCT * float(np.median(sizes))):
+    if sizes[largest] < max(MIN_FORCE_CHANGE, FLUCTUATION_RATIO * float(np.median(sizes))):
         return math.nan, math.nan
     return float(t[largest]), float(sizes[largest])
 
@@ -457,7 +459,7 @@ def fluctuation(run: Fig4Run) -> tuple[float, float]:
 def force_after_fluctuation(runs: Fig4Runs) -> float:
     """Worst error of the force around the fluctuation (N)."""
     run = runs.force_position
-    return float(np.max(np.abs(run.F_z[run.at(*FLUCTUATION)] - run.F_z_ref)))
+    return float(np.max(np.abs(run.F_z[run.controller_window(*FLUCTUATION_WINDOW)] - run.F_z_ref)))
 
 
 # the truth
@@ -466,16 +468,16 @@ def force_after_fluctuation(runs: Fig4Runs) -> float:
 def true_force_error(runs: Fig4Runs) -> float:
     """Root mean square of the true force less its reference (N)."""
     run = runs.force_position
-    return rms(run.true_F_z[run.truly_at(*SWEEP)] - run.F_z_ref)
+    return rms(run.true_F_z[run.plant_window(*SWEEP_WINDOW)] - run.F_z_ref)
 
 
 def true_final_force(runs: Fig4Runs) -> float:
     """Mean true force at the end (N)."""
     run = runs.force_position
-    return float(np.mean(run.true_F_z[run.truly_at(*FINAL)]))
+    return float(np.mean(run.true_F_z[run.plant_window(*FINAL_WINDOW)]))
 
 
 def true_z_error(runs: Fig4Runs) -> float:
     """Root mean square of the true height less the pre-defined one (m)."""
     run = runs.force_position
-    return rms(run.true_z_error[run.at(*SWEEP)])
+    return rms(run.true_z_error[run.controller_window(*SWEEP_WINDOW)])

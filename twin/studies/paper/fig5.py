@@ -14,7 +14,7 @@ from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, failed, judged
+from twin.studies.paper.claim import Claim, ClaimFinding, failed_keys, finding_to_dict, judge_claim
 from twin.studies.paper.task_run import Mask, TaskRun, body_of, drive_of, task_runs, trip_sentence
 
 PRESS_DOWN = "goes down gently"
@@ -25,73 +25,73 @@ ROLL_QUOTE = "moves periodically in the pattern of the tiny circle on the point"
 PUSH_QUOTE = "pushes straight along the pre-defined trajectory"
 
 
-def _excess(figure: str, quote: str, share: float, why: str) -> Claim:
+def _excess_claim(figure: str, quote: str, share: float, why: str) -> Claim:
     return Claim(
         "excess", "largest F_z above its reference", figure, quote,
-        measure.where(lambda run: np.ones(len(run.t), dtype=bool), lambda run, on: overshoot(run.F_z, run.task.force)),
+        measure.masked_measure(lambda run: np.ones(len(run.t), dtype=bool), lambda run, on: overshoot(run.F_z, run.task.force)),
         high=share, unit="%", scale=100.0, source=why,
     )  # fmt: skip
 
 
-def _untripped(figure: str) -> Claim:
+def _trip_claim(figure: str) -> Claim:
     return Claim(
         "tripped", "safety monitor trips", figure, "ours: a massage that is broken off is none",
-        lambda run: float(run.tripped), high=0.0, digits=0, source="ours: none",
-        trivial=lambda run: "" if run.watched else "the run had no safety monitor",
+        lambda run: float(run.has_trip), high=0.0, digits=0, source="ours: none",
+        trivial=lambda run: "" if run.has_monitor else "the run had no safety monitor",
     )  # fmt: skip
 
 
-def _common(figure: str, down: str, build_up: str) -> tuple[Claim, ...]:
+def _common_claims(figure: str, down: str, build_up: str) -> tuple[Claim, ...]:
     """What every task that presses owes: a gentle touch, a gradual rise, no overshoot, no trip."""
     return (
         Claim(
             "touch_speed", "speed at the first touch", figure, down,
-            measure.during(PhaseKind.DESCEND, measure.speed_of_touch), high=20.0, unit="mm/s", scale=1e3, digits=1,
+            measure.phase_measure(PhaseKind.DESCEND, measure.speed_of_touch), high=20.0, unit="mm/s", scale=1e3, digits=1,
             source="ours: 0.21 kg that hit 1250 N/m at v press with v sqrt(K m), at 20 mm/s half the trigger's 0.6 N",
         ),
         Claim(
             "steepness", "steepest rise of F_z over the mean rise", figure, build_up,
-            measure.during(PhaseKind.BUILD_UP, measure.steepness), high=2.0,
+            measure.phase_measure(PhaseKind.BUILD_UP, measure.steepness), high=2.0,
             source="ours: a smooth rise (3 x^2 - 2 x^3) takes 1.5, twice is still gradual; over 0.2 s",
         ),
-        _excess(figure, build_up, 5.0, "ours: 'until the pre-defined force is reached', 5 % of it as in Fig. 4"),
-        _untripped(figure),
+        _excess_claim(figure, build_up, 5.0, "ours: 'until the pre-defined force is reached', 5 % of it as in Fig. 4"),
+        _trip_claim(figure),
     )  # fmt: skip
 
 
 def _constant_force(figure: str, mask: Callable[[TaskRun], Mask], high: float, why: str) -> Claim:
     return Claim(
         "force_rms", "rms of F_z minus its reference", figure, "with a fixed downward force",
-        measure.where(mask, measure.force_error), high=high, unit="N", digits=3, source=why,
+        measure.masked_measure(mask, measure.force_error), high=high, unit="N", digits=3, source=why,
     )  # fmt: skip
 
 
-_distance_held = measure.during(PhaseKind.HOLD, measure.distance)
-PRESS = (
-    *_common("5 A", PRESS_DOWN, PRESS_UP),
+_distance_held = measure.phase_measure(PhaseKind.HOLD, measure.distance)
+PRESS_CLAIMS = (
+    *_common_claims("5 A", PRESS_DOWN, PRESS_UP),
     Claim(
         "hold_mean", "mean of F_z in the hold over its reference", "5 A", PRESS_HOLD,
-        measure.during(PhaseKind.HOLD, lambda run, on: float(np.mean(run.F_z[on])) / run.task.force),
+        measure.phase_measure(PhaseKind.HOLD, lambda run, on: float(np.mean(run.F_z[on])) / run.task.force),
         95.0, 105.0, "%", 100.0, 1, source="ours: 5 % of the reference, as in Fig. 4",
     ),
     Claim(
         "hold_std", "standard deviation of F_z in the hold", "5 A", PRESS_HOLD,
-        measure.during(PhaseKind.HOLD, lambda run, on: float(np.std(run.F_z[on]))),
+        measure.phase_measure(PhaseKind.HOLD, lambda run, on: float(np.std(run.F_z[on]))),
         high=0.1, unit="N", digits=3, source="ours: twice what the paper's scale resolves (0.005 kg, 0.05 N)",
     ),
     Claim(
         "not_held", "share of the hold without the force", "5 A", PRESS_HOLD,
-        measure.during(PhaseKind.HOLD, measure.share_not_held), high=10.0, unit="%", scale=100.0, digits=1,
+        measure.phase_measure(PhaseKind.HOLD, measure.share_not_held), high=10.0, unit="%", scale=100.0, digits=1,
         source="ours: 'for a while with this force': within 5 % of it for nine tenths of the programmed time",
     ),
     Claim(
         "stays", "largest distance from the point in the hold", "5 A", PRESS_HOLD,
         _distance_held, high=0.5, unit="mm", scale=1e3, digits=3,
-        source="ours: 'stationary': a tenth of the tiny circle's radius", trivial=measure.mirrored(_distance_held),
+        source="ours: 'stationary': a tenth of the tiny circle's radius", trivial=measure.symmetry_reason(_distance_held),
     ),
 )  # fmt: skip
 
-TAP = (
+TAP_CLAIMS = (
     Claim(
         "pre_tap", "least height before a tap over its lift", "5 B",
         "the robotic end-effector moves to a pre-taping position above the destination",
@@ -112,7 +112,7 @@ TAP = (
         "peak_variation", "coefficient of variation of the peaks", "5 B", TAP_DOWN,
         measure.peak_variation, high=5.0, unit="%", scale=100.0, digits=1, source="ours: taps that feel alike",
     ),
-    _excess("5 B", TAP_DOWN, 20.0, "ours: 'until the pre-defined force is reached': the hardest tap as the mean one"),
+    _excess_claim("5 B", TAP_DOWN, 20.0, "ours: 'until the pre-defined force is reached': the hardest tap as the mean one"),
     Claim(
         "missing", "taps that do not touch and leave", "5 B", "ours: a tap that does not leave is a press",
         measure.taps_missing, high=0.0, digits=0, source="ours: none",
@@ -121,57 +121,62 @@ TAP = (
         "unrest", "worst deviation from the period", "5 B", "ours: a tap every period",
         measure.unrest, high=5.0, unit="%", scale=100.0, digits=1, source="ours: a regular beat",
     ),
-    _untripped("5 B"),
+    _trip_claim("5 B"),
 )  # fmt: skip
 
 _full = lambda run: run.full_turns  # noqa: E731
-ROLL = (
-    *_common("5 C", "goes down gently", "gradually increases the force until the pre-defined force arrives"),
+ROLL_CLAIMS = (
+    *_common_claims("5 C", "goes down gently", "gradually increases the force until the pre-defined force arrives"),
     _constant_force("5 C", _full, 0.1, "ours: 2 % of 5 N; full circles, without the turns that spiral out and back"),
     Claim(
         "radius", "radius over that asked for", "5 C", ROLL_QUOTE,
-        measure.where(_full, measure.radius), 90.0, 110.0, "%", 100.0, 1, source="ours: a tenth, 0.5 mm of 5 mm",
+        measure.masked_measure(_full, measure.radius), 90.0, 110.0, "%", 100.0, 1, source="ours: a tenth, 0.5 mm of 5 mm",
     ),
     Claim(
         "unroundness", "rms deviation from the fitted circle", "5 C", ROLL_QUOTE,
-        measure.where(_full, measure.unroundness), high=5.0, unit="%", scale=100.0, digits=1,
+        measure.masked_measure(_full, measure.unroundness), high=5.0, unit="%", scale=100.0, digits=1,
         source="ours: a circle to the eye",
     ),
     Claim(
         "eccentricity", "distance of its centre from the point", "5 C", ROLL_QUOTE,
-        measure.where(_full, measure.eccentricity), high=0.5, unit="mm", scale=1e3, digits=3,
+        measure.masked_measure(_full, measure.eccentricity), high=0.5, unit="mm", scale=1e3, digits=3,
         source="ours: 'on the point': as for a press",
     ),
     Claim(
         "turns_missing", "turns too few or too many", "5 C", ROLL_QUOTE,
-        measure.where(_full, measure.turns_missing), high=0.1, source="ours: 'periodically': every turn, to a tenth",
+        measure.masked_measure(_full, measure.turns_missing), high=0.1, source="ours: 'periodically': every turn, to a tenth",
     ),
 )  # fmt: skip
 
-_pushing = lambda run: run.during(PhaseKind.PUSH)  # noqa: E731
-_farthest_off = measure.where(_pushing, lambda run, on: float(np.max(np.abs(measure.off_line(run, on)))))
-PUSH = (
-    *_common("5 D", "goes down slowly with an adjustable force", "goes down slowly with an adjustable force"),
+_pushing = lambda run: run.phase_mask(PhaseKind.PUSH)  # noqa: E731
+_farthest_off = measure.masked_measure(_pushing, lambda run, on: float(np.max(np.abs(measure.off_line(run, on)))))
+PUSH_CLAIMS = (
+    *_common_claims("5 D", "goes down slowly with an adjustable force", "goes down slowly with an adjustable force"),
     _constant_force("5 D", _pushing, 0.15, "ours: 3 % of 5 N, with the start and the stop in it"),
     Claim(
         "line_rms", "rms distance from the line", "5 D", PUSH_QUOTE,
-        measure.where(_pushing, lambda run, on: rms(measure.off_line(run, on))),
+        measure.masked_measure(_pushing, lambda run, on: rms(measure.off_line(run, on))),
         high=0.5, unit="mm", scale=1e3, digits=3,
-        source="ours: 1/80 of the shipped line", trivial=measure.mirrored(_farthest_off),
+        source="ours: 1/80 of the shipped line", trivial=measure.symmetry_reason(_farthest_off),
     ),
     Claim(
         "line_worst", "largest distance from the line", "5 D", PUSH_QUOTE,
         _farthest_off, high=1.0, unit="mm", scale=1e3, digits=3,
-        source="ours: 'straight': twice the rms, 1/40 of the shipped line", trivial=measure.mirrored(_farthest_off),
+        source="ours: 'straight': twice the rms, 1/40 of the shipped line", trivial=measure.symmetry_reason(_farthest_off),
     ),
     Claim(
         "line_missing", "share of the line that is left at its end", "5 D", PUSH_QUOTE,
-        measure.where(_pushing, measure.line_missing), high=2.0, unit="%", scale=100.0, digits=1,
+        measure.masked_measure(_pushing, measure.line_missing), high=2.0, unit="%", scale=100.0, digits=1,
         source="ours: 'along the pre-defined trajectory': all of it",
     ),
 )  # fmt: skip
 
-CLAIMS: dict[str, tuple[Claim, ...]] = {"press": PRESS, "tap": TAP, "roll": ROLL, "push": PUSH}
+TASK_CLAIMS: dict[str, tuple[Claim, ...]] = {
+    "press": PRESS_CLAIMS,
+    "tap": TAP_CLAIMS,
+    "roll": ROLL_CLAIMS,
+    "push": PUSH_CLAIMS,
+}
 """By kind of task, in the order of Fig. 5 A-D."""
 
 
@@ -200,7 +205,7 @@ class TaskScore:
     def kind(self) -> str:
         return self.run.task.kind
 
-    def facts(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """For JSON."""
         return {
             "recording": str(self.path),
@@ -209,8 +214,8 @@ class TaskScore:
             "task": self.run.number,
             "kind": self.kind,
             "manner": self.manner,
-            "failed": failed(self.findings),
-            "claims": [as_facts(finding) for finding in self.findings],
+            "failed": failed_keys(self.findings),
+            "claims": [finding_to_dict(finding) for finding in self.findings],
         }
 
 
@@ -231,16 +236,16 @@ class Fig5Score:
         return [finding for task in self.tasks for finding in task.findings]
 
     @property
-    def failed(self) -> list[str]:
+    def failed_keys(self) -> list[str]:
         """Keys of the claims that fail anywhere, each once."""
-        return list(dict.fromkeys(failed(self.findings)))
+        return list(dict.fromkeys(failed_keys(self.findings)))
 
-    def facts(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """For JSON."""
         return {
             "figure": "5",
-            "failed": self.failed,
-            "tasks": [task.facts() for task in self.tasks],
+            "failed": self.failed_keys,
+            "tasks": [task.to_dict() for task in self.tasks],
             "remarks": list(self.remarks),
         }
 
@@ -259,7 +264,7 @@ def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
 def shown_tasks(score: Fig5Score) -> list[TaskScore]:
     """Of each kind of task, in the order of Fig. 5, the last one that was begun in the first run that has one."""
     shown = []
-    for kind in CLAIMS:
+    for kind in TASK_CLAIMS:
         tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
         if tasks:
             shown.append([task for task in tasks if task.path == tasks[0].path][-1])
@@ -271,7 +276,7 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
     drive, body = drive_of(recording), body_of(recording)
     scores = []
     for run in runs:
-        findings = tuple(judged(claim, run) for claim in CLAIMS[run.task.kind])
+        findings = tuple(judge_claim(claim, run) for claim in TASK_CLAIMS[run.task.kind])
         number = f" {run.number}" if len(runs) > 1 else ""
         scores.append(
             TaskScore(recording.path, run, drive, body, f"{run.task.kind}{number}", manner(run.task), findings)

@@ -13,37 +13,37 @@ from matplotlib.patches import Circle
 from twin.kernel.errors import UnknownSeries
 from twin.robot.controller.program import PhaseKind, Push, Roll, Tap
 from twin.robot.experiment.source import names_stand_in
-from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.limits import Monitor
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, Axes, picture
 from twin.studies.metrics.response import along_and_off
 from twin.studies.paper.claim import Claim
-from twin.studies.paper.fig5 import CLAIMS, Fig5Score, shown_tasks
+from twin.studies.paper.fig5 import TASK_CLAIMS, Fig5Score, shown_tasks
 from twin.studies.paper.task_run import TaskRun, settings
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-TRUTH, REFERENCE, TRACE, MOVING = INK, GREY, VERMILION, BLUE
+TRUTH_COLOR, REFERENCE_COLOR, TRACE_COLOR, MOTION_COLOR = INK, GREY, VERMILION, BLUE
 """Truth black, reference grey; the paper's red and blue in the shades of Okabe and Ito."""
-SURFACE = "#f2d9c4"
-REACH = 25.0
+SURFACE_COLOR = "#f2d9c4"
+BOX_HALF_WIDTH = 25.0
 """Half the width of the box (mm): the shipped tasks stay within 20 mm of the axis."""
-TOP = -86.0
-MARGIN = 3.0
-HEIGHT = 0.75
+BOX_TOP = -86.0
+BOX_MARGIN = 3.0
+BOX_HEIGHT_RATIO = 0.75
 """Height of the box over its width as drawn; z is drawn larger than x and y."""
-WORKING = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
-ESTIMATE, SHIFTED = ORANGE, GREEN
-JUDGED = "#e9eef5"
-COLUMN, LEFT, RIGHT = 3.5, 0.803, 0.4088
+WORKING_PHASES = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
+ESTIMATE_COLOR, SHIFTED_COLOR = ORANGE, GREEN
+JUDGED_COLOR = "#e9eef5"
+COLUMN_WIDTH, LEFT_MARGIN, RIGHT_MARGIN = 3.5, 0.803, 0.4088
 """Inches of a task's panels, and beside all of them for the numbers of their axes."""
 LEGEND_COLUMNS = 2
 """Entries of the legend that fit below a task's panels, side by side."""
-WORK = {"press": PhaseKind.HOLD, "roll": PhaseKind.CIRCLE, "push": PhaseKind.PUSH}
-ALIKE = 0.35
+TASK_PHASES = {"press": PhaseKind.HOLD, "roll": PhaseKind.CIRCLE, "push": PhaseKind.PUSH}
+LIMIT_SHARE = 0.35
 """Share of the reference by which a measured force may miss the limit of the monitor for both to fit one axis."""
-TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
-TAPS = 3
+TASK_TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
+SHOWN_TAPS = 3
 """How many taps the panels over time show."""
 
 
@@ -53,22 +53,22 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
     A series that a run lacks is left out.
     """
     shown = shown_tasks(score)
-    width = COLUMN * len(shown) + 0.6
+    width = COLUMN_WIDTH * len(shown) + 0.6
     with picture(path, width, 9.6, by_hand=True) as figure:
         grid = figure.add_gridspec(
             3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
-            left=LEFT / width, right=1.0 - RIGHT / width, top=0.92, bottom=0.08 + 0.02 * math.ceil(4 / len(shown)),
+            left=LEFT_MARGIN / width, right=1.0 - RIGHT_MARGIN / width, top=0.92, bottom=0.08 + 0.02 * math.ceil(4 / len(shown)),
         )  # fmt: skip
         floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
         for column, task in enumerate(shown):
             space = figure.add_subplot(grid[0, column], projection="3d")
             draw_in_space(space, task.run, floor)
             corner = {"transform": space.transAxes, "va": "bottom"}
-            space.text2D(0.0, 1.115, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
-            place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.tripped}"
+            space.text2D(0.0, 1.115, TASK_TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
+            place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.has_trip}"
             space.text2D(0.0, 1.0, f"{task.manner}\n{place}", fontsize=8, **corner)
             way, force = (figure.add_subplot(grid[row, column]) for row in (1, 2))
-            WAYS[task.kind](way, task.run)
+            PATH_PANELS[task.kind](way, task.run)
             _draw_force(force, task.run)
             for axes in (way, force):
                 axes.tick_params(labelsize=8)
@@ -87,23 +87,36 @@ def _draw_height(axes: Axes, run: TaskRun) -> None:
     seen = seen_part(run)
     t = run.t[seen]
     with suppress(UnknownSeries):
-        axes.plot(t, 1e3 * run.commanded("p_cmd_B")[seen, 2], color=SHIFTED, lw=1.6, label="after the force loop")
+        axes.plot(
+            t,
+            1e3 * run.controller_series("p_cmd_B")[seen, 2],
+            color=SHIFTED_COLOR,
+            lw=1.6,
+            label="after the force loop",
+        )
     with suppress(UnknownSeries):
-        axes.plot(t, 1e3 * run.commanded("p_ref_B")[seen, 2], color=REFERENCE, lw=1.6, ls="--", label="reference")
-    axes.plot(t, 1e3 * run.p_B[seen, 2], color=TRUTH, lw=1.2, label="true")
+        axes.plot(
+            t,
+            1e3 * run.controller_series("p_ref_B")[seen, 2],
+            color=REFERENCE_COLOR,
+            lw=1.6,
+            ls="--",
+            label="reference",
+        )
+    axes.plot(t, 1e3 * run.p_B[seen, 2], color=TRUTH_COLOR, lw=1.2, label="true")
     axes.set(xlabel="time (s)", ylabel="z (mm)", xlim=(t[0], t[-1]))
 
 
 def _draw_circle(axes: Axes, run: TaskRun) -> None:
     assert isinstance(run.task, Roll)
-    circling = run.during(PhaseKind.CIRCLE)
+    circling = run.phase_mask(PhaseKind.CIRCLE)
     x, y = 1e3 * run.p_B[circling, 0], 1e3 * run.p_B[circling, 1]
     axes.plot(x, y, color="#bbbbbb", lw=0.8)
-    axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=TRACE, lw=1.6, label="trace under force")
-    axes.add_patch(_ring(run.task, 1.0, color=REFERENCE, lw=1.6, ls="--", label="reference"))
+    axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=TRACE_COLOR, lw=1.6, label="trace under force")
+    axes.add_patch(_ring(run.task, 1.0, color=REFERENCE_COLOR, lw=1.6, ls="--", label="reference"))
     for bound in (bound_of("radius").low, bound_of("radius").high):
         axes.add_patch(
-            _ring(run.task, bound / bound_of("radius").scale, color=REFERENCE, lw=1.0, ls=":", label="bound")
+            _ring(run.task, bound / bound_of("radius").scale, color=REFERENCE_COLOR, lw=1.0, ls=":", label="bound")
         )
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
@@ -116,15 +129,15 @@ def _ring(task: Roll, share: float, **look: Any) -> Circle:
 
 def _draw_line(axes: Axes, run: TaskRun) -> None:
     assert isinstance(run.task, Push)
-    along, off = along_and_off(run.p_B[run.during(PhaseKind.PUSH), :2], run.task.point, run.task.to)
-    axes.plot(1e3 * along, 1e3 * off, color=TRACE, lw=1.8, label="trace under force")
-    axes.axhline(0.0, color=REFERENCE, lw=1.6, ls="--", label="reference")
+    along, off = along_and_off(run.p_B[run.phase_mask(PhaseKind.PUSH), :2], run.task.point, run.task.to)
+    axes.plot(1e3 * along, 1e3 * off, color=TRACE_COLOR, lw=1.8, label="trace under force")
+    axes.axhline(0.0, color=REFERENCE_COLOR, lw=1.6, ls="--", label="reference")
     for side in (-1.0, 1.0):
-        axes.axhline(side * bound_of("line_worst").high, color=REFERENCE, lw=1.0, ls=":", label="bound")
+        axes.axhline(side * bound_of("line_worst").high, color=REFERENCE_COLOR, lw=1.0, ls=":", label="bound")
     axes.set(xlabel="along the line (mm)", ylabel="off the line (mm)")
 
 
-WAYS: dict[str, Callable[[Axes, TaskRun], None]] = {
+PATH_PANELS: dict[str, Callable[[Axes, TaskRun], None]] = {
     "press": _draw_height,
     "tap": _draw_height,
     "roll": _draw_circle,
@@ -136,20 +149,22 @@ WAYS: dict[str, Callable[[Axes, TaskRun], None]] = {
 def _draw_force(axes: Axes, run: TaskRun) -> None:
     seen = seen_part(run)
     t = run.t[seen]
-    on = run.full_turns if isinstance(run.task, Roll) else run.during(WORK.get(run.task.kind, PhaseKind.TAP))
+    on = run.full_turns if isinstance(run.task, Roll) else run.phase_mask(TASK_PHASES.get(run.task.kind, PhaseKind.TAP))
     if not isinstance(run.task, Tap) and np.any(on):
-        axes.axvspan(run.t[on][0], run.t[on][-1], color=JUDGED, lw=0, label="judged")
+        axes.axvspan(run.t[on][0], run.t[on][-1], color=JUDGED_COLOR, lw=0, label="judged")
     with suppress(UnknownSeries):
-        axes.plot(t, run.commanded("F_z")[seen], color=ESTIMATE, lw=1.6, label="estimated")
-    axes.plot(t, run.F_z[seen], color=TRUTH, lw=1.1, label="true")
+        axes.plot(t, run.controller_series("F_z")[seen], color=ESTIMATE_COLOR, lw=1.6, label="estimated")
+    axes.plot(t, run.F_z[seen], color=TRUTH_COLOR, lw=1.1, label="true")
     if isinstance(run.task, Tap):
-        axes.axhline(run.task.force, color=REFERENCE, lw=1.6, ls="--", label="reference")
+        axes.axhline(run.task.force, color=REFERENCE_COLOR, lw=1.6, ls="--", label="reference")
     else:
         with suppress(UnknownSeries):
-            axes.plot(t, run.commanded("F_z_ref")[seen], color=REFERENCE, lw=1.6, ls="--", label="reference")
+            axes.plot(
+                t, run.controller_series("F_z_ref")[seen], color=REFERENCE_COLOR, lw=1.6, ls="--", label="reference"
+            )
     limit = _force_limit(run)
-    if limit is not None and limit <= (1.0 + ALIKE) * max(run.F_z.max(), run.task.force):
-        axes.axhline(limit, color=TRACE, lw=1.2, ls=":", label="monitor's limit")
+    if limit is not None and limit <= (1.0 + LIMIT_SHARE) * max(run.F_z.max(), run.task.force):
+        axes.axhline(limit, color=TRACE_COLOR, lw=1.2, ls=":", label="monitor's limit")
     axes.set(xlabel="time (s)", ylabel="pressing force F_z (N)", xlim=(t[0], t[-1]))
     axes.set_ylim(-0.12 * run.task.force, max(axes.get_ylim()[1], 1.06 * run.task.force))
 
@@ -165,14 +180,14 @@ def _force_limit(run: TaskRun) -> float | None:
 def seen_part(run: TaskRun) -> slice:
     """The samples that the panels over time show: the whole task; of taps the last ones."""
     if isinstance(run.task, Tap) and len(run.taps) > 1:
-        last = run.taps[-TAPS:]
+        last = run.taps[-SHOWN_TAPS:]
         return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
     return slice(0, len(run.t))
 
 
 def bound_of(key: str) -> Claim:
     """The claim of this key, for its bounds."""
-    return next(claim for claims in CLAIMS.values() for claim in claims if claim.key == key)
+    return next(claim for claims in TASK_CLAIMS.values() for claim in claims if claim.key == key)
 
 
 def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
@@ -181,21 +196,23 @@ def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
     Args:
         floor: lowest height that any of the pictures shows (m).
     """
-    bottom = 1e3 * floor - MARGIN
+    bottom = 1e3 * floor - BOX_MARGIN
     # in the order written: matplotlib's own guess of what lies in front hides traces that are in the surface
     axes.computed_zorder = False
     _draw_box(axes, bottom)
     _draw_surface(axes, 1e3 * _height(run))
     p = 1e3 * run.p_B
-    working = np.isin(run.phase, WORKING)
+    working = np.isin(run.phase, WORKING_PHASES)
     with suppress(UnknownSeries):
-        axes.plot(*(1e3 * run.commanded("p_ref_B")).T, color=REFERENCE, lw=1.2, ls="--", zorder=2)
-    axes.plot(*p.T, color=TRUTH, lw=1.0, zorder=3)
-    axes.plot(*np.where(working[:, None], p, np.nan).T, color=TRACE, lw=2.2, zorder=4)
+        axes.plot(*(1e3 * run.controller_series("p_ref_B")).T, color=REFERENCE_COLOR, lw=1.2, ls="--", zorder=2)
+    axes.plot(*p.T, color=TRUTH_COLOR, lw=1.0, zorder=3)
+    axes.plot(*np.where(working[:, None], p, np.nan).T, color=TRACE_COLOR, lw=2.2, zorder=4)
     for start, way in _moves(run):
-        axes.quiver(*start, *way, color=MOVING, lw=1.8, arrow_length_ratio=0.3, zorder=5, label="moving direction")
-    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(bottom, TOP))
-    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.06)
+        axes.quiver(
+            *start, *way, color=MOTION_COLOR, lw=1.8, arrow_length_ratio=0.3, zorder=5, label="moving direction"
+        )
+    axes.set(xlim=(-BOX_HALF_WIDTH, BOX_HALF_WIDTH), ylim=(-BOX_HALF_WIDTH, BOX_HALF_WIDTH), zlim=(bottom, BOX_TOP))
+    axes.set_box_aspect((1, 1, BOX_HEIGHT_RATIO), zoom=1.06)
     axes.view_init(elev=24, azim=-52)
     for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_label_text(f"{letter} (mm)", fontsize=8)
@@ -212,7 +229,9 @@ def _height(run: TaskRun) -> float:
 
 def _draw_box(axes: "Axes3D", bottom: float) -> None:
     """The twelve edges."""
-    corners = np.array(list(product((-REACH, REACH), (-REACH, REACH), (bottom, TOP))))
+    corners = np.array(
+        list(product((-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (bottom, BOX_TOP)))
+    )
     for i, a in enumerate(corners):
         for b in corners[i + 1 :]:
             if np.count_nonzero(a != b) == 1:
@@ -222,8 +241,13 @@ def _draw_box(axes: "Axes3D", bottom: float) -> None:
 def _draw_surface(axes: "Axes3D", height: float) -> None:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    corners = [(-REACH, -REACH, height), (REACH, -REACH, height), (REACH, REACH, height), (-REACH, REACH, height)]
-    axes.add_collection3d(Poly3DCollection([corners], facecolor=SURFACE, alpha=0.6, edgecolor="none", zorder=0))
+    corners = [
+        (-BOX_HALF_WIDTH, -BOX_HALF_WIDTH, height),
+        (BOX_HALF_WIDTH, -BOX_HALF_WIDTH, height),
+        (BOX_HALF_WIDTH, BOX_HALF_WIDTH, height),
+        (-BOX_HALF_WIDTH, BOX_HALF_WIDTH, height),
+    ]
+    axes.add_collection3d(Poly3DCollection([corners], facecolor=SURFACE_COLOR, alpha=0.6, edgecolor="none", zorder=0))
 
 
 def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:

@@ -13,20 +13,20 @@ from itertools import pairwise
 import numpy as np
 
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap
-from twin.robot.run.hold import BAND
+from twin.robot.run.hold import SETTLING_BAND
 from twin.studies.metrics import response
 from twin.studies.paper.task_run import Mask, TaskRun
 
-SPAN = 0.2
+RATE_SPAN = 0.2
 """Time over which a rate of the force is taken (s): what a person feels as one rise."""
-ASIDE = 0.5e-3
+MAX_OFFSET = 0.5e-3
 """Distance (m) from a point within which something is above it."""
-ROUNDING = 1e-9
+DEVIATION_ROUNDING = 1e-9
 """Deviation (m) below which nothing but rounding moved the robot sideways."""
 Measure = Callable[[TaskRun], float]
 
 
-def where(mask: Callable[[TaskRun], Mask], measure: Callable[[TaskRun, Mask], float]) -> Measure:
+def masked_measure(mask: Callable[[TaskRun], Mask], measure: Callable[[TaskRun, Mask], float]) -> Measure:
     """`measure` on the samples of `mask`; infinity if there are none, which no bound allows."""
 
     def measured(run: TaskRun) -> float:
@@ -36,9 +36,9 @@ def where(mask: Callable[[TaskRun], Mask], measure: Callable[[TaskRun, Mask], fl
     return measured
 
 
-def during(kind: PhaseKind, measure: Callable[[TaskRun, Mask], float]) -> Measure:
+def phase_measure(kind: PhaseKind, measure: Callable[[TaskRun, Mask], float]) -> Measure:
     """`measure` on the samples of a phase."""
-    return where(lambda run: run.during(kind), measure)
+    return masked_measure(lambda run: run.phase_mask(kind), measure)
 
 
 def speed_of_touch(run: TaskRun, on: Mask) -> float:
@@ -50,7 +50,7 @@ def speed_of_touch(run: TaskRun, on: Mask) -> float:
 def steepness(run: TaskRun, on: Mask) -> float:
     """Largest rate of the force, over the mean rate that was asked for."""
     assert not isinstance(run.task, Tap)
-    return response.steepest_rise(run.t[on], run.F_z[on], SPAN) * run.task.build_up / run.task.force
+    return response.steepest_rise(run.t[on], run.F_z[on], RATE_SPAN) * run.task.build_up / run.task.force
 
 
 def force_error(run: TaskRun, on: Mask) -> float:
@@ -66,7 +66,7 @@ def distance(run: TaskRun, on: Mask) -> float:
 def share_not_held(run: TaskRun, on: Mask) -> float:
     """Share of the programmed time in which the force is not there."""
     assert isinstance(run.task, Press)
-    reached = on & (np.abs(run.F_z - run.task.force) <= BAND * run.task.force)
+    reached = on & (np.abs(run.F_z - run.task.force) <= SETTLING_BAND * run.task.force)
     return 1.0 - float(np.count_nonzero(reached) * (run.t[1] - run.t[0])) / run.task.hold
 
 
@@ -84,7 +84,7 @@ def height_before(run: TaskRun) -> float:
         hits = np.flatnonzero(run.F_z[tap] > 0.0)
         if len(hits):
             start, touch = run.p_B[tap.start], run.p_B[tap.start + hits[0]]
-            above = math.dist(start[:2], run.task.point) <= ASIDE
+            above = math.dist(start[:2], run.task.point) <= MAX_OFFSET
             heights.append(float(start[2] - touch[2]) / run.task.lift if above else 0.0)
     return min(heights, default=-math.inf)
 
@@ -147,9 +147,9 @@ def off_line(run: TaskRun, on: Mask) -> response.Curve:
     return response.along_and_off(run.p_B[on, :2], run.task.point, run.task.to)[1]
 
 
-def mirrored(deviation: Measure) -> Callable[[TaskRun], str]:
+def symmetry_reason(deviation: Measure) -> Callable[[TaskRun], str]:
     """Why a deviation says nothing: on a point or line of the robot's own symmetry there is none, whatever it does."""
-    return lambda run: "0 by the robot's own symmetry" if deviation(run) < ROUNDING else ""
+    return lambda run: "0 by the robot's own symmetry" if deviation(run) < DEVIATION_ROUNDING else ""
 
 
 def line_missing(run: TaskRun, on: Mask) -> float:

@@ -6,73 +6,77 @@ from pathlib import Path
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
-from twin.studies.command import judged
+from twin.studies.command import write_verdict
 from twin.studies.paper import fig5
-from twin.studies.paper.claim import OWN, PAPERS, ClaimFinding, bound_used, standing, tally
-from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, Score, fig4_score
+from twin.studies.paper.claim import OWN_CHECKS, PAPER_CLAIMS, ClaimFinding, bound_usage, standing_text, tally
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, Fig4Score, fig4_score
 from twin.studies.paper.fig4_figure import draw_fig4
 from twin.studies.paper.fig4_measures import fig4_runs
 from twin.studies.paper.fig5_figure import draw_fig5
-from twin.studies.result import WIDTH, Block, Column, Note, Result, Row, Table, counted
+from twin.studies.result import TEXT_WIDTH, Block, Column, Note, Result, Row, Table, count_text
 
-MARKS = {
+VERDICT_MARKS = {
     "holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproduced": "miss", "reproduced after all": "ok !",
     "not scored": "?",
 }  # fmt: skip
-FEW = 4
+MAX_LISTED_RUNS = 4
 """More runs than these become a table."""
-KINDS = ("press", "tap", "roll", "push")
+TASK_KINDS = ("press", "tap", "roll", "push")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
 FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
-HOME = Path("results")
+RESULTS_FOLDER = Path("results")
 
 
-def fig4_result(score: Score) -> Result:
+def fig4_result(score: Fig4Score) -> Result:
     """Fig. 4: the claims of the paper, then ours on the true force."""
     lines: list[Block] = []
-    if score.unscored:
-        lines += [f"Not scored: {counted(len(score.unscored), 'claim')}, marked ?, for want of what a run lacks:"]
+    if score.unscored_keys:
+        lines += [
+            f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, for want of what a run lacks:"
+        ]
         lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
-    lines += [_two("Fig. 4", standing(score.claims, PAPERS)), _claims(score.claims)]
+    lines += [_two_columns("Fig. 4", standing_text(score.claims, PAPER_CLAIMS)), _claims_table(score.claims)]
     if not score.without_x:
         lines += ["  Imperfect: scale tilted, encoders off zero. All other rows: the ideal runs."]
     lines += [
         "",
-        _two("Judged on the true contact force", standing(score.quality, OWN)),
-        _claims(score.quality),
+        _two_columns("Judged on the true contact force", standing_text(score.quality, OWN_CHECKS)),
+        _claims_table(score.quality),
     ]
-    if score.reproduced_after_all:
-        lines += [f"'ok !': known not to be reproduced, and reproduced here: {', '.join(score.reproduced_after_all)}."]
+    if score.reproduced_keys:
+        lines += [f"'ok !': known not to be reproduced, and reproduced here: {', '.join(score.reproduced_keys)}."]
     lines += ["", "Tuned to meet the text: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
     lines += [f"Out of scope: {text}" for text in score.out_of_scope]
-    return _result(lines, score.facts(), not score.failed and not score.unscored)
+    return _result(lines, score.to_dict(), not score.failed_keys and not score.unscored_keys)
 
 
 def fig5_result(score: fig5.Fig5Score) -> Result:
     """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
     held, judged = tally(score.findings)
-    lines: list[Block] = [_two("Fig. 5", f"{held} of {judged} {PAPERS} hold")]
+    lines: list[Block] = [_two_columns("Fig. 5", f"{held} of {judged} {PAPER_CLAIMS} hold")]
     runs = {task.path for task in score.tasks}
-    if len(runs) > FEW:
+    if len(runs) > MAX_LISTED_RUNS:
         lines += ["", *_table(score.tasks), "", *_failures(score.tasks), "", *score.remarks]
     else:
         lines += [*score.remarks, ""]
         for task in score.tasks:
-            title = _two(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}")
-            lines += [title, _claims(task.findings), ""]
+            title = _two_columns(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}")
+            lines += [title, _claims_table(task.findings), ""]
         lines += ["All are judged on the true force and the true position."]
-    return _result(lines, score.facts(), not score.failed)
+    return _result(lines, score.to_dict(), not score.failed_keys)
 
 
 def _table(tasks: Sequence[fig5.TaskScore]) -> list[Block]:
     rows: dict[tuple[str, str], dict[str, list[ClaimFinding]]] = {}
     for task in tasks:
         rows.setdefault((task.drive, task.body), {}).setdefault(task.kind, []).extend(task.findings)
-    cells = [[drive, body, *(_cell(kinds.get(kind, [])) for kind in KINDS)] for (drive, body), kinds in rows.items()]
+    cells = [
+        [drive, body, *(_cell(kinds.get(kind, [])) for kind in TASK_KINDS)] for (drive, body), kinds in rows.items()
+    ]
     columns = [
         Column("drive", 18, ".18s", left=True),
         Column("body", 9, ".9s", left=True),
-        *(Column(kind, 12) for kind in KINDS),
+        *(Column(kind, 12) for kind in TASK_KINDS),
     ]
     return [
         Table(columns, cells, indent=0),
@@ -84,7 +88,7 @@ def _cell(findings: Sequence[ClaimFinding]) -> str:
     held, judged = tally(findings)
     if not judged:
         return "-"
-    worst = 100.0 * max(bound_used(finding) for finding in findings if finding.verdict in ("holds", "fails"))
+    worst = 100.0 * max(bound_usage(finding) for finding in findings if finding.verdict in ("holds", "fails"))
     return f"{held}/{judged} {'>999' if worst > 999.0 else format(worst, '.0f')} %"
 
 
@@ -103,7 +107,7 @@ def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
             names = list(dict.fromkeys(drive for drive, _ in failing))
             who = "every drive" if len(names) == len(drives) else ", ".join(names)
             place = f"FAIL {body:8.8} {kind:5} {key:14} {len(failing):>2} of {len(found):<2}"
-            lines += [f"{place} {_range([finding for _, finding in failing]):>18} {failing[0][1].expected:>11}"]
+            lines += [f"{place} {_range([finding for _, finding in failing]):>18} {failing[0][1].bounds_text:>11}"]
             lines += [f"       {who}"]
     return lines
 
@@ -111,33 +115,33 @@ def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
 def _range(findings: Sequence[ClaimFinding]) -> str:
     """The least and the largest that was measured; `never` counts as larger."""
     least, *_, largest = [*(ordered := sorted(findings, key=lambda f: f.value)), ordered[-1]]
-    if least.measured == largest.measured:
-        return least.measured
-    return f"{least.measured.removesuffix(least.claim.unit).rstrip()} .. {largest.measured}"
+    if least.measured_text == largest.measured_text:
+        return least.measured_text
+    return f"{least.measured_text.removesuffix(least.claim.unit).rstrip()} .. {largest.measured_text}"
 
 
-def _claims(findings: Iterable[ClaimFinding]) -> Table:
+def _claims_table(findings: Iterable[ClaimFinding]) -> Table:
     rows: list[Row] = []
     reasons: set[str] = set()
     for f in findings:
-        rows.append((MARKS[f.verdict], f.claim.text, f.measured, f.expected))
+        rows.append((VERDICT_MARKS[f.verdict], f.claim.text, f.measured_text, f.bounds_text))
         if f.reason:
             rows.append(Note("for the same reason" if f.reason in reasons else f.reason, " " * 7, later=9))
         reasons.add(f.reason)
     return Table((Column("", 4, left=True), Column("", 47, left=True), Column("", 10), Column("", 12, gap=2)), rows)
 
 
-def _two(left: str, right: str) -> str:
-    return f"{left}{right:>{WIDTH - len(left)}}" if len(left) + len(right) < WIDTH else f"{left}  {right}"
+def _two_columns(left: str, right: str) -> str:
+    return f"{left}{right:>{TEXT_WIDTH - len(left)}}" if len(left) + len(right) < TEXT_WIDTH else f"{left}  {right}"
 
 
 def _result(lines: Sequence[Block], facts: Mapping[str, object], holds: bool) -> Result:
     """The first line answers; what is wider than the page is folded."""
-    first, *others = [_folded(line) if isinstance(line, str) and len(line) > WIDTH else line for line in lines]
+    first, *others = [_fold_line(line) if isinstance(line, str) and len(line) > TEXT_WIDTH else line for line in lines]
     return Result(first, others, facts, exit_code=0 if holds else 1)
 
 
-def _folded(line: str) -> Note:
+def _fold_line(line: str) -> Note:
     return Note(line, later=len(line) - len(line.lstrip()) + 2)
 
 
@@ -164,7 +168,9 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
     runs = fig4_runs(*recordings)
     score = fig4_score(runs)
     notes = [*(recording.note for recording in recordings if recording.note), *_deviations(recordings)]
-    return judged("fig4", out or HOME / "fig4", fig4_result(score), lambda path: draw_fig4(runs, path), notes)
+    return write_verdict(
+        "fig4", out or RESULTS_FOLDER / "fig4", fig4_result(score), lambda path: draw_fig4(runs, path), notes
+    )
 
 
 def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
@@ -183,7 +189,9 @@ def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
     recordings = _recordings(paths or _latest("fig5"))
     score = fig5.fig5_score(recordings)
     notes = _deviations(recordings)
-    return judged("fig5", out or HOME / "fig5", fig5_result(score), lambda path: draw_fig5(score, path), notes)
+    return write_verdict(
+        "fig5", out or RESULTS_FOLDER / "fig5", fig5_result(score), lambda path: draw_fig5(score, path), notes
+    )
 
 
 def _deviations(recordings: Sequence[Recording]) -> list[str]:
@@ -195,7 +203,7 @@ def _deviations(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _latest(figure: str) -> list[Path]:
-    paths = [HOME / name for name in FIGURE_EXPERIMENTS[figure]]
+    paths = [RESULTS_FOLDER / name for name in FIGURE_EXPERIMENTS[figure]]
     missing = [path.name for path in paths if not path.exists()]
     if missing:
         files = " ".join(f"experiments/{name}.toml" for name in missing)

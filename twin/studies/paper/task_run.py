@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
-from twin.robot.assembly.declared import DECLARED
-from twin.robot.controller.program import TASKS, PhaseKind, Task
+from twin.robot.assembly.declared import DECLARED_TABLES
+from twin.robot.controller.program import TASK_KINDS, PhaseKind, Task
 from twin.robot.experiment.recorded import recorded_values
 from twin.robot.experiment.schema import checked_tasks
-from twin.robot.monitor.checks import MEANINGS, Reason
+from twin.robot.monitor.reasons import REASON_TEXTS, Reason
 from twin.robot.run.view import RunView, held_samples
 from twin.studies.metrics import response
-from twin.studies.metrics.required_series import FIG5, lacking
+from twin.studies.metrics.required_series import FIG5_SERIES, missing_series
 
 Mask = NDArray[np.bool_]
-TOUCH = 0.1
+TAP_SHARE = 0.1
 """Share of the pre-defined force that counts as a tap."""
 
 
-def _read(of: "Callable[[TaskRun], response.Curve]") -> "cached_property[response.Curve]":
+def _cached_curve(of: "Callable[[TaskRun], response.Curve]") -> "cached_property[response.Curve]":
     return cached_property(of)
 
 
@@ -49,7 +49,7 @@ class TaskRun:
     task: Task
 
     @cached_property
-    def _held(self) -> NDArray[np.int64]:
+    def _sample_indices(self) -> NDArray[np.int64]:
         """Index of the controller's sample that holds at each of the plant's ticks."""
         return held_samples(self.recording.time("controller"), self.recording.time("plant"))
 
@@ -57,30 +57,30 @@ class TaskRun:
     def _window(self) -> slice:
         """The plant's samples in which this task was on."""
         on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
-        ticks = np.flatnonzero(on[self._held])
+        ticks = np.flatnonzero(on[self._sample_indices])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
 
-    def commanded(self, name: str) -> response.Curve:
+    def controller_series(self, name: str) -> response.Curve:
         """A series of the controller, held."""
-        return self.recording[f"controller.{name}"][self._held[self._window]]
+        return self.recording[f"controller.{name}"][self._sample_indices[self._window]]
 
-    t = _read(lambda run: run.recording.time("plant")[run._window])
-    F_z = _read(lambda run: -run.recording["plant.F_ee_B"][run._window, 2])
-    p_B = _read(lambda run: run.recording["plant.p_B"][run._window])
-    v_z = _read(lambda run: run.recording["plant.v_B"][run._window, 2])
+    t = _cached_curve(lambda run: run.recording.time("plant")[run._window])
+    F_z = _cached_curve(lambda run: -run.recording["plant.F_ee_B"][run._window, 2])
+    p_B = _cached_curve(lambda run: run.recording["plant.p_B"][run._window])
+    v_z = _cached_curve(lambda run: run.recording["plant.v_B"][run._window, 2])
 
     @cached_property
     def phase(self) -> NDArray[np.int64]:
-        return self.commanded("phase").astype(np.int64)
+        return self.controller_series("phase").astype(np.int64)
 
-    def during(self, kind: PhaseKind) -> Mask:
+    def phase_mask(self, kind: PhaseKind) -> Mask:
         """Samples of a phase."""
         return self.phase == kind
 
     @cached_property
     def full_turns(self) -> Mask:
         """Samples of the full circles: without the turn that spirals out and the one that spirals back."""
-        circling = self.during(PhaseKind.CIRCLE)
+        circling = self.phase_mask(PhaseKind.CIRCLE)
         assert self.task.kind == "roll"
         since = self.t - response.first_time(self.t, circling)
         turn = 1.0 / self.task.rate
@@ -89,7 +89,7 @@ class TaskRun:
     @cached_property
     def taps(self) -> list[slice]:
         """Samples of each tap, from its start to that of the next, or to the end of the task."""
-        tapping = self.during(PhaseKind.TAP)
+        tapping = self.phase_mask(PhaseKind.TAP)
         starts = np.flatnonzero(np.diff(tapping.astype(np.int8), prepend=0) > 0)
         return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
 
@@ -97,7 +97,7 @@ class TaskRun:
     def peaks(self) -> response.Curve:
         """Largest force of each tap that touches (N)."""
         largest = np.array([self.F_z[tap].max() for tap in self.taps])
-        return largest[largest >= TOUCH * self.task.force]
+        return largest[largest >= TAP_SHARE * self.task.force]
 
     @cached_property
     def touches(self) -> NDArray[np.int64]:
@@ -112,16 +112,16 @@ class TaskRun:
         for tap in self.taps:
             F_z = self.F_z[tap]
             peak = int(np.argmax(F_z))
-            whole += bool(F_z[peak] >= TOUCH * self.task.force and np.any(F_z[peak:] <= 0.0))
+            whole += bool(F_z[peak] >= TAP_SHARE * self.task.force and np.any(F_z[peak:] <= 0.0))
         return whole
 
     @property
-    def watched(self) -> bool:
+    def has_monitor(self) -> bool:
         """Whether the run had a safety monitor."""
         return "monitor.tripped" in self.recording.fields()
 
     @cached_property
-    def tripped(self) -> bool:
+    def has_trip(self) -> bool:
         """Whether the safety monitor tripped before this task was over."""
         return len(self.t) == 0 or bool(trip_time(self.recording) <= self.t[-1])
 
@@ -133,8 +133,8 @@ def task_runs(recording: Recording) -> list[TaskRun]:
         InputRefused: it holds none, or lacks what they are judged on.
     """
     tables = _tuples(settings(recording).get("task", []))
-    tasks = tuple(checked_tasks(TASKS, tables, []).values())
-    if tasks and (missing := lacking(FIG5, recording.fields())):
+    tasks = tuple(checked_tasks(TASK_KINDS, tables, []).values())
+    if tasks and (missing := missing_series(FIG5_SERIES, recording.fields())):
         raise InputRefused(
             f"{recording.path}: no {', '.join(missing)}; Fig. 5 is judged phase by phase of each task, so the "
             "controller has to put these out"
@@ -149,7 +149,7 @@ def task_runs(recording: Recording) -> list[TaskRun]:
 def settings(run: RunView) -> dict[str, Any]:
     """Return the experiment's checked values, keys with units; raise as `recorded_values`."""
     path = run.path if isinstance(run, Recording) else Path("run in memory")
-    return recorded_values(DECLARED, run.metadata, path)
+    return recorded_values(DECLARED_TABLES, run.metadata, path)
 
 
 def drive_of(recording: Recording) -> str:
@@ -178,7 +178,7 @@ def trip_sentence(recording: Recording) -> str:
     if np.isinf(time):
         return ""
     code = recording["monitor.reason"][np.searchsorted(recording.time("monitor"), time)]
-    why = MEANINGS[Reason(int(code))].sentence.removeprefix("joint {joint}: ")
+    why = REASON_TEXTS[Reason(int(code))].sentence.removeprefix("joint {joint}: ")
     return f"{recording.path}: the safety monitor tripped at {time:.3f} s, {why}; every task from then on fails"
 
 

@@ -19,39 +19,39 @@ from twin.kernel.cosim.signals import playback
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import StatePlaces
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, visible
+from twin.kernel.errors import ComponentFailed, escape_controls
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.variable import Variable
-from twin.robot.assembly.assemble import ROBOT
+from twin.robot.assembly.assemble import COMPONENT_ROWS
 from twin.robot.assembly.drives import OMEGA_REF, DrivePlan, drive
-from twin.robot.assembly.roles import OtherPart
-from twin.robot.drive.contract import LOAD, OUTPUTS
+from twin.robot.assembly.roles import ThirdPartyPart
+from twin.robot.drive.contract import LOAD_ROLE, OUTPUT_ROLES
 from twin.robot.drive.mapping import candidates
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.definitions import TICK
-from twin.studies.result import Block, Column, Table, laid_out
+from twin.studies.result import Block, Column, Table, lay_out
 
 if TYPE_CHECKING:
     from twin.kernel.systems.enclosed import EnclosedSystem
 
-MOST_VARIABLES = 60
+MAX_VARIABLES = 60
 """Variables of a causality that are listed; a list of thousands is of no help."""
 
 
-VARIABLE = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
+VARIABLE_COLUMNS = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
 """Columns beside the name of a variable."""
 SLICE_TICKS = 100
-LOOK = 500
+CHECK_TICKS = 500
 """Ticks after which it is asked whether a run has seen enough."""
-PATIENCE = 5.0
+CALLS_TIME_LIMIT = 5.0
 """Wall time (s) after which a part that is slow has been called often enough."""
-BLOCK = 500
+CALLS_PER_BLOCK = 500
 """Calls between two looks at the clock."""
-NUDGE = 1e-3
+NUDGE_SIZE = 1e-3
 """By which inputs are changed, of their size or in SI, to see what follows: less than anybody would notice."""
-MOST = 1e9
+MAX_MOTION = 1e9
 """rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
 
 
@@ -63,18 +63,18 @@ def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> st
     """
     blocks: list[Block] = []
     for part, fmu in parts.items():
-        for causality, variables in _listed(fmu).items():
+        for causality, variables in _variables_by_causality(fmu).items():
             count = len(variables)
             blocks.append(f"{part or fmu.path.name}: {count or 'no'} {causality}{'s' * (count != 1)}")
-            names = [visible(v.name) for v in variables[:MOST_VARIABLES]]
+            names = [escape_controls(v.name) for v in variables[:MAX_VARIABLES]]
             rows = [
                 (name, v.type, f"[{v.unit}]" if v.unit else "-", v.description)
                 for name, v in zip(names, variables, strict=False)
             ]
             name = Column(width=min(max(map(len, names), default=0), 32), left=True)
-            blocks.append(Table([name, *VARIABLE], rows))
-            blocks += [f"  and {count - MOST_VARIABLES} more"] if count > MOST_VARIABLES else []
-    return laid_out(blocks)
+            blocks.append(Table([name, *VARIABLE_COLUMNS], rows))
+            blocks += [f"  and {count - MAX_VARIABLES} more"] if count > MAX_VARIABLES else []
+    return lay_out(blocks)
 
 
 def variables_facts(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> list[dict[str, Any]]:
@@ -85,14 +85,14 @@ def variables_facts(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> l
             "description": v.description,
         }
         for part, fmu in parts.items()
-        for causality, variables in _listed(fmu).items()
+        for causality, variables in _variables_by_causality(fmu).items()
         for v in variables
     ]  # fmt: skip
 
 
-def _listed(fmu: "FmuDescription | EnclosedSystem") -> dict[str, list[Variable]]:
+def _variables_by_causality(fmu: "FmuDescription | EnclosedSystem") -> dict[str, list[Variable]]:
     found = {c: [v for v in fmu.variables.values() if v.causality == c] for c in ("input", "output")}
-    shaft = dict.fromkeys(name for role in OUTPUTS if role.required for name in candidates(fmu.variables, role))
+    shaft = dict.fromkeys(name for role in OUTPUT_ROLES if role.required for name in candidates(fmu.variables, role))
     local = [v for name in shaft if (v := fmu.variables[name]).causality == "local"]
     return found | ({"local variable": local} if local else {})
 
@@ -127,18 +127,18 @@ class Response:
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
 
 
-Hear = Callable[[int, float], None]
-_hear: list[Hear] = []
+TickListener = Callable[[int, float], None]
+_tick_listeners: list[TickListener] = []
 
 
 @contextmanager
-def reporting_ticks(hear: Hear) -> Iterator[None]:
+def reporting_ticks(hear: TickListener) -> Iterator[None]:
     """Within the block `hear` is called with how many ticks are over, and how long they took (s), as they come."""
-    _hear.append(hear)
+    _tick_listeners.append(hear)
     try:
         yield
     finally:
-        _hear.remove(hear)
+        _tick_listeners.remove(hear)
 
 
 @contextmanager
@@ -153,7 +153,7 @@ def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
     Raises:
         InputRefused: the drive cannot be loaded or initialised, or does not take such a tick.
     """
-    ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
+    ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD_ROLE.port))
     signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
     component = drive("drive", replace(plan, ticks=len(inputs)), tick, 0.0, float(inputs[0, 1]))
     try:
@@ -187,16 +187,16 @@ def response(
         theta_m = system.columns("drive.theta_m").start
         rows = np.empty((len(omega_ref), system.outputs_width))
         elapsed = 0.0
-        while not simulation.finished:
+        while not simulation.is_over:
             first = simulation.next_tick
             began = time.perf_counter()
             slice_ = simulation.advance()
             taken = time.perf_counter() - began
             elapsed += taken
             rows[first : simulation.next_tick] = slice_
-            for hear in _hear:
+            for hear in _tick_listeners:
                 hear(len(slice_), taken)
-            if simulation.next_tick % LOOK == 0 and enough(rows[: simulation.next_tick, theta_m]):
+            if simulation.next_tick % CHECK_TICKS == 0 and enough(rows[: simulation.next_tick, theta_m]):
                 break
         if simulation.failure:
             raise simulation.failure
@@ -225,7 +225,7 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
         ComponentFailed: angle or speed are beyond all measure.
     """
     motion = rows[:, [system.columns(f"drive.{name}").start for name in ("theta_m", "omega_m")]]
-    beyond = np.abs(motion) > MOST
+    beyond = np.abs(motion) > MAX_MOTION
     if beyond.any():
         k = int(np.flatnonzero(beyond.any(axis=1))[0])
         name, unit = (("theta_m", "rad"), ("omega_m", "rad/s"))[int(np.argmax(beyond[k]))]
@@ -254,18 +254,18 @@ class Inputs:
         """The first samples."""
         return replace(self, t=self.t[:count], u=self.u[:count])
 
-    def after(self, count: int) -> "Inputs":
+    def skip(self, count: int) -> "Inputs":
         """All but the first samples."""
         return replace(self, t=self.t[count:], u=self.u[count:])
 
-    def nudged(self) -> "Inputs":
+    def nudge(self) -> "Inputs":
         """Each a little different, and none as the one before."""
         signs = np.where(np.arange(self.u.shape[1]) % 2, 1.0, -1.0)
-        return replace(self, u=self.u + NUDGE * signs * np.maximum(np.abs(self.u), 1.0))
+        return replace(self, u=self.u + NUDGE_SIZE * signs * np.maximum(np.abs(self.u), 1.0))
 
 
 @dataclass(frozen=True)
-class Played:
+class PartCalls:
     """What a part made of inputs.
 
     Attributes:
@@ -279,13 +279,13 @@ class Played:
     cost: float
 
 
-def inputs_for(part: OtherPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
+def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
     """What `part` would have got in the `run` of `experiment`.
 
     Args:
         period: of the part, in ticks.
     """
-    (row,) = [row for row in ROBOT if row.name == part.role]
+    (row,) = [row for row in COMPONENT_ROWS if row.name == part.role]
     ticks = np.arange(0, experiment.duration_ticks + 1, period)
     columns = [np.zeros((len(ticks), 0))]
     for port in part.inputs:
@@ -297,14 +297,14 @@ def inputs_for(part: OtherPart, run: Trace, experiment: Experiment, period: int)
     return Inputs(np.asarray(ticks * tick), period * tick, np.hstack(columns))
 
 
-def played(component: Component, inputs: Inputs) -> Played:
+def call_part(component: Component, inputs: Inputs) -> PartCalls:
     """Call `component` at the samples of `inputs`, for as long as there is patience."""
     blocks: list[NDArray[np.float64]] = []
     # no call: compiles, or loads from the cache, before the clock runs
     play(component, inputs.t[:0], inputs.t[:0], inputs.u[:0])
     began, failure, done = time.perf_counter(), "", 0
-    while done < len(inputs.t) and not failure and time.perf_counter() - began < PATIENCE:
-        block = slice(done, done + BLOCK)
+    while done < len(inputs.t) and not failure and time.perf_counter() - began < CALLS_TIME_LIMIT:
+        block = slice(done, done + CALLS_PER_BLOCK)
         t = inputs.t[block]
         rows, status = play(component, t, np.full(len(t), inputs.period), inputs.u[block])
         finite = np.isfinite(rows).all(axis=1)
@@ -314,7 +314,7 @@ def played(component: Component, inputs: Inputs) -> Played:
         blocks.append(rows[:good])
         done += good
     rows = np.concatenate(blocks) if blocks else np.empty((0, width(component.outputs)))
-    return Played(rows, failure, (time.perf_counter() - began) / max(1, done))
+    return PartCalls(rows, failure, (time.perf_counter() - began) / max(1, done))
 
 
 def not_finite(component: Component, row: NDArray[np.float64]) -> str:
@@ -323,21 +323,21 @@ def not_finite(component: Component, row: NDArray[np.float64]) -> str:
     return f"returned NaN or infinity for {', '.join(names)}"
 
 
-def replayed_from_state(component: Component, inputs: Inputs) -> bool:
+def repeats_from_state(component: Component, inputs: Inputs) -> bool:
     """Whether the second half of `inputs` gives the same bits when the FMU is set back to where it began.
 
     Raises:
         ComponentFailed: the FMU refuses to save or restore its state. InputRefused: its state is known to be none.
     """
     half = len(inputs.t) // 2
-    played(component, inputs.first(half))
+    call_part(component, inputs.first(half))
     nothing = np.zeros(0)
     places = StatePlaces([component], nothing, nothing)
-    state = places.take(0)
-    once = played(component, inputs.after(half))
-    places.put_back(state)
+    state = places.save_state(0)
+    once = call_part(component, inputs.skip(half))
+    places.restore_state(state)
     state.close()
-    again = played(component, inputs.after(half))
+    again = call_part(component, inputs.skip(half))
     if once.failure or again.failure:
         raise ComponentFailed(f"{component.label}: {once.failure or again.failure}")
     count = min(len(once.rows), len(again.rows))

@@ -17,26 +17,26 @@ from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, with_plant
-from twin.robot.run.hold import BAND, UNDER_FORCE, HoldRequest
-from twin.robot.run.measures import Values, unmeasured, with_units
+from twin.robot.run.hold import SETTLING_BAND, UNDER_FORCE, HoldRequest
+from twin.robot.run.measures import Values, missing_measures, with_units
 from twin.robot.run.outcome import Tally
 from twin.robot.run.runs import RunRequest, Runs
 from twin.robot.run.trace import Trace
-from twin.studies.command import Say, Steps, silent
+from twin.studies.command import Say, Steps, ignore_progress
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
-from twin.studies.metrics.standing import Difference, Ranks, overall, paired_differences, standing_sentence
+from twin.studies.metrics.standing import Difference, Ranks, overall_ranks, paired_differences, standing_sentence
 from twin.studies.qualify.definitions import Definition, Measure
 
-SEEDS = range(1, 9)
+PAIRED_SEEDS = range(1, 9)
 """Seeds of the paired runs."""
 MOTOR_ZERO, JOINT_ZERO = np.radians([0.088, 0.022])
 """Largest error (rad) of an encoder's zero that is calibrated to one count: 360/4096 and 360/16384 deg."""
 MOTOR_NOISE, JOINT_NOISE = np.radians([0.05, 0.02])
 """Standard deviation (rad) of the encoders' noise in paired runs, if the experiment has none."""
-STILL = 1e-9
+MIN_REFERENCE_STEP = 1e-9
 """m per tick. Rounding moves a reference that stands still by far less, any real motion by far more."""
-COMPARED = {
+COMPARED_MEASURES = {
     "settling_time": Definition(
         "settles", "s",
         "from the trigger of the force loop, or from the first touch if that is later, until the true pressing force "
@@ -68,7 +68,7 @@ COMPARED = {
 }  # fmt: skip
 """Numbers under `measures` in JSON, by the definitions of 1.0: other intervals than those of the one table of measures.
 They need no held force, and go on after a trip of the safety monitor."""
-OF_ANY_RUN = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
+FREE_RUN_MEASURES = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
 """Those that the text shows where no drive holds a force."""
 
 
@@ -91,7 +91,7 @@ class TrueRun:
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
-        """All of `COMPARED`.
+        """All of `COMPARED_MEASURES`.
 
         Args:
             cost: wall time in the drives per tick (s).
@@ -113,9 +113,9 @@ class TrueRun:
                 "" if touching else unscored,
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
-            _of_output("peak_current", float(np.max(np.abs(current))) if current.size else None),
+            _output_measure("peak_current", float(np.max(np.abs(current))) if current.size else None),
             Measure("shaft_work", self._energy(np.maximum(0.0, shaft_power))),
-            _of_output("energy", self._energy(power) if power.size else None),
+            _output_measure("energy", self._energy(power) if power.size else None),
             Measure("cost", cost),
         )
 
@@ -135,8 +135,8 @@ class TrueRun:
             # a loop that is on in the air has nothing to settle yet
             touched = first_time(self.t, self.F_z > 0.0)
             start = max(triggered, touched) if np.isfinite(touched) else triggered
-            return self._approached(start, self.F_z, float(self.F_z_ref[-1]))
-        moving = np.flatnonzero(np.abs(np.diff(self.z_ref)) > STILL)
+            return self._approach_measures(start, self.F_z, float(self.F_z_ref[-1]))
+        moving = np.flatnonzero(np.abs(np.diff(self.z_ref)) > MIN_REFERENCE_STEP)
         if len(moving) == 0:
             still = "z is to stay where it is"
             return Measure("settling_time", None, still), Measure("overshoot", None, still)
@@ -144,11 +144,11 @@ class TrueRun:
         pauses = np.flatnonzero(np.diff(moving) > 1)
         before = float(self.z_ref[moving[pauses[-1] + 1] if len(pauses) else moving[0]])
         change = float(self.z_ref[-1]) - before
-        return self._approached(float(self.t[moving[-1] + 1]), (self.z - before) * np.sign(change), abs(change))
+        return self._approach_measures(float(self.t[moving[-1] + 1]), (self.z - before) * np.sign(change), abs(change))
 
-    def _approached(self, start: float, y: Curve, target: float) -> tuple[Measure, Measure]:
+    def _approach_measures(self, start: float, y: Curve, target: float) -> tuple[Measure, Measure]:
         after = self.t >= start
-        settled = settling_time(self.t[after], y[after], target, BAND * target) - start
+        settled = settling_time(self.t[after], y[after], target, SETTLING_BAND * target) - start
         return (
             Measure("settling_time", settled)
             if np.isfinite(settled)
@@ -157,7 +157,7 @@ class TrueRun:
         )
 
 
-def _of_output(name: str, value: float | None) -> Measure:
+def _output_measure(name: str, value: float | None) -> Measure:
     return Measure(name, value, "" if value is not None else "not an output of this drive")
 
 
@@ -168,10 +168,10 @@ class DriveTrial:
     Attributes:
         name: of the drive, as the user said it.
         run: what is true in it, up to the failure if there was one.
-        measures: all of `COMPARED`.
+        measures: all of `COMPARED_MEASURES`.
         values: measures of the run.
         failure: error that ended the run early; empty if it completed.
-        repeats: measures of the paired runs, in the order of `SEEDS`; empty if one of them failed or tripped.
+        repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.
         unjudged: why the drive is not judged; empty if it is.
     """
 
@@ -209,7 +209,7 @@ def trials(
     drives: Sequence[str],
     settings: Sequence[str] = (),
     body: str | None = None,
-    say: Say = silent,
+    say: Say = ignore_progress,
 ) -> tuple[DriveTrials, ...]:
     """Run each of `experiments` with each of `drives` in all three joints, in this process.
 
@@ -225,7 +225,7 @@ def trials(
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):
         assemble(one).close()
-    each = 1 + len(SEEDS) * (len(drives) > 1)
+    each = 1 + len(PAIRED_SEEDS) * (len(drives) > 1)
     done, steps = [], Steps(say, len(experiments) * len(drives) * each)
     for path, row in zip(experiments, loaded, strict=True):
         found = []
@@ -234,7 +234,7 @@ def trials(
             steps.next(label)
             trial = _trial(one, drive)
             if each > 1 and not trial.failure:
-                trial = _repeated(trial, one, steps, label)
+                trial = _with_paired_runs(trial, one, steps, label)
             found.append(trial)
         done.append(DriveTrials(path.stem, tuple(found)))
     return tuple(done)
@@ -253,7 +253,9 @@ def verdict(compared: Sequence[DriveTrials]) -> list[str]:
         if len(compared) == 1
         else {}
     )
-    verdicts = [standing_sentence(name, first, overall(ranks), values.get(name)) for name, ranks in by_drive.items()]
+    verdicts = [
+        standing_sentence(name, first, overall_ranks(ranks), values.get(name)) for name, ranks in by_drive.items()
+    ]
     unjudged = {f"{t.name} {t.unjudged}" for one in compared for t in one.trials if t.unjudged}
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
@@ -276,16 +278,17 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
             for trial in done
         ],
         "paired": {
-            "seeds": list(SEEDS),
+            "seeds": list(PAIRED_SEEDS),
             "beside": done[0].name,
             "drives": {
-                name: {one.measure.key: one.facts for one in found} for name, found in compared.differences().items()
+                name: {one.measure.key: one.json_values for one in found}
+                for name, found in compared.differences().items()
             },
         },
     }
 
 
-def disturbed(experiment: Experiment, seed: int) -> Experiment:
+def disturb_encoders(experiment: Experiment, seed: int) -> Experiment:
     """The experiment with random encoder zeros added to its own, and with noise, drawn from `seed` alone."""
     rng, plant = np.random.default_rng(seed), experiment.plant
     motor, joint = (rng.uniform(-largest, largest, 3) for largest in (MOTOR_ZERO, JOINT_ZERO))
@@ -299,15 +302,15 @@ def disturbed(experiment: Experiment, seed: int) -> Experiment:
     return replace(noisy, seed=seed)
 
 
-def _repeated(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
+def _with_paired_runs(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
     """`trial` with its paired runs; they end with the first one that fails or trips."""
     found = []
-    for seed in SEEDS:
+    for seed in PAIRED_SEEDS:
         steps.next(f"{label}, seed {seed}")
-        one = disturbed(experiment, seed)
+        one = disturb_encoders(experiment, seed)
         place = f"in {experiment.name} with seed {seed}, and is not judged there"
         try:
-            done = Runs(RunRequest(tally=True), most=0).run(one).completed()
+            done = Runs(RunRequest(tally=True), most=0).run(one).require_success()
         # also one that crashes when it is freed
         except ComponentFailed as failure:
             return replace(trial, failure=str(failure), unjudged=f"fails {place}")
@@ -322,18 +325,18 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
     trace = Trace()
     try:
         with assemble(experiment) as assembly:
-            tally = Tally(assembly.system, HoldRequest.of(experiment))
-            done = simulate(assembly, experiment.duration_ticks, [trace, tally], timed=True).completed()
+            tally = Tally(assembly.system, HoldRequest.from_experiment(experiment))
+            done = simulate(assembly, experiment.duration_ticks, [trace, tally], timed=True).require_success()
     # also one that crashes when it is freed, if it has a process of its own
     except ComponentFailed as failure:
         reason = "the run failed"
-        lost = tuple(Measure(measure, None, reason) for measure in COMPARED)
-        return DriveTrial(name, TrueRun(trace), lost, unmeasured(reason), str(failure))
+        lost = tuple(Measure(measure, None, reason) for measure in COMPARED_MEASURES)
+        return DriveTrial(name, TrueRun(trace), lost, missing_measures(reason), str(failure))
     run, cost = TrueRun(trace), sum(cost for c, cost in done.costs.items() if c.startswith("drive"))
     return DriveTrial(name, run, run.measures(cost), tally.outcome.measures)
 
 
-COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
+DRIVE_COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
 CLOSE_UP = 2.5
 """How much (s) of the approach the second panel shows."""
 
@@ -351,18 +354,28 @@ def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> 
         # where all have failed in the first step there is no time to be drawn
         end = float(longest.t[-1]) or longest.run.tick
         for axes in (whole, start):
-            axes.plot(longest.t, _wanted(longest, touching), color=GREY, lw=1.4, label="reference" * (axes is whole))
+            axes.plot(
+                longest.t, _reference_curve(longest, touching), color=GREY, lw=1.4, label="reference" * (axes is whole)
+            )
         for i, trial in enumerate(trials):
-            run, look = trial.run, {"color": COLORS[i % len(COLORS)], "ls": ("-", "--")[i // len(COLORS) % 2]}
+            run, look = (
+                trial.run,
+                {"color": DRIVE_COLORS[i % len(DRIVE_COLORS)], "ls": ("-", "--")[i // len(DRIVE_COLORS) % 2]},
+            )
             name = trial.name + " (failed)" * bool(trial.failure)
-            whole.plot(run.t, _true(run, touching), lw=1.1, label=name, **look)
-            start.plot(run.t, _true(run, touching), lw=1.3, **look)
+            whole.plot(run.t, _true_curve(run, touching), lw=1.1, label=name, **look)
+            start.plot(run.t, _true_curve(run, touching), lw=1.3, **look)
             z_error.plot(run.t, 1e3 * (run.z - run.z_ref), lw=1.1, **look)
             half = slice(len(longest.t) // 2, None)
-            late.plot(run.t[half], _true(run, touching)[half] - _wanted(run, touching)[half], lw=1.1, **look)
+            late.plot(
+                run.t[half], _true_curve(run, touching)[half] - _reference_curve(run, touching)[half], lw=1.1, **look
+            )
         # of each when it first touches, or when the reference first moves; the end where neither ever happens
         first = min(
-            min(first_time(run.t, run.F_z > 0.0 if touching else np.abs(run.z_ref - run.z_ref[0]) > STILL), run.t[-1])
+            min(
+                first_time(run.t, run.F_z > 0.0 if touching else np.abs(run.z_ref - run.z_ref[0]) > MIN_REFERENCE_STEP),
+                run.t[-1],
+            )
             for run in runs
         )
         quantity = "true pressing force F_z (N)" if touching else "true z (mm)"
@@ -376,9 +389,9 @@ def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> 
         figure.legend(loc="outside lower center", ncols=min(5, len(trials) + 1))
 
 
-def _true(run: TrueRun, touching: bool) -> Curve:
+def _true_curve(run: TrueRun, touching: bool) -> Curve:
     return run.F_z if touching else 1e3 * run.z
 
 
-def _wanted(run: TrueRun, touching: bool) -> Curve:
+def _reference_curve(run: TrueRun, touching: bool) -> Curve:
     return run.F_z_ref if touching else 1e3 * run.z_ref

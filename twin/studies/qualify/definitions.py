@@ -13,13 +13,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.job import LONG, PATIENCE, duration_text
-from twin.studies.command import Say, silent
+from twin.kernel.process.job import LONG_RUN_DURATION, MIN_ESTIMATE_TIME, duration_text
+from twin.studies.command import Say, ignore_progress
 from twin.studies.metrics.response import Curve
 
-ABOUT = 75_000
+EXPECTED_TICKS = 75_000
 """Ticks of a whole qualification: 60,000 of a drive that stalls at once, 100,000 of one that cannot be stalled."""
-SOON = 1.0
+REPORT_PERIOD = 1.0
 """s. Before, nothing is said."""
 TICK = 1e-3
 """Communication step (s): the one of every experiment here."""
@@ -31,23 +31,23 @@ LOAD_IN_USE = 0.1
 """N m. A press of 5 N asks 0.06 N m of each motor, through a belt of N = 2; weight and haste add to it."""
 LOAD_PEAK = 0.6
 """N m. Ten presses of 5 N: a drive that holds it has a margin in every task."""
-LOAD_MOST = 4.0
+MAX_LOAD = 4.0
 """N m. Where the search for the stall torque ends: no spring of this robot can ask for it."""
 SMALL_SPEED = 0.1
 """rad/s. Amplitude for the frequency response: a fifth of the speed in use, four steps of a 0.024 rad/s register."""
 BIAS_SPEED = 0.25
 """rad/s. Mean speed of the frequency response: above the amplitude, so that friction never changes sign."""
-RESOLUTION = 1.5e-3
+ENCODER_RESOLUTION = 1.5e-3
 """rad. One count of the robot's own 12-bit motor encoder: the robot cannot see a smaller angle."""
-COMMANDED = 0.2
+COMMAND_TIME = 0.2
 """When the command steps (s)."""
-LOADED = 2.2
+LOAD_TIME = 2.2
 """When the load steps (s); slow drives have settled by then."""
-END = 4.2
+CYCLE_END = 4.2
 """s."""
-AVERAGE = 1.0
+AVERAGE_TIME = 1.0
 """How long before the load step, and before the end, speeds are averaged (s)."""
-CHECKS = {
+CHECK_MEANINGS = {
     "contract": "every required quantity of the drive contract is there, with a causality and unit that fit",
     "runs": "every run of the qualification ends without an error status, NaN or infinity",
     "direction": "a positive command turns theta_m up, the same negative one down",
@@ -60,11 +60,11 @@ CHECKS = {
     "written": "its state, written down and read by another process, is gone on from there, bit for bit",
 }
 """Name -> what holds. All disqualify a drive but `reset`, `state` and `written`: not every run needs those."""
-NEGLIGIBLE_DROOP = RESOLUTION / LOAD_IN_USE
+NEGLIGIBLE_DROOP = ENCODER_RESOLUTION / LOAD_IN_USE
 """rad/s per N m. One encoder count per second of averaging: less than this counts as none."""
-OFF = 100.0
+UNIT_ERROR_FACTOR = 100.0
 """So many times off the drives of fmus/, a drive's load is likely to be in another unit."""
-DROOP_MOST, STALLS = 0.6, (0.378, 2.94)
+MAX_DROOP, STALL_RANGE = 0.6, (0.378, 2.94)
 """Of the drives of fmus/ but the ideal one: largest droop (rad/s per N m), smallest and largest stall torque (N m)."""
 
 
@@ -77,12 +77,12 @@ class Workload:
         sure: whether a check that takes more than an hour is meant.
     """
 
-    def __init__(self, label: str, say: Say = silent, sure: bool = True):
+    def __init__(self, label: str, say: Say = ignore_progress, sure: bool = True):
         self._label, self._say, self._sure = label, say, sure
         self._done, self._taken = 0, 0.0
         self._reported = time.monotonic()
 
-    def take(self, ticks: int, taken: float) -> None:
+    def count_ticks(self, ticks: int, taken: float) -> None:
         """So many more `ticks` are over; they have `taken` so long (s).
 
         Raises:
@@ -91,18 +91,18 @@ class Workload:
         self._done += ticks
         self._taken += taken
         each = self._taken / self._done
-        total = max(ABOUT, self._done)
-        if self._taken > PATIENCE and each * total > LONG and not self._sure:
+        total = max(EXPECTED_TICKS, self._done)
+        if self._taken > MIN_ESTIMATE_TIME and each * total > LONG_RUN_DURATION and not self._sure:
             raise InputRefused(
                 f"{self._label}: a step takes {1e3 * each:.3g} ms, and the whole check about "
                 f"{duration_text(each * total)}; add --yes if that is intended"
             )
-        if self._taken > SOON and time.monotonic() - self._reported > SOON:
+        if self._taken > REPORT_PERIOD and time.monotonic() - self._reported > REPORT_PERIOD:
             self._reported = time.monotonic()
             self._say(f"{self._label}, {1e3 * each:.3g} ms a step", self._done / total)
 
 
-def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = END) -> tuple[Curve, Curve]:
+def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = CYCLE_END) -> tuple[Curve, Curve]:
     """Commanded speed (rad/s) and load (N m), one value per tick, (ticks,).
 
     Args:
@@ -110,7 +110,7 @@ def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: floa
         end: s.
     """
     k = np.arange(round(end / TICK))
-    return np.where(k >= round(COMMANDED / TICK), speed, 0.0), np.where(k >= round(LOADED / TICK), load, 0.0)
+    return np.where(k >= round(COMMAND_TIME / TICK), speed, 0.0), np.where(k >= round(LOAD_TIME / TICK), load, 0.0)
 
 
 class Definition(NamedTuple):
@@ -121,7 +121,7 @@ class Definition(NamedTuple):
     meaning: str
 
 
-MEASURES = {
+MEASURE_DEFINITIONS = {
     "speed": Definition(
         "speed in use", "rad/s",
         f"mean speed without load, commanded with {SPEED_IN_USE:g} rad/s",
@@ -179,7 +179,7 @@ class Check:
     """One thing that is right or not.
 
     Attributes:
-        name: key in `CHECKS`.
+        name: key in `CHECK_MEANINGS`.
         verdict: "FAIL" disqualifies the drive, "note" is worth knowing and does not.
         detail: the evidence, in a phrase.
     """
@@ -194,7 +194,7 @@ class Measure:
     """One number.
 
     Attributes:
-        name: key in `MEASURES`.
+        name: key in `MEASURE_DEFINITIONS`.
         value: in the unit of the definition; None: not measurable.
         remark: why not, or what to know about the value.
     """
@@ -207,6 +207,6 @@ class Measure:
 Finding = Check | Measure
 
 
-def judged(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
+def make_check(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
     """A check that is "ok" if `right`, else `otherwise`."""
     return Check(name, "ok" if right else otherwise, detail)

@@ -16,24 +16,24 @@ from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.roles import CONTRACTS, OtherPart, other_part
+from twin.robot.assembly.roles import ROLE_CONTRACTS, ThirdPartyPart, third_party_part
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.metrics.required_series import FIG4, FIG5, MEASURES
-from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
-from twin.studies.qualify.definitions import Check, judged
+from twin.studies.metrics.required_series import FIG4_SERIES, FIG5_SERIES, MEASURE_SERIES
+from twin.studies.qualify.bench import Inputs, PartCalls, call_part, inputs_for, repeats_from_state
+from twin.studies.qualify.definitions import Check, make_check
 from twin.studies.result import Block, Column, Note, Result, Table
 
-VERDICTS = {"ok": "ok", "FAIL": "fails", "note": "note"}
+VERDICT_NAMES = {"ok": "ok", "FAIL": "fails", "note": "note"}
 """What a verdict is called here."""
-ENOUGH = 1000
+MAX_REPEATED_CALLS = 1000
 """Calls of a check that repeats what another one has done."""
-LATE = 20
+MAX_DELAY_SAMPLES = 20
 """Samples within which an output has to answer its inputs."""
 
 
 @dataclass(frozen=True)
-class Checked:
+class PartAssessment:
     """A part that has been on the bench.
 
     Attributes:
@@ -44,20 +44,20 @@ class Checked:
         apart: largest difference to twin's own component on the same inputs, by output, SI; None: not compared.
     """
 
-    part: OtherPart
+    part: ThirdPartyPart
     period: float
     checks: tuple[Check, ...]
     cost: float
-    apart: dict[str, float] | None
+    own_differences: dict[str, float] | None
 
     @property
-    def good(self) -> bool:
+    def fits(self) -> bool:
         return all(check.verdict != "FAIL" for check in self.checks)
 
 
-def checked_part(
-    part: OtherPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
-) -> Checked:
+def assess_part(
+    part: ThirdPartyPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
+) -> PartAssessment:
     """Call `part` at what it would have got in `run`.
 
     Args:
@@ -78,40 +78,40 @@ def checked_part(
         called = f"{first.failure} at t = {bench.inputs.t[n]:.6g} s, call {n + 1}"
     elif n < count:
         called = f"{n} of {count} calls, all outputs finite; the rest would take too long"
-    checks = [judged("calls", not first.failure, called), *_scored(part, bool(experiment.tasks))]
+    checks = [make_check("calls", not first.failure, called), *_scoring_checks(part, bool(experiment.tasks))]
     if not first.failure:
         say("calling it again")
-        inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
+        inputs = bench.inputs.first(min(MAX_REPEATED_CALLS, len(first.rows)))
         again = bench.play(inputs)
-        checks.append(judged("repeatable", *_repeated("a new one", first, again)))
-        checks += [*_of_fmu(bench, inputs, first), _answers(bench, first)]
-    apart = _apart(part, run, bench.inputs, experiment, first.rows) if own else None
-    return Checked(part, bench.inputs.period, tuple(checks), first.cost, apart)
+        checks.append(make_check("repeatable", *_compare_repetition("a new one", first, again)))
+        checks += [*_fmu_checks(bench, inputs, first), _latency_check(bench, first)]
+    apart = _own_differences(part, run, bench.inputs, experiment, first.rows) if own else None
+    return PartAssessment(part, bench.inputs.period, tuple(checks), first.cost, apart)
 
 
 @dataclass(frozen=True)
 class _Bench:
     """Makes a part anew for each check: one that can live only once in a process has been freed then."""
 
-    part: OtherPart
+    part: ThirdPartyPart
     experiment: Experiment
     period: int
     inputs: Inputs
 
-    def made(self) -> "closing[Component]":
+    def make_component(self) -> "closing[Component]":
         return closing(self.part.make(self.experiment.cosim.tick, self.period, self.experiment.duration_ticks))
 
-    def play(self, inputs: Inputs) -> Played:
-        with self.made() as component:
-            return played(component, inputs)
+    def play(self, inputs: Inputs) -> PartCalls:
+        with self.make_component() as component:
+            return call_part(component, inputs)
 
 
-def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
+def _scoring_checks(part: ThirdPartyPart, has_tasks: bool) -> Iterator[Check]:
     """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
     ports = {f"{part.role}.{port.name}" for port in part.outputs}
-    figure, series = ("fig5", FIG5) if has_tasks else ("fig4", FIG4)
+    figure, series = ("fig5", FIG5_SERIES) if has_tasks else ("fig4", FIG4_SERIES)
     missing = [name for name in series if name.startswith(f"{part.role}.") and name not in ports]
-    lost = [name for name, needs in MEASURES.items() if set(missing) & set(needs)]
+    lost = [name for name, needs in MEASURE_SERIES.items() if set(missing) & set(needs)]
     if missing:
         measured = f"twin report cannot score {', '.join(lost)}; " if lost else ""
         names = ", ".join(name.removeprefix(f"{part.role}.") for name in missing)
@@ -119,61 +119,61 @@ def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
         yield Check("scored", "note", detail)
 
 
-def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
+def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Check]:
     """Whether an FMU can be reset, and its state saved and restored, which no run needs."""
     if bench.part.fmu is None:
         return
     if not isinstance(bench.part.fmu, FmuDescription):
         yield Check("reset", "note", "not tried: an SSP has none, and runs and sweeps make it anew each time")
-        yield from _state(bench, inputs)
+        yield from _state_checks(bench, inputs)
         return
-    with bench.made() as component:
+    with bench.make_component() as component:
         inside = component.inner if isinstance(component, Selection) else component
         assert isinstance(inside, FmuComponent)
-        played(component, inputs)
+        call_part(component, inputs)
         try:
             inside.instance.reset()
-            again = played(component, inputs)
-            yield judged("reset", *_repeated("after a reset it", first, again), otherwise="note")
+            again = call_part(component, inputs)
+            yield make_check("reset", *_compare_repetition("after a reset it", first, again), otherwise="note")
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
-    yield from _state(bench, inputs)
+    yield from _state_checks(bench, inputs)
 
 
-def _state(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
+def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
     """Whether it goes on from its state as it did before."""
-    with bench.made() as component:
+    with bench.make_component() as component:
         if lacking := component.lacks_state(portable=False):
             yield Check("state", "note", f"{lacking}; a run does not need it")
             return
         try:
-            same = replayed_from_state(component, inputs)
+            same = repeats_from_state(component, inputs)
             sentence = "set back, it does " + ("the same" if same else "something else")
-            yield judged("state", same, sentence, otherwise="note")
+            yield make_check("state", same, sentence, otherwise="note")
         except TwinError as problem:
             yield Check("state", "note", str(problem))
 
 
-def _answers(bench: _Bench, first: Played) -> Check:
+def _latency_check(bench: _Bench, first: PartCalls) -> Check:
     """When outputs answer inputs: at the sample itself, as twin takes it, or later."""
     if not bench.part.inputs:
         return Check("instant", "ok", "takes no inputs")
-    k = min(len(first.rows) // 2, ENOUGH)
-    rest = bench.inputs.after(k).first(LATE)
-    with bench.made() as component:
-        played(component, bench.inputs.first(k))
-        nudged = played(component, rest.nudged())
+    k = min(len(first.rows) // 2, MAX_REPEATED_CALLS)
+    rest = bench.inputs.skip(k).first(MAX_DELAY_SAMPLES)
+    with bench.make_component() as component:
+        call_part(component, bench.inputs.first(k))
+        nudged = call_part(component, rest.nudge())
     rows = first.rows[k : k + len(nudged.rows)]
     moved = np.flatnonzero(np.any(nudged.rows[: len(rows)] != rows, axis=1))
     if not len(moved):
-        return Check("instant", "note", f"no output answers its inputs within {LATE} samples")
+        return Check("instant", "note", f"no output answers its inputs within {MAX_DELAY_SAMPLES} samples")
     if moved[0] == 0:
         return Check("instant", "ok", "outputs of t_k answer the inputs of t_k")
     late = 1e3 * bench.inputs.period * int(moved[0])
     return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
 
 
-def _repeated(who: str, first: Played, again: Played) -> tuple[bool, str]:
+def _compare_repetition(who: str, first: PartCalls, again: PartCalls) -> tuple[bool, str]:
     """Whether what `who` did `again` is what was done first, and that as a phrase."""
     n = min(len(first.rows), len(again.rows))
     same = not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
@@ -181,8 +181,8 @@ def _repeated(who: str, first: Played, again: Played) -> tuple[bool, str]:
     return same, f"{who} {outcome}"
 
 
-def _apart(
-    part: OtherPart, run: Trace, inputs: Inputs, experiment: Experiment, rows: NDArray[np.float64]
+def _own_differences(
+    part: ThirdPartyPart, run: Trace, inputs: Inputs, experiment: Experiment, rows: NDArray[np.float64]
 ) -> dict[str, float]:
     ticks = np.rint(inputs.t[: len(rows)] / experiment.cosim.tick).astype(int)
     return {
@@ -200,7 +200,7 @@ def part_check(
     Exit code 1: it cannot.
 
     Args:
-        role: which part of the robot, one of `CONTRACTS`.
+        role: which part of the robot, one of `ROLE_CONTRACTS`.
         part: an FMU, a mapping, a folder with one, or FILE:CLASS; None: the one that the experiment names.
         experiment: its file or name; a run of it with twin's own part, or with the one it names, makes the inputs.
         settings: laid over the experiment that has the part; mapping and parameters go here.
@@ -210,20 +210,20 @@ def part_check(
         InputRefused: the part or the experiment cannot be used.
         ComponentFailed: another component failed in the run.
     """
-    if role not in CONTRACTS:
-        raise InputRefused(f"{role}: not a part that can be third-party; these can: {', '.join(CONTRACTS)}")
+    if role not in ROLE_CONTRACTS:
+        raise InputRefused(f"{role}: not a part that can be third-party; these can: {', '.join(ROLE_CONTRACTS)}")
     named = [] if part is None else [f"{role}.{'python' if '.py:' in part else 'fmu'}={_absolute(part)!r}"]
     other = load_experiment(experiment, [*named, *settings])
     if role not in other.stand_ins:
         raise InputRefused(f"{other.name}: its {role} is twin's own; name an FMU, or FILE:CLASS")
-    found = other_part(role, other.stand_ins[role])
+    found = third_party_part(role, other.stand_ins[role])
     say(f"running {other.name}")
     # settings of the part mean nothing to twin's own
     rest = [text for text in settings if not text.startswith(f"{role}.")]
     run = run_in_memory(load_experiment(experiment, rest))
     ticks = {"monitor": other.monitor_ticks, "scale": other.scale_ticks, "body": 1}.get(role, other.controller_ticks)
-    done = checked_part(found, other, ticks, run, part is not None, say)
-    return checked_result(done)
+    done = assess_part(found, other, ticks, run, part is not None, say)
+    return part_result(done)
 
 
 def contracts() -> Result:
@@ -239,9 +239,9 @@ def contracts() -> Result:
             ]
             for side, ports in (("inputs", contract.inputs), ("outputs", contract.outputs))
         }
-        for role, contract in CONTRACTS.items()
+        for role, contract in ROLE_CONTRACTS.items()
     }  # fmt: skip
-    first, *body = [block for role in CONTRACTS for block in (f"[{role}]", _contract(role))]
+    first, *body = [block for role in ROLE_CONTRACTS for block in (f"[{role}]", _contract(role))]
     return Result(first, body, facts)
 
 
@@ -251,22 +251,22 @@ def _absolute(part: str) -> str:
     return f"{Path(file).absolute()}{colon}{name}" if os.path.exists(file) else part
 
 
-def checked_result(done: Checked) -> Result:
+def part_result(done: PartAssessment) -> Result:
     """What was found of a part."""
     part, label = done.part, done.part.label
     units = {port.name: port.unit for port in part.outputs}
     rows = [
-        *((VERDICTS[check.verdict], check.name, check.detail) for check in done.checks),
+        *((VERDICT_NAMES[check.verdict], check.name, check.detail) for check in done.checks),
         ("", "cost", f"{1e6 * done.cost:.2g} us per call"),
-        *(("", name, _difference(apart, units[name])) for name, apart in (done.apart or {}).items()),
+        *(("", name, _difference(apart, units[name])) for name, apart in (done.own_differences or {}).items()),
     ]
     body: list[Block] = [
-        *(Note(text, "  ", 4) for text in part.facts.get("mapped", ())),
+        *(Note(text, "  ", 4) for text in part.metadata.get("mapped", ())),
         Table((Column("", 6, left=True), Column("", 11, left=True), Column(folds=True)), rows),
-        f"{label} {'can take its place' if done.good else 'cannot take its place'} as {part.role}",
+        f"{label} {'can take its place' if done.fits else 'cannot take its place'} as {part.role}",
     ]
     headline = f"{part.role}: {label}, every {1e3 * done.period:g} ms, sha256 {part.sha256[:12]}"
-    return Result(headline, body, component_facts(done), exit_code=0 if done.good else 1)
+    return Result(headline, body, component_facts(done), exit_code=0 if done.fits else 1)
 
 
 def _difference(apart: float, unit: str) -> str:
@@ -275,32 +275,32 @@ def _difference(apart: float, unit: str) -> str:
     return f"at most {apart:.3g}{'' if unit == '1' else f' {unit}'} from twin's own on the same inputs"
 
 
-def component_facts(done: Checked) -> dict[str, object]:
+def component_facts(done: PartAssessment) -> dict[str, object]:
     """For programs, SI."""
     part = done.part
     return {
         "role": part.role,
-        "part": dict(part.facts),
+        "part": dict(part.metadata),
         "period_s": done.period,
         "inputs": [port.name for port in part.inputs],
         "outputs": [port.name for port in part.outputs],
-        "checks": [{"name": c.name, "verdict": VERDICTS[c.verdict], "detail": c.detail} for c in done.checks],
+        "checks": [{"name": c.name, "verdict": VERDICT_NAMES[c.verdict], "detail": c.detail} for c in done.checks],
         "cost_s": done.cost,
-        "largest_difference_to_own": done.apart,
-        "good": done.good,
+        "largest_difference_to_own": done.own_differences,
+        "good": done.fits,
     }
 
 
 def _contract(role: str) -> Table:
     """A part and its ports."""
-    contract = CONTRACTS[role]
+    contract = ROLE_CONTRACTS[role]
     rows = [
-        (arrow, _sized(port), port.unit, port.meaning + " (needed)" * (port.name in needed))
+        (arrow, _port_text(port), port.unit, port.meaning + " (needed)" * (port.name in needed))
         for arrow, ports, needed in (("<-", contract.inputs, ()), ("->", contract.outputs, contract.required))
         for port in ports
     ]
     return Table((Column(left=True), Column("", 12, left=True), Column("", 6, left=True), Column(folds=True)), rows)
 
 
-def _sized(port: Port) -> str:
+def _port_text(port: Port) -> str:
     return port.name if port.size == 1 else f"{port.name}[{port.size}]"

@@ -13,30 +13,30 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.kernel.errors import InputRefused, visible
+from twin.kernel.atomic_write import make_folder, write_bytes, write_text
+from twin.kernel.errors import InputRefused, escape_controls
 from twin.kernel.files import open_regular
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.variable import Variable
 from twin.kernel.ssp.package import Package, read_package
-from twin.kernel.ssp.structure import NONE, Connection, SspComponent
-from twin.kernel.writing import made_folder, write_bytes, write_text
-from twin.robot.assembly.drives import qualified
-from twin.robot.drive.contract import COMMANDS, Command, Role, contract
+from twin.kernel.ssp.structure import IDENTITY_TRANSFORMATION, Connection, SspComponent
+from twin.robot.assembly.drives import qualified_name
+from twin.robot.drive.contract import COMMAND_ROLES, Command, Role, drive_roles
 from twin.robot.drive.mapping import (
-    Choice,
+    RoleChoice,
     Wiring,
     bindings,
     candidates,
-    choice,
-    joins,
+    choose_variables,
     likely_command,
-    objection,
-    score,
+    name_score,
+    propose_wires,
+    wire_error,
 )
-from twin.robot.experiment.drive_files import MAPPING, lone_drive
-from twin.robot.places import CARRIED
+from twin.robot.experiment.drive_files import MAPPING_FILE, load_drive
+from twin.robot.paths import WHEEL_FOLDER
 
-LOOP = """
+LOOP_TEMPLATE = """
 [velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #
 # kp = 0.1                # {unit} per rad/s
 # ki = 1.0                # {unit} per rad
@@ -50,22 +50,22 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
     It pins the FMU by its hash.
     """
-    command, found, sure = understood(description.path.name, description.variables)
+    command, found, sure = interpret_variables(description.path.name, description.variables)
     head = [
-        f"# How the drive contract's roles are filled by {visible(description.path.name)}, in its own names and units.",
-        f"fmu = {quoted(description.path.name)}",
+        f"# How the drive contract's roles are filled by {escape_controls(description.path.name)}, in its own names and units.",
+        f"fmu = {toml_string(description.path.name)}",
         f'sha256 = "{description.sha256}"',
         *_command_lines(command, sure),
     ]
     text = "\n".join(head) + "\n" + roles_text(description.variables, found, command)
     if command not in ("velocity", "position"):
-        text += LOOP.format(unit=COMMANDS[command].port.unit)
+        text += LOOP_TEMPLATE.format(unit=COMMAND_ROLES[command].port.unit)
     return text, sure and command in ("velocity", "position")
 
 
 def _command_lines(command: Command, sure: bool) -> list[str]:
     """What a drive is commanded with, and which way and how far its shaft turns."""
-    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
+    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMAND_ROLES if other != command)
     return [
         f'command = "{command}"{doubt}',
         "sign = 1                  # -1 if it turns the other way: twin drive check shows it",
@@ -73,7 +73,7 @@ def _command_lines(command: Command, sure: bool) -> list[str]:
     ]
 
 
-def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, Choice, bool]:
+def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[Command, RoleChoice, bool]:
     """(what a drive is commanded with, who plays which role, whether nothing is in doubt).
 
     Args:
@@ -81,13 +81,13 @@ def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, C
         variables: by the name the user knows them by.
     """
     fitting: list[Command] = []
-    for command in COMMANDS:
+    for command in COMMAND_ROLES:
         with suppress(InputRefused):
             bindings(file, variables, Wiring(command))
             found = _choice(file, variables, command)
-            name = found.chosen[COMMANDS[command].port.name]
+            name = found.chosen[COMMAND_ROLES[command].port.name]
             # a lone torque beside a voltage may be another load
-            if score(name, variables[name], COMMANDS[command]) > 0:
+            if name_score(name, variables[name], COMMAND_ROLES[command]) > 0:
                 return command, found, True
             fitting.append(command)
     if fitting:
@@ -96,16 +96,16 @@ def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, C
     return command, _choice(file, variables, command), False
 
 
-def roles_text(variables: Mapping[str, Variable], found: Choice, command: Command) -> str:
+def roles_text(variables: Mapping[str, Variable], found: RoleChoice, command: Command) -> str:
     """The tables [inputs] and [outputs]."""
-    return "".join(_table(variables, found, contract(command), side) for side in ("input", "output"))
+    return "".join(_table(variables, found, drive_roles(command), side) for side in ("input", "output"))
 
 
-def _choice(file: str, variables: Mapping[str, Variable], command: Command) -> Choice:
-    return choice(file, variables, Wiring(command), contract(command))
+def _choice(file: str, variables: Mapping[str, Variable], command: Command) -> RoleChoice:
+    return choose_variables(file, variables, Wiring(command), drive_roles(command))
 
 
-def _table(variables: Mapping[str, Variable], found: Choice, roles: Sequence[Role], side: str) -> str:
+def _table(variables: Mapping[str, Variable], found: RoleChoice, roles: Sequence[Role], side: str) -> str:
     lines = ["", f"[{side}s]"]
     for role in roles:
         if role.causality == side:
@@ -114,7 +114,7 @@ def _table(variables: Mapping[str, Variable], found: Choice, roles: Sequence[Rol
     return "\n".join(lines) + "\n"
 
 
-def _doubtful_lines(variables: Mapping[str, Variable], found: Choice, role: Role) -> list[str]:
+def _doubtful_lines(variables: Mapping[str, Variable], found: RoleChoice, role: Role) -> list[str]:
     """The only candidate as it is, several as comments; optional roles not at all."""
     if not role.required:
         return []
@@ -126,15 +126,15 @@ def _doubtful_lines(variables: Mapping[str, Variable], found: Choice, role: Role
 
 def _line(role: Role, name: str, variable: Variable) -> str:
     text = " ".join(filter(None, (f"[{variable.unit or 'no unit'}]", *variable.description.split())))
-    return f"{role.port.name} = {quoted(name)}   # {visible(text)}"
+    return f"{role.port.name} = {toml_string(name)}   # {escape_controls(text)}"
 
 
-def quoted(name: str) -> str:
+def toml_string(name: str) -> str:
     """A name as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 
-MOST = 20
+MAX_UNFED_INPUTS = 20
 """The most unconnected inputs in the list."""
 
 
@@ -165,22 +165,22 @@ def parts_proposal(
         folder: where the file will stand.
         connections: the known connections; None: proposed.
     """
-    variables = {qualified(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
+    variables = {qualified_name(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
     if connections is None:
-        wires = [(join.target, join.source, "" if join.sure else "perhaps") for join in joins(variables)]
+        wires = [(join.target, join.source, "" if join.sure else "perhaps") for join in propose_wires(variables)]
     else:
-        wires = _given(variables, connections)
+        wires = _wire_remarks(variables, connections)
     wired = [target for target, _, remark in wires if not remark]
     free = {name: v for name, v in variables.items() if name not in wired}
     label = " + ".join(fmu.path.name for fmu in parts.values())
-    command, found, sure = understood(label, free)
+    command, found, sure = interpret_variables(label, free)
     lines = [
-        f"# How {visible(label)} make one drive, in their own names and units.",
+        f"# How {escape_controls(label)} make one drive, in their own names and units.",
         *_command_lines(command, sure),
     ]
     for part, fmu in parts.items():
         file = Path(os.path.relpath(fmu.path.absolute(), folder.absolute())).as_posix()
-        lines += ["", f"[parts.{part}]", f"fmu = {quoted(file)}", f'sha256 = "{fmu.sha256}"']
+        lines += ["", f"[parts.{part}]", f"fmu = {toml_string(file)}", f'sha256 = "{fmu.sha256}"']
     lines += ["", "[wires]                   # input = output"]
     lines += [_wire_line(variables, *wire) for wire in wires]
     lines.append(roles_text(free, found, command))
@@ -188,19 +188,19 @@ def parts_proposal(
     unfed = [name for name, v in free.items() if v.causality == "input" and v.kind >= 0 and name not in roles]
     if unfed:
         lines.append("# Not fed, so they keep their start values, or what [parts.NAME.parameters] says:")
-        lines += [visible(f"#   {name} = {free[name].start:g}") for name in unfed[:MOST]]
-        lines += [f"#   and {len(unfed) - MOST} more"] if len(unfed) > MOST else []
+        lines += [escape_controls(f"#   {name} = {free[name].start:g}") for name in unfed[:MAX_UNFED_INPUTS]]
+        lines += [f"#   and {len(unfed) - MAX_UNFED_INPUTS} more"] if len(unfed) > MAX_UNFED_INPUTS else []
     if command != "velocity":
-        lines.append(LOOP.format(unit=COMMANDS[command].port.unit))
+        lines.append(LOOP_TEMPLATE.format(unit=COMMAND_ROLES[command].port.unit))
     doubtful = any(remark for _, _, remark in wires)
     return "\n".join(lines).rstrip("\n") + "\n", sure and command == "velocity" and not doubtful
 
 
-def _given(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
+def _wire_remarks(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
     """(input, output, why it is left out) of each connection."""
     wires: list[tuple[str, str, str]] = []
     for source, target, remark in connections:
-        remark = remark or objection(variables, source, target)
+        remark = remark or wire_error(variables, source, target)
         if not remark and target in [wired for wired, _, doubt in wires if not doubt]:
             remark = "it is wired already"
         wires.append((target, source, remark))
@@ -211,29 +211,29 @@ def _wire_line(variables: Mapping[str, Variable], target: str, source: str, rema
     units = " <- ".join(
         f"[{variables[end].unit or 'no unit'}]" if end in variables else "?" for end in (target, source)
     )
-    comment = visible(f"{units}{', ' if remark else ''}{remark}")
-    return f"{'# ' if remark else ''}{quoted(target)} = {quoted(source)}   # {comment}"
+    comment = escape_controls(f"{units}{', ' if remark else ''}{remark}")
+    return f"{'# ' if remark else ''}{toml_string(target)} = {toml_string(source)}   # {comment}"
 
 
-MOST_PARTS = 50
+MAX_PARTS = 50
 """Of a drive."""
 
 
-class Begun(NamedTuple):
+class NewMapping(NamedTuple):
     """A mapping that has been written, and whether it is complete as it is."""
 
     mapping: Path
     complete: bool
 
 
-def begun(named: Sequence[str], start: Path) -> Begun:
+def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
     """Write the mapping of an FMU, of several that make one drive, or of the system in an SSP archive.
 
     It stands beside the first FMU; what is in an SSP is put into a folder of its name beside it. Of a drive that an
     installed twin carries a copy is put into a folder of its name here.
 
     Args:
-        named: FMUs, as `lone_drive` takes them, or one SSP.
+        named: FMUs, as `load_drive` takes them, or one SSP.
         start: folder from which names are looked up.
 
     Raises:
@@ -246,44 +246,44 @@ def begun(named: Sequence[str], start: Path) -> Begun:
         return _from_system(Path(named[0]))
     files = []
     for name in named:
-        file = lone_drive(name, start).fmu
+        file = load_drive(name, start).fmu
         if file is None:
             raise InputRefused(f"{name}: is made of several FMUs already; name .fmu files")
-        files.append(_own(Path(file)))
+        files.append(_own_copy(Path(file)))
     folder = files[0].parent
-    mapping = _unwritten(folder)
+    mapping = _new_mapping_path(folder)
     if len(files) == 1:
         text, complete = proposal(described(files[0]))
     else:
         parts = dict(zip(part_names(files), map(described, files), strict=True))
         text, complete = parts_proposal(parts, folder)
     write_text(mapping, text)
-    return Begun(mapping, complete)
+    return NewMapping(mapping, complete)
 
 
-def _from_system(file: Path) -> Begun:
+def _from_system(file: Path) -> NewMapping:
     package = read_package(file)
     entries = _fmu_entries(package)
     folder = file.with_suffix("")
-    mapping = _unwritten(folder)
-    made_folder(folder)
+    mapping = _new_mapping_path(folder)
+    make_folder(folder)
     names = dict(zip(entries, part_names(Path(part) for part in entries), strict=True))
     parts = {}
     for part, entry in entries.items():
         fmu = folder / f"{names[part]}.fmu"
-        _put(fmu, package.content(entry))
+        _write_fmu(fmu, package.content(entry))
         parts[names[part]] = described(fmu)
     wires = [wire for one in package.structure.system.connections if (wire := _known_wire(one, names))]
     text, complete = parts_proposal(parts, folder, wires)
     write_text(mapping, text)
-    return Begun(mapping, complete)
+    return NewMapping(mapping, complete)
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:
     """FMUs' entries in the archive, by part."""
     found = package.structure.system.elements
-    if not found or len(found) > MOST_PARTS:
-        raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MOST_PARTS}")
+    if not found or len(found) > MAX_PARTS:
+        raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MAX_PARTS}")
     entries = {}
     for part in found:
         source = part.source if isinstance(part, SspComponent) else ""
@@ -301,12 +301,14 @@ def _known_wire(connection: Connection, names: dict[str, str]) -> KnownWire | No
     ends = connection.start, connection.end
     if not all(end.element for end in ends):
         return None
-    scaled = connection.transformation.table or "LinearTransformation" * (connection.transformation != NONE)
+    scaled = connection.transformation.table or "LinearTransformation" * (
+        connection.transformation != IDENTITY_TRANSFORMATION
+    )
     source, target = (f"{names.get(end.element, end.element)}.{end.connector}" for end in ends)
     return KnownWire(source, target, f"it has a {scaled}" if scaled else "")
 
 
-def _put(fmu: Path, content: bytes) -> None:
+def _write_fmu(fmu: Path, content: bytes) -> None:
     if os.path.lexists(fmu):
         with open_regular(fmu, max(1, len(content))) as there:
             if there.read() == content:
@@ -315,20 +317,20 @@ def _put(fmu: Path, content: bytes) -> None:
     write_bytes(fmu, content)
 
 
-def _own(fmu: Path) -> Path:
+def _own_copy(fmu: Path) -> Path:
     """`fmu`, or a copy of it in the current folder if it is part of an installation, which is not to be changed."""
-    if not fmu.is_relative_to(CARRIED):
+    if not fmu.is_relative_to(WHEEL_FOLDER):
         return fmu
     copy = Path.cwd() / fmu.stem / fmu.name
-    _unwritten(copy.parent)
-    made_folder(copy.parent)
-    _put(copy, fmu.read_bytes())
+    _new_mapping_path(copy.parent)
+    make_folder(copy.parent)
+    _write_fmu(copy, fmu.read_bytes())
     return copy
 
 
-def _unwritten(folder: Path) -> Path:
+def _new_mapping_path(folder: Path) -> Path:
     """The mapping in `folder`, which is not there yet."""
-    mapping = Path(os.path.relpath(folder / MAPPING))
+    mapping = Path(os.path.relpath(folder / MAPPING_FILE))
     if os.path.lexists(mapping):
         raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
     return mapping

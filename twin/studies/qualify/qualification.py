@@ -8,48 +8,48 @@ from typing import Any, TypeVar
 import numpy as np
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.fmi.component import distrust, instances_left, opened
+from twin.kernel.fmi.component import defer_release, mark_stateless, open_instance
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.variable import Setting, Setup, Variable
-from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 from twin.kernel.process.reporter import Reporter
-from twin.robot.assembly.drives import DrivePlan, belongs, planned
-from twin.robot.drive.contract import LOAD
+from twin.robot.assembly.drives import DrivePlan, belongs, plan_drive
+from twin.robot.drive.contract import LOAD_ROLE
 from twin.robot.experiment.schema import Drive
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify import motion
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (
-    AVERAGE,
-    CHECKS,
-    DROOP_MOST,
+    AVERAGE_TIME,
+    CHECK_MEANINGS,
     LOAD_IN_USE,
-    LOADED,
-    MEASURES,
-    OFF,
+    LOAD_TIME,
+    MAX_DROOP,
+    MEASURE_DEFINITIONS,
     SPEED_IN_USE,
-    STALLS,
+    STALL_RANGE,
     TICK,
+    UNIT_ERROR_FACTOR,
     Check,
     Finding,
     Measure,
-    judged,
+    make_check,
     work_cycle,
 )
 from twin.studies.qualify.motion import overload
 
-AT_ONCE = 1e4
+STEP_LOAD_RATE = 1e4
 """Rate of a load applied almost at once (N m/s)."""
-JOB = "twin.studies.qualify.qualification:examined"
-TICKS, LONGER = 50, 500
+CHECK_JOB = "twin.studies.qualify.qualification:check_fields"
+EXERCISE_TICKS, STATE_TICKS = 50, 500
 """Long enough for every sampled loop inside to have come round; and how long a state is looked at."""
-SETUP = Setup(stop=(TICKS + LONGER) * TICK, step=TICK)
-SHARE_OF_LIMIT = 0.1
+CHECK_SETUP = Setup(stop=(EXERCISE_TICKS + STATE_TICKS) * TICK, step=TICK)
+COMMAND_SHARE = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
 OTHER_FUTURE = "it goes on differently from a restored state; twin treats it as without a state"
-WRITTEN = "written"
-ELSEWHERE = "twin.studies.qualify.qualification:gone_on"
+WRITTEN_CHECK = "written"
+CONTINUE_JOB = "twin.studies.qualify.qualification:continue_from_state"
 T = TypeVar("T")
 
 
@@ -65,32 +65,34 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
     """
-    names = (*TRIED, WRITTEN)
-    return [_apart(plan, name) if apart else _bookkeeping_check(name, plan) for name in names]
+    names = (*CHECK_FUNCTIONS, WRITTEN_CHECK)
+    return [_isolate_check(plan, name) if apart else _bookkeeping_check(name, plan) for name in names]
 
 
-def examined(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
+def check_fields(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
     """Fields of a check of the drive of `table`; a job of the guard."""
-    return asdict(_bookkeeping_check(name, planned(table)))
+    return asdict(_bookkeeping_check(name, plan_drive(table)))
 
 
-def _apart(plan: DrivePlan, name: str) -> Check:
+def _isolate_check(plan: DrivePlan, name: str) -> Check:
     try:
-        return Check(**guarded(JOB, {"table": plan.table, "name": name}))
-    except (JobEnded, JobEndedLoading) as failure:
-        return judged(name, False, str(failure), otherwise="note")
+        return Check(**run_guarded(CHECK_JOB, {"table": plan.table, "name": name}))
+    except (JobFailure, JobLoadFailure) as failure:
+        return make_check(name, False, str(failure), otherwise="note")
 
 
 def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
     problems, found = [], dict[str, str]()
     for part, description in plan.parts.items():
-        inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
-        instance = opened(part or "drive", description, plan.folder(part), plan.settings[part], inputs, SETUP)
+        inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
+        instance = open_instance(
+            part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP
+        )
         try:
-            if name == WRITTEN:
-                problem = _written(plan, part, instance, inputs, outputs)
+            if name == WRITTEN_CHECK:
+                problem = _serialization_problem(plan, part, instance, inputs, outputs)
             else:
-                problem = TRIED[name](instance, inputs, outputs)
+                problem = CHECK_FUNCTIONS[name](instance, inputs, outputs)
             if name != "reset" and problem in ("", OTHER_FUTURE):
                 found[description.sha256] = found.get(description.sha256, "") or problem
         except TwinError as refusal:
@@ -101,78 +103,85 @@ def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
             problems.append(f"{part}: {problem}" if part else problem)
     for sha256, problem in found.items():
         if problem or name == "state":
-            distrust(sha256, problem)
-    return judged(name, not problems, "; ".join(problems) or "bit for bit", otherwise="note")
+            mark_stateless(sha256, problem)
+    return make_check(name, not problems, "; ".join(problems) or "bit for bit", otherwise="note")
 
 
-def _reset(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+def _reset_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
     """What is wrong with its reset; empty if nothing is."""
-    first = _exercised(instance, inputs, outputs)
+    first = _exercise(instance, inputs, outputs)
     instance.reset()
-    return "" if np.array_equal(first, _exercised(instance, inputs, outputs)) else "a run after reset is another one"
+    return "" if np.array_equal(first, _exercise(instance, inputs, outputs)) else "a run after reset is another one"
 
 
-def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+def _state_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
     """What is wrong with saving and restoring its state; empty if nothing is."""
     if not instance.description.interface.canGetAndSetFMUstate:
         return "not offered"
-    _exercised(instance, inputs, outputs)
-    state, schedule = instance.taken_state(), [array.copy() for array in instance.schedule]
-    onward = _exercised(instance, inputs, outputs, TICKS, LONGER)
-    instance.set_state(state)
-    instance.forget(state.value)
+    _exercise(instance, inputs, outputs)
+    state, schedule = instance.save_state(), [array.copy() for array in instance.schedule]
+    onward = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS)
+    instance.restore_state(state)
+    instance.free_state(state.value)
     for array, saved in zip(instance.schedule, schedule, strict=True):
         array[...] = saved
-    again = _exercised(instance, inputs, outputs, TICKS, LONGER)
+    again = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS)
     return "" if np.array_equal(onward, again) else OTHER_FUTURE
 
 
-TRIED: dict[str, Callable[[Instance, list[Setting], list[Variable]], str]] = {"reset": _reset, "state": _state}
+CHECK_FUNCTIONS: dict[str, Callable[[Instance, list[Setting], list[Variable]], str]] = {
+    "reset": _reset_problem,
+    "state": _state_problem,
+}
 
 
-def _written(plan: DrivePlan, part: str, instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+def _serialization_problem(
+    plan: DrivePlan, part: str, instance: Instance, inputs: list[Setting], outputs: list[Variable]
+) -> str:
     """What is wrong with its state in another process; empty if nothing is."""
     if not instance.description.interface.canSerializeFMUstate:
         return "not offered"
     if instance.description.kind == "model_exchange":
         return "not tried: its solver holds a part of the state"
-    _exercised(instance, inputs, outputs)
-    state = instance.taken_state()
-    content = instance.serialized(state)
-    instance.forget(state.value)
+    _exercise(instance, inputs, outputs)
+    state = instance.save_state()
+    content = instance.serialize_state(state)
+    instance.free_state(state.value)
     schedule = [array.tobytes() for array in instance.schedule]
-    onward = _exercised(instance, inputs, outputs, TICKS, LONGER)
-    again = guarded(ELSEWHERE, {"table": plan.table, "part": part, "content": content, "schedule": schedule})
+    onward = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS)
+    again = run_guarded(CONTINUE_JOB, {"table": plan.table, "part": part, "content": content, "schedule": schedule})
     return "" if np.array_equal(onward, again) else OTHER_FUTURE
 
 
-def gone_on(reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]) -> list[list[float]]:
+def continue_from_state(
+    reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]
+) -> list[list[float]]:
     """Rows of an FMU that goes on from a state that another process has written down; a job of the guard."""
-    plan = planned(table)
+    plan = plan_drive(table)
     description = plan.parts[part]
-    inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
-    instance = opened(part or "drive", description, plan.folder(part), plan.settings[part], inputs, SETUP)
+    inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
+    instance = open_instance(part or "drive", description, plan.folder(part), plan.settings[part], inputs, CHECK_SETUP)
     try:
-        state = instance.deserialized(content)
-        instance.set_state(state)
-        instance.forget(state.value)
+        state = instance.deserialize_state(content)
+        instance.restore_state(state)
+        instance.free_state(state.value)
         for array, saved in zip(instance.schedule, schedule, strict=True):
             array[...] = np.frombuffer(saved, dtype=array.dtype)
-        rows: list[list[float]] = _exercised(instance, inputs, outputs, TICKS, LONGER).tolist()
+        rows: list[list[float]] = _exercise(instance, inputs, outputs, EXERCISE_TICKS, STATE_TICKS).tolist()
         return rows
     finally:
         instance.close()
 
 
-def _exercised(
-    instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0, count: int = TICKS
+def _exercise(
+    instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0, count: int = EXERCISE_TICKS
 ) -> np.ndarray:
     """Outputs (ticks, values) over `count` steps from tick `first` on."""
     rows = []
     for k in range(first, first + count):
         instance.write(inputs)
         instance.advance(k * TICK, TICK)
-        rows.append(instance.read(outputs))
+        rows.append(instance.read_floats(outputs))
     return np.array(rows)
 
 
@@ -182,7 +191,7 @@ def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
     wanted = {
         "omega_ref": SPEED_IN_USE,
         "tau_load": LOAD_IN_USE,
-        "command": SHARE_OF_LIMIT * loop.limit if loop else 0.0,
+        "command": COMMAND_SHARE * loop.limit if loop else 0.0,
     }
     return [
         (b.variable, (wanted[b.port.name] - b.offset) / b.gain)
@@ -191,11 +200,11 @@ def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
     ]
 
 
-def _watched(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
+def _readable_outputs(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
     """The outputs of `part`, and whatever else of it plays a role."""
     roles = [b.variable for b in plan.bindings if b.role.causality == "output" and belongs(part, b.name)]
     # what a clock updates can only be read while that ticks
-    return [v for v in {v.name: v for v in (*roles, *description.offered("output"))}.values() if not v.clocks]
+    return [v for v in {v.name: v for v in (*roles, *description.variables_of("output"))}.values() if not v.clocks]
 
 
 @dataclass(frozen=True)
@@ -220,7 +229,7 @@ class Qualification:
 
     Attributes:
         plan: the drive.
-        checks, measures: all of `definitions.CHECKS` that could be made, and all of `definitions.MEASURES`.
+        checks, measures: all of `definitions.CHECK_MEANINGS` that could be made, and all of `definitions.MEASURE_DEFINITIONS`.
         curves: behind them.
         doubts: sentences on measures that suggest another unit of the load.
     """
@@ -232,7 +241,7 @@ class Qualification:
     doubts: tuple[str, ...] = ()
 
     @property
-    def failed(self) -> tuple[str, ...]:
+    def failed_checks(self) -> tuple[str, ...]:
         """Names of the checks that disqualify the drive."""
         return tuple(check.name for check in self.checks if check.verdict == "FAIL")
 
@@ -240,13 +249,13 @@ class Qualification:
         """Of the measure `name`; None: not measurable."""
         return next(measure.value for measure in self.measures if measure.name == name)
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, for JSON; SI units."""
         return {
             "drive": self.plan.label,
             **({"sha256": self.plan.system.sha256} if self.plan.system else {}),
-            "qualified": not self.failed,
-            "failed": list(self.failed),
+            "qualified": not self.failed_checks,
+            "failed": list(self.failed_checks),
             "command": self.plan.table.command,
             "fmus": [
                 {
@@ -261,18 +270,22 @@ class Qualification:
                 for part, fmu in self.plan.parts.items()
             ],
             "checks": {
-                check.name: {"verdict": check.verdict, "detail": check.detail, "meaning": CHECKS[check.name]}
+                check.name: {"verdict": check.verdict, "detail": check.detail, "meaning": CHECK_MEANINGS[check.name]}
                 for check in self.checks
             },
             "measures": {
-                measure.name: {"value": measure.value, "remark": measure.remark, **MEASURES[measure.name]._asdict()}
+                measure.name: {
+                    "value": measure.value,
+                    "remark": measure.remark,
+                    **MEASURE_DEFINITIONS[measure.name]._asdict(),
+                }
                 for measure in self.measures
             },
             "warnings": [*self.plan.warnings(), *self.doubts],
         }
 
 
-def qualified(table: Drive, apart: bool = False) -> Qualification:
+def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
     """Run a drive through the whole qualification, in this process: an FMU that crashes takes the process with it.
 
     Args:
@@ -283,25 +296,25 @@ def qualified(table: Drive, apart: bool = False) -> Qualification:
     Raises:
         InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or it does not load.
     """
-    plan, attempts = planned(table), Attempts()
-    with instances_left() if apart else nullcontext():
-        cycle = attempts.made(lambda: response(plan, *work_cycle()))
+    plan, attempts = plan_drive(table), Attempts()
+    with defer_release() if apart else nullcontext():
+        cycle = attempts.attempt(lambda: response(plan, *work_cycle()))
         if cycle is None:
-            return _judged(plan, attempts, BenchCurves())
-        swept = attempts.made(lambda: motion.frequency_response(plan))
-        stalled = attempts.made(lambda: overload(plan))
-        attempts.found(lambda: motion.direction_findings(plan, cycle))
-        attempts.found(lambda: motion.load_findings(plan, cycle))
-        attempts.found(lambda: motion.repetition_findings(plan, cycle))
-        attempts.found(lambda: lifecycle_findings(plan, apart))
-        attempts.found(lambda: [*motion.step_findings(cycle), motion.step_error(plan, cycle)])
+            return _qualification(plan, attempts, BenchCurves())
+        swept = attempts.attempt(lambda: motion.frequency_response(plan))
+        stalled = attempts.attempt(lambda: overload(plan))
+        attempts.collect(lambda: motion.direction_findings(plan, cycle))
+        attempts.collect(lambda: motion.load_findings(plan, cycle))
+        attempts.collect(lambda: motion.repetition_findings(plan, cycle))
+        attempts.collect(lambda: lifecycle_findings(plan, apart))
+        attempts.collect(lambda: [*motion.step_findings(cycle), motion.step_error(plan, cycle)])
         if swept:
-            steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
+            steady_gain = cycle.mean_speed(LOAD_TIME - AVERAGE_TIME, LOAD_TIME) / SPEED_IN_USE
             attempts.findings.append(motion.bandwidth(*swept, steady_gain))
         if stalled:
-            attempts.found(lambda: [motion.stall_torque(plan, stalled)])
-        done = _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
-        return replace(done, doubts=tuple(attempts.made(lambda: list(_unit_doubts(done))) or ()))
+            attempts.collect(lambda: [motion.stall_torque(plan, stalled)])
+        done = _qualification(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
+        return replace(done, doubts=tuple(attempts.attempt(lambda: list(_unit_doubts(done))) or ()))
 
 
 def _unit_doubts(done: Qualification) -> Iterator[str]:
@@ -310,20 +323,20 @@ def _unit_doubts(done: Qualification) -> Iterator[str]:
     Raises:
         ComponentFailed: the drive failed under a load that was held.
     """
-    load = next((b for b in done.plan.bindings if b.port.name == LOAD.port.name), None)
+    load = next((b for b in done.plan.bindings if b.port.name == LOAD_ROLE.port.name), None)
     if load is None:
         return
     unit = f"in {load.variable.unit}" if load.variable.unit else "without a unit"
-    cure = f'; if it is in N mm, map {LOAD.port.name} = "{load.mapped_name}[N.mm]"'
+    cure = f'; if it is in N mm, map {LOAD_ROLE.port.name} = "{load.mapped_name}[N.mm]"'
     droop, stall = done.value("droop"), done.value("stall_torque")
-    if droop is not None and abs(droop) > OFF * DROOP_MOST:
-        most = f"of the drives of fmus/ at most {DROOP_MOST:g}"
+    if droop is not None and abs(droop) > UNIT_ERROR_FACTOR * MAX_DROOP:
+        most = f"of the drives of fmus/ at most {MAX_DROOP:g}"
         yield f"its droop is {droop:.3g} rad/s per N m, {most}; its load is {unit}{cure}"
-    if stall is not None and stall < STALLS[0] / OFF:
-        yield f"it stalls at {stall:.3g} N m, the drives of fmus/ from {STALLS[0]:g} N m on; its load is {unit}{cure}"
-    heavy, known = OFF * STALLS[1], done.curves.overload is not None and not load.variable.unit
-    if stall is None and known and motion.carried(done.plan, heavy, AT_ONCE):
-        most = f"the drives of fmus/ stall by {STALLS[1]:g} N m"
+    if stall is not None and stall < STALL_RANGE[0] / UNIT_ERROR_FACTOR:
+        yield f"it stalls at {stall:.3g} N m, the drives of fmus/ from {STALL_RANGE[0]:g} N m on; its load is {unit}{cure}"
+    heavy, known = UNIT_ERROR_FACTOR * STALL_RANGE[1], done.curves.overload is not None and not load.variable.unit
+    if stall is None and known and motion.carries_load(done.plan, heavy, STEP_LOAD_RATE):
+        most = f"the drives of fmus/ stall by {STALL_RANGE[1]:g} N m"
         yield f"it turns against {heavy:g} N m, {most}; its load is {unit}{cure}"
 
 
@@ -334,7 +347,7 @@ class Attempts:
         self.findings: list[Finding] = []
         self.failures: list[str] = []
 
-    def made(self, run: Callable[[], T]) -> T | None:
+    def attempt(self, run: Callable[[], T]) -> T | None:
         """What `run` returns; None, and a failure kept, if the drive failed in it."""
         try:
             return run()
@@ -342,12 +355,12 @@ class Attempts:
             self.failures.append(str(failure))
             return None
 
-    def found(self, examination: Callable[[], Sequence[Finding]]) -> None:
+    def collect(self, examination: Callable[[], Sequence[Finding]]) -> None:
         """Keep what `examination` finds."""
-        self.findings += self.made(examination) or ()
+        self.findings += self.attempt(examination) or ()
 
 
-def _judged(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
+def _qualification(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
     """Everything in the order of the definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
@@ -358,8 +371,8 @@ def _judged(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualifi
         *attempts.findings,
     ]
     found = {finding.name: finding for finding in findings}
-    checks = [found[name] for name in CHECKS if name in found]
-    measures = [found.get(name, Measure(name, None, "the drive failed before")) for name in MEASURES]
+    checks = [found[name] for name in CHECK_MEANINGS if name in found]
+    measures = [found.get(name, Measure(name, None, "the drive failed before")) for name in MEASURE_DEFINITIONS]
     return Qualification(
         plan=plan,
         checks=tuple(c for c in checks if isinstance(c, Check)),

@@ -23,16 +23,16 @@ from twin.studies.command import (
     Option,
     Say,
     Settings,
-    answer_apart,
+    run_isolated,
     study,
 )
-from twin.studies.first_look import find_experiments
+from twin.studies.precheck import find_experiments
 from twin.studies.result import Block, Note, Result
 
 if TYPE_CHECKING:
     from twin.robot.experiment.schema import Drive
 
-FIG4 = Path("fig4_force_position")
+FIG4_EXPERIMENT = Path("fig4_force_position")
 
 
 @study("drive info")
@@ -54,18 +54,18 @@ def drive_info(
     Raises:
         InputRefused: it does not.
     """
-    from twin.robot.assembly.drives import fmus, planned
-    from twin.robot.drive.mapping import RolesUnclear
-    from twin.robot.experiment.drive_files import lone_drive
+    from twin.robot.assembly.drives import fmus, plan_drive
+    from twin.robot.drive.mapping import AmbiguousRoles
+    from twin.robot.experiment.drive_files import load_drive
     from twin.studies.qualify.bench import variables_facts, variables_text
-    from twin.studies.qualify.shelf import drive_facts, drive_text
+    from twin.studies.qualify.drive_list import drive_facts, drive_text
 
-    table = lone_drive(fmu, Path.cwd())
+    table = load_drive(fmu, Path.cwd())
     if compiled:
         _build(table)
     try:
-        plan = planned(table)
-    except RolesUnclear:
+        plan = plan_drive(table)
+    except AmbiguousRoles:
         parts = fmus(table)
         yield Answer(variables_text(parts), {"variables": variables_facts(parts)})
         raise
@@ -83,10 +83,10 @@ def drive_list() -> Answer:
     Raises:
         InputRefused: there is no fmus/.
     """
-    from twin.studies.qualify.shelf import shelf_text, shelved_drives
+    from twin.studies.qualify.drive_list import drives_text, listed_drives
 
-    drives = shelved_drives(Path.cwd())
-    return Answer(shelf_text(drives), [shelved._asdict() for shelved in drives])
+    drives = listed_drives(Path.cwd())
+    return Answer(drives_text(drives), [shelved._asdict() for shelved in drives])
 
 
 @study("drive new", json=False)
@@ -107,11 +107,11 @@ def drive_new(
     Example: twin drive new fmus/stepper/stepper.fmu
 
     Raises:
-        InputRefused, NotWritten: see `begun`.
+        InputRefused, NotWritten: see `write_mapping`.
     """
-    from twin.studies.qualify.proposal import begun
+    from twin.studies.qualify.proposal import write_mapping
 
-    mapping, complete = begun(fmus, Path.cwd())
+    mapping, complete = write_mapping(fmus, Path.cwd())
     sentences = "complete" if complete else "NOT complete: remove the # from one line of each choice"
     text = f"{mapping}\n{sentences}\nthen: {shlex.join(['twin', 'drive', 'check', str(mapping)])}"
     return Answer(text, {"mapping": str(mapping), "complete": complete})
@@ -146,10 +146,10 @@ def drive_check(
         InputRefused, ComponentFailed, NotWritten: see `qualify`.
     """
 
-    from twin.robot.experiment.drive_files import lone_drive
+    from twin.robot.experiment.drive_files import load_drive
 
     # a misspelt one is reported before any is checked
-    tables = [lone_drive(fmu, Path.cwd()) for fmu in fmus]
+    tables = [load_drive(fmu, Path.cwd()) for fmu in fmus]
     answers = []
     for fmu, drive in zip(fmus, tables, strict=True):
         if compiled:
@@ -157,7 +157,7 @@ def drive_check(
         asked = {"fmu": fmu, "out": out, "apart": isolate == "run", "sure": yes}
         limits = JobLimits(limit_step, limit_wall)
         name = "twin.studies.qualify.study:qualify"
-        answer = answer_apart(name, asked, say, isolate, limits, formats, columns)
+        answer = run_isolated(name, asked, say, isolate, limits, formats, columns)
         answers.append(answer)
         if as_json or not table:
             yield answer
@@ -176,40 +176,40 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     drive.
 
     Args:
-        fmu: see `lone_drive`, from here.
+        fmu: see `load_drive`, from here.
         out: folder.
-        apart: see `qualified`.
+        apart: see `qualify_drive`.
         sure: whether a check that takes more than an hour is meant.
         say: called with what is being done.
 
     Raises:
-        InputRefused, ComponentFailed: see `qualified`.
+        InputRefused, ComponentFailed: see `qualify_drive`.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.writing import made_folder
-    from twin.robot.experiment.drive_files import lone_drive
+    from twin.kernel.atomic_write import make_folder
+    from twin.robot.experiment.drive_files import load_drive
     from twin.studies.qualify.bench import reporting_ticks
     from twin.studies.qualify.definitions import Workload
-    from twin.studies.qualify.qualification import qualified
+    from twin.studies.qualify.qualification import qualify_drive
     from twin.studies.qualify.text import draw_drive_check, qualification_result
-    from twin.studies.reference.outcome import came_with, no_drive, references_text
+    from twin.studies.reference.outcome import drive_references, references_text, refusal_answer
 
     say(Path(fmu).stem, 0.0)
-    folder = made_folder(out)
+    folder = make_folder(out)
     # absolute: an FMU may change the working directory
     home = folder.absolute()
-    table = lone_drive(fmu, Path.cwd())
-    came = came_with(table, apart)
+    table = load_drive(fmu, Path.cwd())
+    came = drive_references(table, apart)
     try:
-        with reporting_ticks(Workload(Path(fmu).stem, say, sure).take):
-            done = qualified(table, apart)
+        with reporting_ticks(Workload(Path(fmu).stem, say, sure).count_ticks):
+            done = qualify_drive(table, apart)
     except InputRefused as refusal:
         if not came:
             raise
-        return no_drive(came, str(refusal))
+        return refusal_answer(came, str(refusal))
     picture = folder / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, home / picture.name)
-    facts = done.facts() | {"references": [one.facts() for one in came], "picture": str(picture)}
+    facts = done.to_dict() | {"references": [one.to_dict() for one in came], "picture": str(picture)}
     references = references_text(came) if came else ""
     return qualification_result(facts, references, picture, all(one.holds for one in came))
 
@@ -237,12 +237,12 @@ def compare_drives(
         InputRefused: a drive does not fit; none has run.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.writing import made_folder
+    from twin.kernel.atomic_write import make_folder
     from twin.robot.experiment.experiment_files import experiment_file
-    from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
+    from twin.studies.qualify.comparison import COMPARED_MEASURES, comparison_facts, draw_drive_compare, trials, verdict
     from twin.studies.qualify.text import compare_blocks
 
-    folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
+    folder, files = make_folder(out), [experiment_file(experiment) for experiment in experiments]
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     compared = trials(files, list(fmus), settings, body, say)
@@ -257,7 +257,7 @@ def compare_drives(
     everything = {
         "verdict": sentences,
         "set": [*settings, *([f"body {body}"] if body else [])],
-        "definitions": {name: definition._asdict() for name, definition in COMPARED.items()},
+        "definitions": {name: definition._asdict() for name, definition in COMPARED_MEASURES.items()},
         "experiments": facts,
     }
     failed = any(trial.failure for one in compared for trial in one.trials)
@@ -266,7 +266,7 @@ def compare_drives(
 
 def _build(table: "Drive") -> None:
     """Compile what of a drive has no binary, and tell."""
-    from twin.kernel.fmi.description import build
+    from twin.kernel.fmi.description import build_binary
     from twin.robot.assembly.drives import is_system
 
     for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
@@ -274,7 +274,7 @@ def _build(table: "Drive") -> None:
             raise InputRefused(
                 f"{fmu}: --compile builds one FMU; run twin cosim {fmu} --compile, which keeps what it builds"
             )
-        built = build(Path(fmu))
+        built = build_binary(Path(fmu))
         if built is not None:
             print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)
 
@@ -299,7 +299,7 @@ def component_check(
     part: Annotated[str | None, Argument("FMU or FILE.py:CLASS; default: the experiment's.", "PART")] = None,
     experiment: Annotated[
         Path, Option("Experiment whose run provides the inputs.", "FILE", complete="experiment")
-    ] = FIG4,
+    ] = FIG4_EXPERIMENT,
     settings: Settings = (),
     isolate: Isolate = JOB_ISOLATION,
 ) -> Answer:
@@ -317,4 +317,4 @@ def component_check(
         InputRefused, ComponentFailed: see `part_check`.
     """
     asked = {"role": role, "part": part, "experiment": experiment, "settings": settings}
-    return answer_apart("twin.studies.qualify.part_check:part_check", asked, say, isolate)
+    return run_isolated("twin.studies.qualify.part_check:part_check", asked, say, isolate)

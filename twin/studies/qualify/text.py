@@ -9,22 +9,30 @@ from typing import Any
 
 import numpy as np
 
-from twin.robot.run.hold import BAND
-from twin.robot.run.measures import MEASURES as MEASURES_OF_RUNS
+from twin.robot.run.hold import SETTLING_BAND
+from twin.robot.run.measures import ROWS_BY_KEY as MEASURES_OF_RUNS
 from twin.studies.figure import GREY, INK, PAPER_BLUE, Axes, picture
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.comparison import COMPARED, OF_ANY_RUN, DriveTrials
-from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK, Measure
-from twin.studies.qualify.motion import NOTHING
+from twin.studies.qualify.comparison import COMPARED_MEASURES, FREE_RUN_MEASURES, DriveTrials
+from twin.studies.qualify.definitions import (
+    COMMAND_TIME,
+    LOAD_IN_USE,
+    LOAD_PEAK,
+    LOAD_TIME,
+    SPEED_IN_USE,
+    TICK,
+    Measure,
+)
+from twin.studies.qualify.motion import MIN_AMPLITUDE
 from twin.studies.qualify.qualification import Qualification
-from twin.studies.result import WIDTH, Block, Column, Note, Result, Table, markdown
+from twin.studies.result import TEXT_WIDTH, Block, Column, Note, Result, Table, markdown
 
-CHECKS = (Column("", 4, left=True), Column("", 10, left=True, gap=2), Column(folds=True))
-MEASURES = (Column("", 20, left=True), Column("", 10), Column("", 14, left=True), Column(folds=True))
-SHOWN_IN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
+CHECK_COLUMNS = (Column("", 4, left=True), Column("", 10, left=True, gap=2), Column(folds=True))
+MEASURE_COLUMNS = (Column("", 20, left=True), Column("", 10), Column("", 14, left=True), Column(folds=True))
+DISPLAY_UNITS = {"s": (1e3, "ms"), "m": (1e3, "mm")}
 """SI unit -> (factor, unit) that people read."""
 
-ROUNDING = 1e-9
+VALUE_ROUNDING = 1e-9
 """In SI units: what double precision leaves of angles and speeds after seconds of turning."""
 
 
@@ -46,9 +54,9 @@ def qualification_result(facts: dict[str, Any], references: str, picture: Path, 
     body: list[Block] = [
         f"  {versions}, commanded with a {facts['command']}",
         "",
-        Table(CHECKS, checks),
+        Table(CHECK_COLUMNS, checks),
         "",
-        Table(MEASURES, measures),
+        Table(MEASURE_COLUMNS, measures),
         *(Note(f"warning: {warning}", later=2) for warning in facts["warnings"]),
         *([references] if references else []),
     ]
@@ -71,13 +79,13 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
-HEADS = {
+MEASURE_HEADS = {
     "hold_error": "hold", "hold_overshoot": "over", "hold_settling_time": "settle", "chatter": "chatter",
     "held_lateral_error": "lateral", "held_z_error": "z", "current": "peak I", "shaft_work": "work", "energy": "energy",
 }  # fmt: skip
 """Heads of narrow columns, by the key of a measure of the run."""
-OF_THE_DRIVES = ("current", "shaft_work", "energy", "cost")
-PAIRED = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
+DRIVE_MEASURES = ("current", "shaft_work", "energy", "cost")
+PAIRED_COLUMNS = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
 
 
 def compare_blocks(compared: DriveTrials) -> list[Block]:
@@ -90,14 +98,14 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
         for trial in trials
     ]
     held = any(its["hold_error"].value is not None for its in measures)
-    tabled = dict.fromkeys([*(HEADS if held else OF_ANY_RUN), *OF_THE_DRIVES])
-    heads = {name: HEADS.get(name) or COMPARED[name].text for name in tabled}
+    tabled = dict.fromkeys([*(MEASURE_HEADS if held else FREE_RUN_MEASURES), *DRIVE_MEASURES])
+    heads = {name: MEASURE_HEADS.get(name) or COMPARED_MEASURES[name].text for name in tabled}
     # a column of gaps is a note
     shown = {name: _unit_shown(name) for name in tabled if any(its[name].value is not None for its in measures)}
     columns = [Column(heads[name], max(6, len(heads[name]), len(unit)), unit=unit) for name, (_, unit) in shown.items()]
-    first = WIDTH - sum(1 + column.width for column in columns)
+    first = TEXT_WIDTH - sum(1 + column.width for column in columns)
     rows = [
-        [_cut(trial.name, first - 1), *(_cell(its[name].value, shown[name][0]) for name in shown)]
+        [_shorten_name(trial.name, first - 1), *(_cell(its[name].value, shown[name][0]) for name in shown)]
         for trial, its in zip(trials, measures, strict=True)
     ]
     notes: dict[str, list[str]] = {}
@@ -109,7 +117,7 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
     for name, found in compared.differences().items():
         head = f"{name} less {trials[0].name}, {len(trials[0].repeats)} paired runs, mean and 95 % interval"
         lines = [(one.measure.text, f"{one.text}: {one.verdict}") for one in found]
-        differences += ["", head, Table(PAIRED, lines)]
+        differences += ["", head, Table(PAIRED_COLUMNS, lines)]
     return [
         Table([Column("", first, left=True), *columns], rows, indent=0),
         *(Note(f"- {note} ({', '.join(names)})", later=2) for note, names in notes.items()),
@@ -119,13 +127,13 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
 
 
 def shown_value(name: str, value: float) -> str:
-    """A measure of `COMPARED` in the unit people read: `0.45 N`."""
+    """A measure of `COMPARED_MEASURES` in the unit people read: `0.45 N`."""
     factor, unit = _unit_shown(name)
     return f"{_digits(value, factor)} {unit}"
 
 
 def _quantity(value: float | None, unit: str) -> tuple[str, str]:
-    factor, shown = SHOWN_IN.get(unit, (1.0, unit))
+    factor, shown = DISPLAY_UNITS.get(unit, (1.0, unit))
     if value is not None and unit == "s" and abs(value) < 1e-3:
         factor, shown = 1e6, "us"
     return _digits(value, factor), "" if value is None else shown
@@ -135,21 +143,21 @@ def _digits(value: float | None, factor: float) -> str:
     """Three digits; what rounding left of nothing is nothing."""
     if value is None:
         return "-"
-    return "0" if abs(value) < ROUNDING else format(factor * value, "#.3g").rstrip(".")
+    return "0" if abs(value) < VALUE_ROUNDING else format(factor * value, "#.3g").rstrip(".")
 
 
 def _cell(value: float | None, factor: float) -> str:
     """The same in six characters, for narrow columns."""
-    small = value is not None and abs(value) >= ROUNDING and abs(factor * value) < 0.01
+    small = value is not None and abs(value) >= VALUE_ROUNDING and abs(factor * value) < 0.01
     return format(factor * (value or 0.0), ".4f") if small else _digits(value, factor)
 
 
 def _unit_in_table(unit: str, name: str) -> str:
-    return "us" if name == "cost" else SHOWN_IN.get(unit, (1.0, unit))[1]
+    return "us" if name == "cost" else DISPLAY_UNITS.get(unit, (1.0, unit))[1]
 
 
 def _table_cell(name: str, measure: Mapping[str, Any]) -> str:
-    factor = 1e6 if name == "cost" else SHOWN_IN.get(measure["unit"], (1.0, ""))[0]
+    factor = 1e6 if name == "cost" else DISPLAY_UNITS.get(measure["unit"], (1.0, ""))[0]
     if measure["value"] is None:
         return measure["remark"]
     return "0" if name == "droop" and measure["remark"] else _digits(measure["value"], factor)
@@ -161,21 +169,25 @@ def _unit_shown(name: str) -> tuple[float, str]:
         return unit.per_SI, unit.text
     if name == "settling_time":
         return 1.0, "s"
-    return (1e6, "us/tick") if name == "cost" else SHOWN_IN.get(COMPARED[name].unit, (1.0, COMPARED[name].unit))
+    return (
+        (1e6, "us/tick")
+        if name == "cost"
+        else DISPLAY_UNITS.get(COMPARED_MEASURES[name].unit, (1.0, COMPARED_MEASURES[name].unit))
+    )
 
 
-def _cut(name: str, most: int) -> str:
+def _shorten_name(name: str, most: int) -> str:
     return name if len(name) <= most else "..." + name[-(most - 3) :]
 
 
-COMMAND, SPEED, LOAD, MARK = GREY, PAPER_BLUE, "#c2571a", INK
-BEFORE, AFTER = 0.02, 0.25
+COMMAND_COLOR, SPEED_COLOR, LOAD_COLOR, MARK_COLOR = GREY, PAPER_BLUE, "#c2571a", INK
+TIME_BEFORE, TIME_AFTER = 0.02, 0.25
 """How much of a step is shown (s)."""
 
 
 def draw_drive_check(done: Qualification, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
-    verdict = "qualified" if not done.failed else "NOT qualified: " + ", ".join(done.failed)
+    verdict = "qualified" if not done.failed_checks else "NOT qualified: " + ", ".join(done.failed_checks)
     with picture(path, 11, 7, f"{done.plan.label}   {verdict}") as figure:
         (a, b), (c, d) = figure.subplots(2, 2)
         curves = done.curves
@@ -194,28 +206,30 @@ def draw_drive_check(done: Qualification, path: Path) -> None:
 
 
 def _draw_step(axes: Axes, done: Qualification, cycle: Response) -> None:
-    part = cycle.window(COMMANDED - BEFORE, COMMANDED + AFTER)
-    t = 1e3 * (cycle.t[part] - COMMANDED)
-    axes.plot(t, cycle.omega_ref[part], color=COMMAND, lw=1.2, drawstyle="steps-post", label="command")
-    axes.plot(t, cycle.omega_m[part], color=SPEED, lw=1.6, label="speed")
+    part = cycle.window(COMMAND_TIME - TIME_BEFORE, COMMAND_TIME + TIME_AFTER)
+    t = 1e3 * (cycle.t[part] - COMMAND_TIME)
+    axes.plot(t, cycle.omega_ref[part], color=COMMAND_COLOR, lw=1.2, drawstyle="steps-post", label="command")
+    axes.plot(t, cycle.omega_m[part], color=SPEED_COLOR, lw=1.6, label="speed")
     final = done.value("speed") or 0.0
-    axes.axhspan((1.0 - BAND) * final, (1.0 + BAND) * final, color=SPEED, alpha=0.10, lw=0, label="±5 %")
+    axes.axhspan(
+        (1.0 - SETTLING_BAND) * final, (1.0 + SETTLING_BAND) * final, color=SPEED_COLOR, alpha=0.10, lw=0, label="±5 %"
+    )
     settled = done.value("settling_time")
-    if settled is not None and settled < AFTER:
-        axes.axvline(1e3 * settled, color=MARK, lw=0.9, ls=":", label=f"settled, {1e3 * settled:.0f} ms")
+    if settled is not None and settled < TIME_AFTER:
+        axes.axvline(1e3 * settled, color=MARK_COLOR, lw=0.9, ls=":", label=f"settled, {1e3 * settled:.0f} ms")
     axes.set(xlabel="time after the step (ms)", ylabel="motor speed (rad/s)")
     axes.legend(loc="lower right")
 
 
 def _draw_load_step(axes: Axes, cycle: Response) -> None:
-    part = cycle.window(LOADED - BEFORE, LOADED + AFTER)
-    t = 1e3 * (cycle.t[part] - LOADED)
-    axes.plot(t, cycle.omega_ref[part], color=COMMAND, lw=1.2, label="command")
-    axes.plot(t, cycle.omega_m[part], color=SPEED, lw=1.6, label="speed")
+    part = cycle.window(LOAD_TIME - TIME_BEFORE, LOAD_TIME + TIME_AFTER)
+    t = 1e3 * (cycle.t[part] - LOAD_TIME)
+    axes.plot(t, cycle.omega_ref[part], color=COMMAND_COLOR, lw=1.2, label="command")
+    axes.plot(t, cycle.omega_m[part], color=SPEED_COLOR, lw=1.6, label="speed")
     # a drive that does not feel its load would be drawn at the scale of rounding
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, SPEED_IN_USE - 0.1), max(high, SPEED_IN_USE + 0.05))
-    axes.axvline(0.0, color=LOAD, lw=0.9, ls=":", label="load comes on")
+    axes.axvline(0.0, color=LOAD_COLOR, lw=0.9, ls=":", label="load comes on")
     axes.set(xlabel="time after the step (ms)", ylabel="motor speed (rad/s)")
     axes.legend(loc="lower right")
 
@@ -225,12 +239,12 @@ def _draw_frequency_response(axes: Axes, done: Qualification) -> None:
     if not gain[0] > 0.0:
         axes.text(0.5, 0.5, "it does not follow its command", ha="center", va="center", transform=axes.transAxes)
         return
-    decibel = 20.0 * np.log10(np.maximum(gain / gain[0], NOTHING))
-    axes.semilogx(f, decibel, color=SPEED, lw=1.6, marker="o", ms=3)
-    axes.axhline(-3.0, color=MARK, lw=0.9, ls=":")
+    decibel = 20.0 * np.log10(np.maximum(gain / gain[0], MIN_AMPLITUDE))
+    axes.semilogx(f, decibel, color=SPEED_COLOR, lw=1.6, marker="o", ms=3)
+    axes.axhline(-3.0, color=MARK_COLOR, lw=0.9, ls=":")
     bandwidth = done.value("bandwidth")
     if bandwidth is not None:
-        axes.axvline(bandwidth, color=MARK, lw=0.9, ls=":")
+        axes.axvline(bandwidth, color=MARK_COLOR, lw=0.9, ls=":")
         axes.annotate(
             f"-3 dB at {bandwidth:.3g} Hz",
             (bandwidth, -3.0),
@@ -248,12 +262,12 @@ def _draw_overload(axes: Axes, done: Qualification, overload: Response) -> None:
     n = round(0.05 / TICK)
     speed = (overload.theta_m[n:] - overload.theta_m[:-n]) / (n * TICK)
     load = overload.tau_load[n // 2 : n // 2 + len(speed)]
-    axes.plot(load, speed, color=SPEED, lw=1.4, label="speed, mean of 50 ms")
-    axes.axvspan(0.0, LOAD_IN_USE, color=COMMAND, alpha=0.15, lw=0, label="in use")
-    axes.axvline(LOAD_PEAK, color=COMMAND, lw=0.9, ls="--", label=f"peak, {LOAD_PEAK:g} N m")
+    axes.plot(load, speed, color=SPEED_COLOR, lw=1.4, label="speed, mean of 50 ms")
+    axes.axvspan(0.0, LOAD_IN_USE, color=COMMAND_COLOR, alpha=0.15, lw=0, label="in use")
+    axes.axvline(LOAD_PEAK, color=COMMAND_COLOR, lw=0.9, ls="--", label=f"peak, {LOAD_PEAK:g} N m")
     stall = done.value("stall_torque")
     if stall is not None:
-        axes.axvline(stall, color=MARK, lw=0.9, ls=":", label=f"stall, {stall:.3g} N m")
+        axes.axvline(stall, color=MARK_COLOR, lw=0.9, ls=":", label=f"stall, {stall:.3g} N m")
     axes.set_ylim(-0.3 * SPEED_IN_USE, 1.6 * SPEED_IN_USE)
     axes.set_xlim(0.0, max(1.1 * LOAD_PEAK, 1.1 * (stall or float(load[-1]))))
     axes.set(xlabel="load (N m)", ylabel="motor speed (rad/s)")

@@ -16,36 +16,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.archive import content_of, entries, entry_of
+from twin.kernel.archive import entries, entry_of, read_entry
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.signals import playback
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
-from twin.kernel.files import read_bytes, xml_of
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused, TwinError
+from twin.kernel.files import parse_xml, read_bytes
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setup, Value, Variable, given_values, number
-from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.fmi.variable import Setup, Value, Variable, given_values, parse_number
+from twin.kernel.process.guard import JobFailure, JobLoadFailure, run_guarded
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.recording.logs.csv_table import table_of
+from twin.kernel.recording.logs.csv_table import parse_table
 from twin.kernel.ssp.ssd import parameter_set
-from twin.robot.assembly.drives import planned
+from twin.robot.assembly.drives import plan_drive
 from twin.robot.experiment.schema import Drive
 from twin.studies.command import Answer
 from twin.studies.metrics.response import Curve
-from twin.studies.result import counted, labelled, wrapped
+from twin.studies.result import count_text, labelled_lines, wrap_text
 
-STANDARD = "org.fmi-standard.fmi-ls-ref"
-HOME = f"extra/{STANDARD}"
-MANIFEST = f"{HOME}/fmi-ls-manifest.xml"
-NAMESPACE = "{http://fmi-standard.org/fmi-ls-manifest}"
-MOST_RELATED = 1_000
+STANDARD_NAME = "org.fmi-standard.fmi-ls-ref"
+MANIFEST_FOLDER = f"extra/{STANDARD_NAME}"
+MANIFEST_FILE = f"{MANIFEST_FOLDER}/fmi-ls-manifest.xml"
+MANIFEST_NAMESPACE = "{http://fmi-standard.org/fmi-ls-manifest}"
+MAX_RELATED_FILES = 1_000
 """Files of one manifest; an honest one lists a dozen."""
-TRUTH = re.compile(rb"(?<=[,;\t])(?:true|false)(?=[,;\t\r\n]|$)", re.IGNORECASE)
+BOOLEAN_FIELD = re.compile(rb"(?<=[,;\t])(?:true|false)(?=[,;\t\r\n]|$)", re.IGNORECASE)
 """Fields of the time series of Boolean variables, as some tools write them."""
 
 
@@ -82,11 +82,11 @@ class Series:
     signals: dict[str, Curve]
     others: tuple[str, ...] = ()
 
-    def held(self, name: str, t: Curve) -> Curve:
+    def hold_at(self, name: str, t: Curve) -> Curve:
         """A signal at the times `t`: the value of the last row until then, of the first one before that."""
         return self.signals[name][self._last(t)]
 
-    def linear(self, name: str, t: Curve) -> Curve:
+    def interpolate_at(self, name: str, t: Curve) -> Curve:
         """A signal at the times `t`, on lines between rows; at a jump what comes after it."""
         values, last = self.signals[name], self._last(t)
         following = np.minimum(last + 1, len(self.t) - 1)
@@ -101,7 +101,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class TrialFiles:
     """A trial whose files have been read.
 
     Attributes:
@@ -115,7 +115,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Carried:
+class ReferenceFiles:
     """What came with an FMU.
 
     Attributes:
@@ -127,7 +127,7 @@ class Carried:
     trials: tuple[Trial, ...]
 
 
-def carried(file: Path) -> Carried:
+def reference_files(file: Path) -> ReferenceFiles:
     """What came with the FMU `file`; nothing of it is run or unpacked.
 
     Raises:
@@ -135,8 +135,8 @@ def carried(file: Path) -> Carried:
     """
     results, parameters, unread = [], "", []
     names = entries(file)
-    for source, role, type_ in _listed(file, names):
-        entry = entry_of(source, names, MANIFEST)
+    for source, role, type_ in _manifest_entries(file, names):
+        entry = entry_of(source, names, MANIFEST_FILE)
         if role not in ("experiment", "parameter", "result"):
             continue
         if not entry:
@@ -153,21 +153,21 @@ def carried(file: Path) -> Carried:
         Trial(PurePosixPath(entry).name, entry, fed if (fed := _inputs_of(entry)) in names else "", parameters, True)
         for entry in results
     ]
-    return Carried(tuple(unread), (*trials, *_beside(file)))
+    return ReferenceFiles(tuple(unread), (*trials, *_cross_check_trials(file)))
 
 
-def _listed(file: Path, names: dict[str, int]) -> list[tuple[str, str, str]]:
+def _manifest_entries(file: Path, names: dict[str, int]) -> list[tuple[str, str, str]]:
     """(source, role, type) of the files that the manifest lists; nothing if there is none."""
-    if MANIFEST not in names:
+    if MANIFEST_FILE not in names:
         return []
-    where = f"{file}: {MANIFEST}"
-    root = xml_of(content_of(file, MANIFEST), where)
-    named = root.get(f"{NAMESPACE}fmi-ls-name")
-    if root.tag != "fmiReferences" or named != STANDARD:
-        raise InputRefused(f"{where}: <{root.tag}> of '{named}'; expected <fmiReferences> of '{STANDARD}'")
+    where = f"{file}: {MANIFEST_FILE}"
+    root = parse_xml(read_entry(file, MANIFEST_FILE), where)
+    named = root.get(f"{MANIFEST_NAMESPACE}fmi-ls-name")
+    if root.tag != "fmiReferences" or named != STANDARD_NAME:
+        raise InputRefused(f"{where}: <{root.tag}> of '{named}'; expected <fmiReferences> of '{STANDARD_NAME}'")
     listed = root.findall("Related")
-    if len(listed) > MOST_RELATED:
-        raise InputRefused(f"{where}: lists {len(listed)} files; expected at most {MOST_RELATED}")
+    if len(listed) > MAX_RELATED_FILES:
+        raise InputRefused(f"{where}: lists {len(listed)} files; expected at most {MAX_RELATED_FILES}")
     return [(e.get("source", ""), e.get("role", "").split("/")[0], e.get("type", "not stated")) for e in listed]
 
 
@@ -176,7 +176,7 @@ def _inputs_of(results: str) -> str:
     return re.sub(r"(_ref|_out)?\.csv$", "_in.csv", results)
 
 
-def _beside(file: Path) -> list[Trial]:
+def _cross_check_trials(file: Path) -> list[Trial]:
     """The experiment of the FMI Cross-Check: NAME_ref.csv and NAME_in.csv beside NAME.fmu."""
     results = file.with_name(f"{file.stem}_ref.csv")
     stimuli = _inputs_of(results.name)
@@ -184,7 +184,7 @@ def _beside(file: Path) -> list[Trial]:
     return [found] if results.is_file() else []
 
 
-def prepared(file: Path, trial: Trial, description: FmuDescription) -> Prepared:
+def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
     """The files of a trial, read and held to the FMU.
 
     Raises:
@@ -193,12 +193,12 @@ def prepared(file: Path, trial: Trial, description: FmuDescription) -> Prepared:
 
     def read(name: str) -> tuple[bytes, str]:
         if trial.inside:
-            return content_of(file, name), f"{file.name}: {PurePosixPath(name).name}"
+            return read_entry(file, name), f"{file.name}: {PurePosixPath(name).name}"
         return read_bytes(file.with_name(name)), name
 
     parameters = parameters_of(*read(trial.parameters), description) if trial.parameters else {}
     stimuli, results = (series_of(*read(name)) if name else None for name in (trial.stimuli, trial.results))
-    return Prepared(parameters, stimuli, results)
+    return TrialFiles(parameters, stimuli, results)
 
 
 def parameters_of(content: bytes, where: str, description: FmuDescription) -> dict[str, Value]:
@@ -228,10 +228,10 @@ def series_of(content: bytes, where: str) -> Series:
         InputRefused: no table of numbers, a time that is missing, no number or descends, a field that is no number
             among numbers.
     """
-    numbers = TRUTH.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
-    table = table_of(Path(where), io.BytesIO(numbers))
+    numbers = BOOLEAN_FIELD.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
+    table = parse_table(Path(where), io.BytesIO(numbers))
     time = table.head[0]
-    if wrong := table.mistakes(time):
+    if wrong := table.wrong_fields(time):
         raise InputRefused(f"{where} line {wrong.line}: time '{wrong.text}'; expected seconds in the first column")
     t = table.column(time)
     if len(back := np.flatnonzero(np.diff(t) < 0.0)):
@@ -241,7 +241,7 @@ def series_of(content: bytes, where: str) -> Series:
         )
     signals, others = {}, []
     for name in table.head[1:]:
-        wrong = table.mistakes(name)
+        wrong = table.wrong_fields(name)
         if wrong is None:
             signals[name] = table.column(name)
         elif wrong.count == len(table.values) and wrong.texts:
@@ -251,21 +251,21 @@ def series_of(content: bytes, where: str) -> Series:
     return Series(where, t, signals, tuple(others))
 
 
-STEPS = 500
+DEFAULT_STEPS = 500
 """The step of an experiment that states none: what FMPy and others take."""
-MOST_STEPS = 2_000_000
-MOST_VALUES = 20_000_000
+MAX_STEPS = 2_000_000
+MAX_VALUES = 20_000_000
 """Of all outputs over all steps: 160 MB."""
-OF_RANGE = 0.01
-OF_SIZE = 1e-4
+RANGE_TOLERANCE = 0.01
+SIZE_TOLERANCE = 1e-4
 """For signals that hardly move: results are often written with six digits."""
-LEAST = 1e-9
-TOLERANCE = (
-    f"{100 * OF_RANGE:g} % of a signal's range in the results, at some moment within one step of that of the result: "
+MIN_TOLERANCE = 1e-9
+TOLERANCE_NOTE = (
+    f"{100 * RANGE_TOLERANCE:g} % of a signal's range in the results, at some moment within one step of that of the result: "
     "twin's default; the files have no tolerance"
 )
 """One step, because inputs are held over it and a jump is seen at its end."""
-EXACT = 2.0**53
+MAX_EXACT_INTEGER = 2.0**53
 """Whole numbers from here on do not fit the doubles that travel between components."""
 
 
@@ -286,7 +286,7 @@ class BareRun:
     failure: ComponentFailed | None = None
 
 
-def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: Callable[[BareRun], None]) -> None:
+def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended: Callable[[BareRun], None]) -> None:
     """Run the FMU in its default experiment; where that has no end, until the results end.
 
     Args:
@@ -300,11 +300,11 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
         ComponentFailed: the FMU cannot be loaded or initialised.
     """
     step, last = _steps(description, trial, files.results)
-    outputs, unknown = _watched(description, files.results)
-    if (last + 1) * (values := sum(p.port.size for p in outputs)) > MOST_VALUES:
+    outputs, unknown = _output_ports(description, files.results)
+    if (last + 1) * (values := sum(p.port.size for p in outputs)) > MAX_VALUES:
         raise InputRefused(f"{description.path.name}: {last} steps of {values} signals; expected fewer")
     inputs = _inputs(description, files.stimuli)
-    stimuli = _sampled(inputs, files.stimuli, step * np.arange(last + 1, dtype=float))
+    stimuli = _sample_inputs(inputs, files.stimuli, step * np.arange(last + 1, dtype=float))
     start = dict(zip((p.port.name for p in inputs), stimuli[0], strict=True))
     setup = Setup(description.tolerance, step * last, step)
     set_ = description.settings(files.parameters)
@@ -319,7 +319,7 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
         system = System([*signals, component], wires, step)
         simulation = Simulation(system, last)
         slices = []
-        while not simulation.finished:
+        while not simulation.is_over:
             slices.append(simulation.advance().copy())
         rows = np.concatenate(slices)
         watched = {p.variable.name: rows[:, system.columns(f"fmu.{p.port.name}").start] for p in outputs}
@@ -331,24 +331,24 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
 def _steps(description: FmuDescription, trial: Trial, results: Series | None) -> tuple[float, int]:
     """Step (s) and how many of them."""
     stated = description.model.defaultExperiment
-    start = _first(getattr(stated, "startTime", None))
+    start = _first_number(getattr(stated, "startTime", None))
     # without a stated end: as the results, or as FMPy
-    stop = _first(getattr(stated, "stopTime", None)) or (1.0 if results is None else float(results.t[-1]))
+    stop = _first_number(getattr(stated, "stopTime", None)) or (1.0 if results is None else float(results.t[-1]))
     if start:
         raise InputRefused(f"{trial.name}: starts at {start:g} s; expected 0 s, where runs begin here")
     own = getattr(description.interface, "fixedInternalStepSize", None)
-    step = _first(own, getattr(stated, "stepSize", None)) or stop / STEPS
-    if not (0.0 < step <= stop and stop / step <= MOST_STEPS):
-        raise InputRefused(f"{trial.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MOST_STEPS} of them")
+    step = _first_number(own, getattr(stated, "stepSize", None)) or stop / DEFAULT_STEPS
+    if not (0.0 < step <= stop and stop / step <= MAX_STEPS):
+        raise InputRefused(f"{trial.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MAX_STEPS} of them")
     return step, math.floor(stop / step + 1e-9)
 
 
-def _first(*stated: object) -> float | None:
+def _first_number(*stated: object) -> float | None:
     """The first number among them."""
-    return next((found for found in map(number, stated) if math.isfinite(found)), None)
+    return next((found for found in map(parse_number, stated) if math.isfinite(found)), None)
 
 
-def _watched(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
+def _output_ports(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
     """Ports of what results are given of, or else of all outputs, of a local variable, of any; and what is none."""
     numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
@@ -364,11 +364,11 @@ def _watched(description: FmuDescription, results: Series | None) -> tuple[list[
 def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort]:
     if stimuli is None:
         return []
-    offered = {v.name: v for v in description.offered("input") if v.size == 1}
+    offered = {v.name: v for v in description.variables_of("input") if v.size == 1}
     for name in (*stimuli.signals, *stimuli.others):
         if name not in offered or name in stimuli.others:
             raise InputRefused(f"{stimuli.where}: column '{name}' is no input of numbers of {description.path.name}")
-        if np.abs(stimuli.signals[name]).max() >= EXACT and not _continuous(offered[name]):
+        if np.abs(stimuli.signals[name]).max() >= MAX_EXACT_INTEGER and not _continuous(offered[name]):
             raise InputRefused(f"{stimuli.where}: column '{name}' has whole numbers of more than 53 bits")
     return _ports("u", [offered[name] for name in stimuli.signals])
 
@@ -378,11 +378,13 @@ def _ports(letter: str, variables: list[Variable]) -> list[FmuPort]:
     return [FmuPort(Port(f"{letter}{n}", v.size, v.unit or "1"), v) for n, v in enumerate(variables)]
 
 
-def _sampled(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndarray:
+def _sample_inputs(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndarray:
     """Inputs at the times `t`, (times, inputs): of numbers on lines, of whole numbers the last."""
     if stimuli is None:
         return np.zeros((len(t), 0))
-    columns = [(stimuli.linear if _continuous(p.variable) else stimuli.held)(p.variable.name, t) for p in inputs]
+    columns = [
+        (stimuli.interpolate_at if _continuous(p.variable) else stimuli.hold_at)(p.variable.name, t) for p in inputs
+    ]
     return np.column_stack(columns)
 
 
@@ -411,7 +413,7 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
         if name not in results.signals:
             continue
         theirs = results.signals[name][within]
-        band = max(OF_RANGE * np.ptp(theirs), OF_SIZE * np.abs(theirs).max(), LEAST)
+        band = max(RANGE_TOLERANCE * np.ptp(theirs), SIZE_TOLERANCE * np.abs(theirs).max(), MIN_TOLERANCE)
         low, high = ours[near].min(axis=1), ours[near].max(axis=1)
         beyond = np.maximum(np.maximum(low - theirs, theirs - high), 0.0) / band
         worst = int(np.argmax(beyond))
@@ -419,8 +421,8 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
     return found
 
 
-JOB = "twin.studies.reference.outcome:tried"
-WORDS = {
+TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
+OUTCOME_MEANINGS = {
     "agrees": "it did what the results say",
     "differs": "it did something else than the results say",
     "ran": "it ran to the end; there are no results to hold it to",
@@ -428,7 +430,7 @@ WORDS = {
     "failed": "it could not be initialised, or returned an error, NaN or infinity",
     "lost": "its process crashed, hung or outgrew its limits",
 }
-BAD = ("lost", "failed", "differs", "refused")
+BAD_OUTCOMES = ("lost", "failed", "differs", "refused")
 """Worst first."""
 
 
@@ -438,7 +440,7 @@ class ReferenceOutcome:
 
     Attributes:
         experiment: its name.
-        word: one of `WORDS`.
+        word: one of `OUTCOME_MEANINGS`.
         detail: one sentence.
         deviations: by signal, in multiples of the tolerance.
     """
@@ -454,21 +456,21 @@ class References:
     """What came with an FMU and what came of it."""
 
     file: Path
-    carried: Carried
+    reference_files: ReferenceFiles
     outcomes: tuple[ReferenceOutcome, ...]
 
     @property
     def holds(self) -> bool:
         """Whether nothing is against it."""
-        return not any(outcome.word in BAD for outcome in self.outcomes)
+        return not any(outcome.word in BAD_OUTCOMES for outcome in self.outcomes)
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "file": self.file.name,
-            "unread": dict(self.carried.unread),
+            "unread": dict(self.reference_files.unread),
             "experiments": [asdict(outcome) for outcome in self.outcomes],
-            "tolerance": TOLERANCE,
+            "tolerance": TOLERANCE_NOTE,
         }
 
 
@@ -482,29 +484,29 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
     Raises:
         InputRefused: no sound archive, or its manifest is none.
     """
-    found = carried(file)
+    found = reference_files(file)
     if not (found.unread or found.trials):
         return None
     outcomes = (
-        _apart(file, number, trial, limits) if apart else outcome_of(file, trial)
+        _isolate_trial(file, number, trial, limits) if apart else outcome_of(file, trial)
         for number, trial in enumerate(found.trials)
     )
     return References(file, found, tuple(outcomes))
 
 
-def tried(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
+def outcome_fields(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
     """Fields of the outcome of the trial `number` of the FMU `file`; a job of the guard."""
-    trial = carried(Path(file)).trials[number]
+    trial = reference_files(Path(file)).trials[number]
     return asdict(outcome_of(Path(file), trial, lambda outcome: reporter.note(outcome=asdict(outcome))))
 
 
-def _apart(file: Path, number: int, trial: Trial, limits: JobLimits) -> ReferenceOutcome:
+def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> ReferenceOutcome:
     noted: list[dict[str, Any]] = []
     try:
         # what can be refused without a process is
         _files(file, trial)
-        return ReferenceOutcome(**guarded(JOB, {"file": str(file), "number": number}, limits, noted.append))
-    except (JobEnded, JobEndedLoading) as failure:
+        return ReferenceOutcome(**run_guarded(TRIAL_JOB, {"file": str(file), "number": number}, limits, noted.append))
+    except (JobFailure, JobLoadFailure) as failure:
         # whether it can be freed is another question than whether it does what the results say
         if noted:
             outcome = ReferenceOutcome(**noted[-1]["outcome"])
@@ -521,7 +523,7 @@ def outcome_of(
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
-        outcomes.append(_judged(trial.name, run, files.results))
+        outcomes.append(_judge_run(trial.name, run, files.results))
         ended(outcomes[-1])
 
     try:
@@ -532,15 +534,15 @@ def outcome_of(
     return outcomes[-1]
 
 
-def _files(file: Path, trial: Trial) -> tuple[FmuDescription, Prepared]:
+def _files(file: Path, trial: Trial) -> tuple[FmuDescription, TrialFiles]:
     description = described(file)
-    return description, prepared(file, trial, description)
+    return description, read_trial(file, trial, description)
 
 
-def _judged(name: str, run: BareRun, results: Series | None) -> ReferenceOutcome:
+def _judge_run(name: str, run: BareRun, results: Series | None) -> ReferenceOutcome:
     if not len(run.t):
         return ReferenceOutcome(name, "failed", str(run.failure))
-    how = f"{counted(len(run.t) - 1, 'step')} of {run.step:g} s"
+    how = f"{count_text(len(run.t) - 1, 'step')} of {run.step:g} s"
     found = deviations(run, results) if results else []
     others = dict.fromkeys((*(results.others if results else ()), *run.unknown))
     if others:
@@ -548,7 +550,7 @@ def _judged(name: str, run: BareRun, results: Series | None) -> ReferenceOutcome
     if run.failure:
         # some end themselves, and so do their results then
         early = bool(found) and results is not None and results.t[-1] > run.t[-1] + (1.0 + 1e-9) * run.step
-        if early or not (found or isinstance(run.failure, EndRequested)):
+        if early or not (found or isinstance(run.failure, EndRequest)):
             return ReferenceOutcome(name, "failed", str(run.failure))
         how += f"; then, {'as its results end' if found else 'regularly'}: {run.failure}"
     if not found:
@@ -556,14 +558,16 @@ def _judged(name: str, run: BareRun, results: Series | None) -> ReferenceOutcome
     shares = {one.signal: one.share for one in found}
     worst = max(found, key=lambda one: one.share)
     if worst.share <= 1.0:
-        detail = f"{counted(len(shares), 'signal')}, at most {worst.share:.2g} of the tolerance off; {how}"
+        detail = f"{count_text(len(shares), 'signal')}, at most {worst.share:.2g} of the tolerance off; {how}"
         return ReferenceOutcome(name, "agrees", detail, shares)
     many = sum(share > 1.0 for share in shares.values())
     off = f"{worst.signal} by {worst.share:.3g} times the tolerance at {worst.t:g} s"
-    return ReferenceOutcome(name, "differs", f"{many} of {counted(len(shares), 'signal')} differ, {off}; {how}", shares)
+    return ReferenceOutcome(
+        name, "differs", f"{many} of {count_text(len(shares), 'signal')} differ, {off}; {how}", shares
+    )
 
 
-def came_with(table: Drive, apart: bool) -> list[References]:
+def drive_references(table: Drive, apart: bool) -> list[References]:
     """What came with each FMU of the drive that has something, run bare: its mapping and parameters are not for it.
 
     Args:
@@ -574,14 +578,14 @@ def came_with(table: Drive, apart: bool) -> list[References]:
     """
     if table.sha256 or any(part.sha256 for part in table.parts.values()):
         # nothing of it is run before that
-        planned(table)
+        plan_drive(table)
     files = [Path(fmu) for fmu in (table.fmu, *(part.fmu for part in table.parts.values())) if fmu]
     return [found for file in files if (found := references(file, apart))]
 
 
-def no_drive(came: Sequence[References], refusal: str) -> Answer:
+def refusal_answer(came: Sequence[References], refusal: str) -> Answer:
     """The answer where the FMU is refused as a drive, after what came with it has been tried; `refused` says why."""
-    facts = {"qualified": False, "refused": refusal, "references": [one.facts() for one in came]}
+    facts = {"qualified": False, "refused": refusal, "references": [one.to_dict() for one in came]}
     return Answer(references_text(came), facts, 2)
 
 
@@ -589,12 +593,12 @@ def references_text(found: Sequence[References]) -> str:
     """What came with each FMU, then what came of it."""
     lines = []
     for one in found:
-        lines += wrapped(f"came with {one.file.name}:")
-        for name, why in one.carried.unread:
-            lines += wrapped(f"{name}: {why}", "  --    not read   ", whole=True)
+        lines += wrap_text(f"came with {one.file.name}:")
+        for name, why in one.reference_files.unread:
+            lines += wrap_text(f"{name}: {why}", "  --    not read   ", whole=True)
         for outcome in one.outcomes:
-            start = f"  {'FAIL' if outcome.word in BAD else 'ok':4}  {outcome.word:10} "
-            lines += wrapped(f"{outcome.experiment}: {outcome.detail}", start, whole=True)
+            start = f"  {'FAIL' if outcome.word in BAD_OUTCOMES else 'ok':4}  {outcome.word:10} "
+            lines += wrap_text(f"{outcome.experiment}: {outcome.detail}", start, whole=True)
     if any(outcome.deviations for one in found for outcome in one.outcomes):
-        lines += labelled("note", f"tolerance: {TOLERANCE}")
+        lines += labelled_lines("note", f"tolerance: {TOLERANCE_NOTE}")
     return "\n".join(lines)

@@ -9,23 +9,24 @@ from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.port import by_port
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import is_recording
-from twin.kernel.recording.reader import origin
+from twin.kernel.recording.reader import read_metadata
 from twin.robot.assembly.build import controller
 from twin.robot.assembly.load import load_experiment, recorded_experiment
-from twin.robot.controller.controller import SHARE
+from twin.robot.controller.controller import SHARE_PORT
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import HEADLINE, OF_A_FORCE, Values, labelled, unmeasured
+from twin.robot.run.measures import FORCE_KEYS, HEADLINE_KEYS, Values, labelled_text, missing_measures
 from twin.robot.run.view import LogView, outcome_of
-from twin.studies.replay.replay import Outputs, RobotLog
+from twin.studies.replay.replay import Outputs
+from twin.studies.replay.samples import RobotSamples
 
 MAX_PERIOD_ERROR = 0.02
 """Largest difference of the log's period from a divisor of the controller's, as a share."""
-OF_A_LOG = (*OF_A_FORCE, "hold_begin", "hold_end")
+LOG_MEASURES = (*FORCE_KEYS, "hold_begin", "hold_end")
 """Measures of a log: it has no true position."""
 
 
-def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
+def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
     """Compute the measures of a log's held force; each None, with the reason, if there is no force or no controller.
 
     Args:
@@ -35,50 +36,52 @@ def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings
         settings: "table.key=value" texts for the experiment.
     """
     if log.force is None:
-        return unmeasured("the log has no force")
+        return missing_measures("the log has no force")
     try:
         if source is None and not is_recording(log.path):
-            return unmeasured("no experiment")
+            return missing_measures("no experiment")
         experiment = (
             load_experiment(source, settings)
             if source
-            else recorded_experiment(origin(log.path), log.path, changed=True, settings=settings)
+            else recorded_experiment(read_metadata(log.path), log.path, changed=True, settings=settings)
         )
     except InputRefused as refusal:
-        return unmeasured(f"no controller: {str(refusal).splitlines()[0]}")
+        return missing_measures(f"no controller: {str(refusal).splitlines()[0]}")
     if "controller" in experiment.stand_ins:
-        return unmeasured("a third-party controller does not run on a log")
+        return missing_measures("a third-party controller does not run on a log")
     period = experiment.controller_ticks * experiment.cosim.tick
-    stride = max(1, round(period / log.period))
-    if abs(stride * log.period / period - 1.0) > MAX_PERIOD_ERROR:
-        text = f"a sample every {1e3 * log.period:.4g} ms, the controller needs one every {1e3 * period:g} ms"
-        return unmeasured(text)
-    outputs, called = _commanded(experiment, log, estimate, stride, period)
+    stride = max(1, round(period / log.sampling.period))
+    if abs(stride * log.sampling.period / period - 1.0) > MAX_PERIOD_ERROR:
+        text = f"a sample every {1e3 * log.sampling.period:.4g} ms, the controller needs one every {1e3 * period:g} ms"
+        return missing_measures(text)
+    outputs, called = _controller_outputs(experiment, log, estimate, stride, period)
     F_z = log.force.values
     series = {"plant.F_ee_B": np.column_stack([np.zeros((len(F_z), 2)), -F_z])}
     series |= {f"controller.{name}": values for name, values in outputs.items()}
     view = LogView(series, {"plant": log.force.t, "controller": called})
-    found = outcome_of(view, HoldRequest.of(experiment))
-    return {key: found.measures[key] for key in OF_A_LOG} if found else unmeasured("the log has no force")
+    found = outcome_of(view, HoldRequest.from_experiment(experiment))
+    return {key: found.measures[key] for key in LOG_MEASURES} if found else missing_measures("the log has no force")
 
 
-def _commanded(
-    experiment: Experiment, log: RobotLog, estimate: Outputs, stride: int, period: float
+def _controller_outputs(
+    experiment: Experiment, log: RobotSamples, estimate: Outputs, stride: int, period: float
 ) -> tuple[Outputs, NDArray[np.float64]]:
     """Outputs of the twin's controller on the log's counts, and the times of its calls."""
     law = controller(experiment)
     t = log.t[::stride]
     n = len(t)
-    inputs = [np.ones((n, 1)) if port == SHARE else estimate[port.name][::stride].reshape(n, -1) for port in law.inputs]
+    inputs = [
+        np.ones((n, 1)) if port == SHARE_PORT else estimate[port.name][::stride].reshape(n, -1) for port in law.inputs
+    ]
     rows, _ = play(law, t - t[0], np.full(n, period), np.hstack(inputs))
     values = by_port(law.outputs, rows)
     return {name: one[:, 0] if one.shape[1] == 1 else one for name, one in values.items()}, t[: len(rows)]
 
 
-def text_of(values: Values) -> str:
+def measures_text(values: Values) -> str:
     """Return the first measures of a log as text, or the reason why they are missing."""
     error = values["hold_error"]
     if error.value is None:
         return f"none: {error.reason}"
-    found = ", ".join(labelled(key, values) for key in HEADLINE if values[key].value is not None)
+    found = ", ".join(labelled_text(key, values) for key in HEADLINE_KEYS if values[key].value is not None)
     return f"{found}; of the measured force"

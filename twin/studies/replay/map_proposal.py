@@ -12,20 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.kernel.errors import visible
-from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, split_unit
-from twin.kernel.recording.logs.csv_file import SECONDS
+from twin.kernel.atomic_write import write_text
+from twin.kernel.errors import escape_controls
+from twin.kernel.recording.logs.column_map import TIME_NAMES, TIME_SIGNAL, split_unit
+from twin.kernel.recording.logs.csv_file import TIME_DIMENSION
 from twin.kernel.recording.logs.csv_table import CsvTable, read_table
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.units import FORCE, Dimension, known_unit
-from twin.kernel.writing import write_text
 
-ANGLE, MASS = Dimension(rad=1), Dimension(kg=1)
-SIDES = {"m": ("m", "mot", "motor", "motors"), "l": ("l", "link", "joint", "load", "arm", "out", "output")}
+ANGLE_DIMENSION, MASS_DIMENSION = Dimension(rad=1), Dimension(kg=1)
+SIDE_WORDS = {"m": ("m", "mot", "motor", "motors"), "l": ("l", "link", "joint", "load", "arm", "out", "output")}
 """Side of the spring, as in `theta_m` and `theta_l` -> words by which columns name it."""
-FORCES = ("f", "fz", "force", "scale", "load", "loadcell", "weight")
-CLOCKS = (*TIME_NAMES, "stamp", "clock")
-LAST = "F_z"
+FORCE_WORDS = ("f", "fz", "force", "scale", "load", "loadcell", "weight")
+CLOCK_WORDS = (*TIME_NAMES, "stamp", "clock")
+FORCE_NAME = "F_z"
 
 
 class Triple(NamedTuple):
@@ -61,7 +61,7 @@ def propose(log: Path) -> Proposal:
     text, complete = proposal(read_table(log))
     path = log.with_suffix(".map.toml")
     if os.path.lexists(path):
-        raise LogRefused(f"{path}: is there already and is not touched; remove or rename it for a new one")
+        raise LogError(f"{path}: is there already and is not touched; remove or rename it for a new one")
     write_text(path, text)
     return Proposal(path, complete)
 
@@ -70,13 +70,15 @@ def proposal(table: CsvTable) -> tuple[str, bool]:
     """(text of the map, whether nothing in it is in doubt)."""
     numbers = [name for name in table.head if table.head.count(name) == 1 and table.is_numbers(name)]
     sections = [_time(table, numbers), *_angles(table, numbers), _force(table, numbers)]
-    taken = {name for lines in sections for name in numbers if any(_quoted(name) in line for line in lines)}
-    lines = [f"# Which column of {visible(table.path.name)} is which signal, for twin replay and twin identify."]
+    taken = {name for lines in sections for name in numbers if any(_toml_string(name) in line for line in lines)}
+    lines = [
+        f"# Which column of {escape_controls(table.path.name)} is which signal, for twin replay and twin identify."
+    ]
     lines.append("# Angles: positive where the link goes down, zero with it horizontal; the motor's before the belt.")
     for section in sections:
         lines += ["", *section]
     if left := [name for name in table.head if name not in taken]:
-        lines += ["", f"# not used: {', '.join(map(visible, left))}"]
+        lines += ["", f"# not used: {', '.join(map(escape_controls, left))}"]
     return "\n".join(lines) + "\n", not any(line.startswith("#") and " = " in line for line in lines)
 
 
@@ -84,26 +86,26 @@ def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
     """The one column that ascends and is in a unit of time, or is called so."""
     rising = [name for name in numbers if np.all(np.diff(table.column(name)) > 0.0)]
     units = {name: known_unit(split_unit(name)[1]) for name in rising}
-    timed = [name for name in rising if (found := units[name]) is not None and found.dimension == SECONDS]
-    named = [name for name in rising if _words(name) & set(CLOCKS)]
+    timed = [name for name in rising if (found := units[name]) is not None and found.dimension == TIME_DIMENSION]
+    named = [name for name in rising if _words(name) & set(CLOCK_WORDS)]
     if len(timed) == 1:
-        return [_line(TIME, timed[0])]
+        return [_line(TIME_SIGNAL, timed[0])]
     offered = timed or named
     if not offered:
-        return [f'# {TIME} = {{ column = "?", unit = "s" }}   # no column that ascends is called a time']
+        return [f'# {TIME_SIGNAL} = {{ column = "?", unit = "s" }}   # no column that ascends is called a time']
     unit = "" if timed else "s"
-    return [f"# {_line(TIME, name, unit)}{'' if timed else '   # in which unit?'}" for name in offered]
+    return [f"# {_line(TIME_SIGNAL, name, unit)}{'' if timed else '   # in which unit?'}" for name in offered]
 
 
 def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
     """The encoders of both sides of the springs."""
-    triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE]
-    found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDES.items()}
+    triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE_DIMENSION]
+    found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDE_WORDS.items()}
     # of two that are left the name of one tells the other
     for side, other in (("m", "l"), ("l", "m")):
         if not found[side] and len(found[other]) == 1 and len(triples) == 2:
             found[side] = [one for one in triples if one not in found[other]]
-    for side in SIDES:
+    for side in SIDE_WORDS:
         sure = len(found[side]) == 1
         offered = found[side] or triples
         if not offered:
@@ -124,19 +126,19 @@ def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
     """The measured force, pressing positive."""
     units = {name: split_unit(name)[1] for name in numbers}
     forces = [name for name in numbers if _dimension(units[name]) == FORCE]
-    weights = [name for name in numbers if _dimension(units[name]) == MASS]
+    weights = [name for name in numbers if _dimension(units[name]) == MASS_DIMENSION]
     if len(forces) + len(weights) == 1:
         (name,) = [*forces, *weights]
         # what a scale shows in grams is a weight
         unit = units[name] if forces else f"{units[name]}f"
         values = table.column(name)
         sign = -1 if abs(float(np.nanmin(values))) > abs(float(np.nanmax(values))) else 1
-        return [_line(f"scale.{LAST}", name, unit, sign)]
-    offered = [*forces, *weights] or [name for name in numbers if not units[name] and _words(name) & set(FORCES)]
+        return [_line(f"scale.{FORCE_NAME}", name, unit, sign)]
+    offered = [*forces, *weights] or [name for name in numbers if not units[name] and _words(name) & set(FORCE_WORDS)]
     if not offered:
-        return [f"# No column is a force: twin replay can still compare with --plant. scale.{LAST} has none."]
+        return [f"# No column is a force: twin replay can still compare with --plant. scale.{FORCE_NAME} has none."]
     return [
-        f"# {_line(f'scale.{LAST}', name, '' if name in forces else f'{units[name]}f' if units[name] else 'N')}"
+        f"# {_line(f'scale.{FORCE_NAME}', name, '' if name in forces else f'{units[name]}f' if units[name] else 'N')}"
         f"{'' if units[name] else '   # in which unit?'}"
         for name in offered
     ]
@@ -173,11 +175,11 @@ def _dimension(unit: str) -> Dimension | None:
 
 def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
     """`"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "": as the name of the column carries it."""
-    name = signal if signal == TIME else json.dumps(signal)
+    name = signal if signal == TIME_SIGNAL else json.dumps(signal)
     unit = unit or split_unit(column)[1]
     rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")
-    return f"{name} = {{ column = {_quoted(column)}{rest} }}"
+    return f"{name} = {{ column = {_toml_string(column)}{rest} }}"
 
 
-def _quoted(name: str) -> str:
+def _toml_string(name: str) -> str:
     return json.dumps(name, ensure_ascii=False)

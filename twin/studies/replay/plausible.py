@@ -12,29 +12,29 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.recording.logs.column_map import TIME, map_text
+from twin.kernel.recording.logs.column_map import TIME_SIGNAL, map_text
 from twin.kernel.recording.logs.log import MappedColumn
 from twin.robot.controller.controller import Belief, angle
 from twin.robot.mechanism.kinematics import platform_position
 
-SCALE = "scale.F_z"
-COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
+FORCE_SIGNAL = "scale.F_z"
+ANGLE_OF_COUNT = {"count_m": "theta_m", "count_l": "theta_l"}
 """The counts of the motor and joint encoders, and the angles that a log may have in their place."""
-ANGLES = {"theta_m": "encoder.count_m", "theta_l": "encoder.count_l"}
+COUNT_OF_ANGLE = {"theta_m": "encoder.count_m", "theta_l": "encoder.count_l"}
 """The angles of motors and joints, and the signals that a log may have in their place."""
-LARGEST = 2.0
+MAX_JOINT_ANGLE = 2.0
 """rad. No joint of a delta robot turns further from the horizontal."""
-MOST_WOUND = 1.0
+MAX_DEFLECTION = 1.0
 """rad of a motor, by which a spring is wound at most where a log begins: five times what it is at a force of 18 N."""
-LIKELY = 0.4
+LIKELY_DEFLECTION = 0.4
 """The same of angles that something is to be proposed for: twice that at 18 N."""
-WAYS = {"[deg]": (1, "deg"), "-": (-1, ""), "- and [deg]": (-1, "deg")}
+MAP_CORRECTIONS = {"[deg]": (1, "deg"), "-": (-1, ""), "- and [deg]": (-1, "deg")}
 """Sign and unit that may have been left out of a map."""
-TURNED = 0.1
+MIN_DEFLECTION_RANGE = 0.1
 """Smallest range of a spring's deflection (rad) that can tell one column from another."""
-CLEARER = 4.0
+MIN_IMPROVEMENT = 4.0
 """Factor by which another map must make that range smaller to be proposed."""
-OPPOSITE, RISE = -0.8, 1.0
+OPPOSITE_CORRELATION, MIN_FORCE_RANGE = -0.8, 1.0
 """Correlation of measured and estimated force below which the measured one has the other sign, and the smallest range
 of the measured one (N) that tells."""
 
@@ -51,41 +51,53 @@ class MapCheck:
     def __init__(self, where: str, belief: Belief, columns: Mapping[str, MappedColumn]):
         self._where, self._belief, self._columns = where, belief, columns
         self._names = {
-            side: counts if f"{counts}[0]" in columns else f"estimator.{side}" for side, counts in ANGLES.items()
+            side: counts if f"{counts}[0]" in columns else f"estimator.{side}"
+            for side, counts in COUNT_OF_ANGLE.items()
         }
-        counted = all(self._names[side] == counts for side, counts in ANGLES.items())
+        counted = all(self._names[side] == counts for side, counts in COUNT_OF_ANGLE.items())
         # counts of one encoder read with the resolution of the other
         self._exchanged = belief.motor_counts / belief.joint_counts if counted else 1.0
         # of w by (motors and joints exchanged, sign, column of the motor, column of the joint)
         self._low, self._high = np.full((2, 2, 3, 3), np.inf), np.full((2, 2, 3, 3), -np.inf)
         self._sums, self._least, self._most = np.zeros((3, 3)), np.inf, -np.inf
 
-    def first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64]) -> str:
-        """Return why counts (3,) of motors and joints cannot be of the robot; "" if they can."""
+    def check_first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64], failed: bool) -> str:
+        """Return why the first counts (3,) of motors and joints cannot be of the robot; "" if they can.
+
+        A recording of twin is checked only if the estimator `failed` on them.
+        """
+        if not (failed or self._columns):
+            return ""
         belief = self._belief
         theta_m = np.array([angle(count_m[i], belief.motor_counts, belief.motor_zero[i]) for i in range(3)])
         theta_l = np.array([angle(count_l[i], belief.joint_counts, belief.joint_zero[i]) for i in range(3)])
         ratio = self._exchanged
         of_motors, of_joints = (", ".join(f"{x:.1f}" for x in np.degrees(one)) for one in (theta_m, theta_l))
-        wound = self._wound(theta_m, theta_l)
-        exchanged = self._wound(theta_l / ratio, theta_m * ratio) if self._is_pose(theta_m * ratio) else np.inf
-        if self._is_pose(theta_l) and (wound <= LIKELY or (wound <= MOST_WOUND and CLEARER * exchanged > wound)):
+        wound = self._largest_deflection(theta_m, theta_l)
+        exchanged = (
+            self._largest_deflection(theta_l / ratio, theta_m * ratio) if self._is_pose(theta_m * ratio) else np.inf
+        )
+        if self._is_pose(theta_l) and (
+            wound <= LIKELY_DEFLECTION or (wound <= MAX_DEFLECTION and MIN_IMPROVEMENT * exchanged > wound)
+        ):
             return ""
-        if exchanged <= LIKELY and CLEARER * exchanged < wound:
+        if exchanged <= LIKELY_DEFLECTION and MIN_IMPROVEMENT * exchanged < wound:
             text = f"{self._where}: motors and joints are exchanged: ({of_joints}) deg are the motors' angles"
-            return f"{text}; {self._map(*self._turned(1, (0, 1, 2), (1, 1, 1)))}"
+            return f"{text}; {self._map(*self._corrected_sources(1, (0, 1, 2), (1, 1, 1)))}"
         if not self._is_pose(theta_l):
             text = f"{self._where}: the first joint angles ({of_joints}) deg fit no pose of the robot"
             # small angles are poses, whatever they were meant to be
             turned = float(np.max(np.abs(theta_l))) > 2.0 * np.pi
-            ways = [way for way in WAYS if (turned or "deg" not in way) and self._is_pose(_factor(way) * theta_l)]
+            ways = [
+                way for way in MAP_CORRECTIONS if (turned or "deg" not in way) and self._is_pose(_factor(way) * theta_l)
+            ]
             return self._sentence(text, "theta_l", ways)
         text = (
             f"{self._where}: the first motor angles ({of_motors}) deg are not those of these joints, {belief.N:g} "
             f"times ({of_joints}) deg"
         )
-        wounds = {way: self._wound(_factor(way) * theta_m, theta_l) for way in WAYS}
-        ways = sorted((way for way in WAYS if wounds[way] <= LIKELY), key=wounds.__getitem__)
+        wounds = {way: self._largest_deflection(_factor(way) * theta_m, theta_l) for way in MAP_CORRECTIONS}
+        ways = sorted((way for way in MAP_CORRECTIONS if wounds[way] <= LIKELY_DEFLECTION), key=wounds.__getitem__)
         return self._sentence(text, "theta_m", ways)
 
     def add(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
@@ -111,16 +123,16 @@ class MapCheck:
             self._least, self._most = min(self._least, float(x[2].min())), max(self._most, float(x[2].max()))
 
     @property
-    def mistake(self) -> str:
+    def map_error(self) -> str:
         """What the whole course says against the map, with the map to write; "" if nothing."""
         if not self._columns:
             return ""
-        return self._angles_mistake() or self._force_mistake()
+        return self._angles_error() or self._force_error()
 
-    def _angles_mistake(self) -> str:
+    def _angles_error(self) -> str:
         span = self._high - self._low
         given = float(np.max(np.diagonal(span[0, 0])))
-        if not TURNED < given < np.inf:
+        if not MIN_DEFLECTION_RANGE < given < np.inf:
             return ""
         best = np.inf
         choice: tuple[int, tuple[int, ...], tuple[int, ...]] = (0, (0, 1, 2), (1, 1, 1))
@@ -130,7 +142,7 @@ class MapCheck:
                 if (worst := float(of_leg.min(axis=1).max())) < best:
                     signs = tuple(1 - 2 * int(sign) for sign in of_leg.argmin(axis=1))
                     best, choice = worst, (exchanged, order, signs)
-        if best > LIKELY or CLEARER * best > given:
+        if best > LIKELY_DEFLECTION or MIN_IMPROVEMENT * best > given:
             return ""
         exchanged, order, signs = choice
         what = ["motors and joints are exchanged"] if exchanged else []
@@ -139,20 +151,20 @@ class MapCheck:
         what += [f"motor and joint {', '.join(legs)} turn in opposite senses"] if legs else []
         return (
             f"{self._where}: {', and '.join(what)}: a spring is wound by {np.degrees(given):.0f} deg as the map has "
-            f"it, by {np.degrees(best):.1f} deg otherwise; {self._map(*self._turned(*choice))}"
+            f"it, by {np.degrees(best):.1f} deg otherwise; {self._map(*self._corrected_sources(*choice))}"
         )
 
-    def _force_mistake(self) -> str:
+    def _force_error(self) -> str:
         n, x, y = self._sums[0]
         xx, xy, yy = n * self._sums[1, 1] - x * x, n * self._sums[1, 2] - x * y, n * self._sums[2, 2] - y * y
-        if self._most - self._least < RISE or xx <= 0.0 or xy > OPPOSITE * np.sqrt(xx * yy):
+        if self._most - self._least < MIN_FORCE_RANGE or xx <= 0.0 or xy > OPPOSITE_CORRELATION * np.sqrt(xx * yy):
             return ""
         return (
-            f"{self._where}: {SCALE} has the other sign, its correlation with the force of the springs is "
-            f"{xy / np.sqrt(xx * yy):.2f}; a press is positive; {self._map({SCALE: SCALE}, {SCALE: -1})}"
+            f"{self._where}: {FORCE_SIGNAL} has the other sign, its correlation with the force of the springs is "
+            f"{xy / np.sqrt(xx * yy):.2f}; a press is positive; {self._map({FORCE_SIGNAL: FORCE_SIGNAL}, {FORCE_SIGNAL: -1})}"
         )
 
-    def _turned(
+    def _corrected_sources(
         self, exchanged: int, order: tuple[int, ...], signs: tuple[int, ...]
     ) -> tuple[dict[str, str], dict[str, int]]:
         """Signal -> signal whose column it should have, and by what its sign changes."""
@@ -164,9 +176,9 @@ class MapCheck:
 
     def _map(self, sources: Mapping[str, str], signs: Mapping[str, int], unit: str = "") -> str:
         """The map to write: that of the log with other columns and signs, and another unit for those in `sources`."""
-        own = [f"{self._names[side]}[{leg}]" for side in ANGLES for leg in range(3)]
+        own = [f"{self._names[side]}[{leg}]" for side in COUNT_OF_ANGLE for leg in range(3)]
         lines = []
-        for name in [one for one in (TIME, *own, SCALE) if one in self._columns] or list(sources):
+        for name in [one for one in (TIME_SIGNAL, *own, FORCE_SIGNAL) if one in self._columns] or list(sources):
             column = self._columns.get(sources.get(name, name), MappedColumn("COLUMN"))
             changed = replace(column, sign=column.sign * signs.get(name, 1))
             lines.append(map_text(name, replace(changed, unit=unit) if unit and name in sources else changed))
@@ -176,28 +188,28 @@ class MapCheck:
         if not ways:
             return f"{text}; are their signs, units and zeros those of the experiment?"
         names = [f"{self._names[side]}[{leg}]" for leg in range(3)]
-        sign, unit = WAYS[ways[0]]
+        sign, unit = MAP_CORRECTIONS[ways[0]]
         what = {"[deg]": "as degrees", "-": "with the other sign", "- and [deg]": "as degrees of the other sign"}
         own = dict(zip(names, names, strict=True))
         return f"{text}; {what[ways[0]]} they do: {self._map(own, dict.fromkeys(names, sign), unit)}"
 
     def _is_pose(self, theta_l: NDArray[np.float64]) -> bool:
-        within = np.max(np.abs(theta_l)) <= LARGEST
+        within = np.max(np.abs(theta_l)) <= MAX_JOINT_ANGLE
         return bool(within and np.all(np.isfinite(platform_position(self._belief, *theta_l))))
 
-    def _wound(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> float:
+    def _largest_deflection(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> float:
         """The largest angle by which a spring is wound, rad of its motor."""
         return float(np.max(np.abs(theta_m - self._belief.N * theta_l)))
 
 
 def _factor(way: str) -> float:
     """What angles have to be multiplied by."""
-    sign, unit = WAYS[way]
+    sign, unit = MAP_CORRECTIONS[way]
     return sign * (np.pi / 180.0 if unit else 1.0)
 
 
-def as_counts(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
-    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `COUNTS`."""
+def count_conversion(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
+    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `ANGLE_OF_COUNT`."""
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
     return zero, turn / (2.0 * np.pi)

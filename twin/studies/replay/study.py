@@ -4,15 +4,27 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, Asked, ColumnMaps, FromS, Option, Say, Settings, Steps, ToS, silent, study
-from twin.studies.first_look import find_experiments, find_logs, print_latest
+from twin.studies.command import (
+    Argument,
+    ArgumentValues,
+    ColumnMaps,
+    FromS,
+    Option,
+    Say,
+    Settings,
+    Steps,
+    ToS,
+    ignore_progress,
+    study,
+)
+from twin.studies.precheck import find_experiments, find_logs, print_latest
 from twin.studies.result import Result
 
-HOME = Path("results") / "replay"
-PICTURE, FACTS = "replay.png", "replay.json"
+REPLAY_FOLDER = Path("results") / "replay"
+PICTURE_FILE, FACTS_FILE = "replay.png", "replay.json"
 
 
-def _check_baseline(asked: Asked) -> None:
+def _check_baseline(asked: ArgumentValues) -> None:
     from twin.studies.replay.replay import normal_time
 
     normal_time(asked["baseline"])
@@ -36,7 +48,7 @@ def replay(
     from_s: FromS = None,
     to_s: ToS = None,
     out: Annotated[Path | None, Option("Folder; default: results/replay/NAME/TIME.", "DIR")] = None,
-    say: Say = silent,
+    say: Say = ignore_progress,
 ) -> Result:
     """Replay a robot's log: position, force, and whether the twin still matches.
 
@@ -53,25 +65,26 @@ def replay(
     """
     from datetime import datetime
 
-    from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
+    from twin.kernel.atomic_write import write_json
+    from twin.kernel.recording.folder import RECORDING_FILE, claim_run_folder, create_run_folder
     from twin.kernel.recording.logs.column_map import column_map
     from twin.kernel.recording.logs.reader import read_log
-    from twin.kernel.writing import write_json
     from twin.studies.replay.held import log_measures
     from twin.studies.replay.model import model_for
-    from twin.studies.replay.replay import normal_time, replayed
-    from twin.studies.replay.text import draw_replay, next_command, record, replay_facts, replay_result
+    from twin.studies.replay.recording import record
+    from twin.studies.replay.replay import normal_time, replay_log
+    from twin.studies.replay.text import draw_replay, next_command, replay_facts, replay_result
 
     steps = Steps(say, 3)
     steps.next("reading")
     curves = read_log(log, column_map(maps), (from_s, to_s))
     model = model_for(curves.path, experiment, settings)
     steps.next("estimating, and the plant model" if plant else "estimating")
-    done = replayed(curves, model, plant, normal_time(baseline), tolerance)
+    done = replay_log(curves, model, plant, normal_time(baseline), tolerance)
     held = log_measures(done.log, done.estimator, experiment, tuple(settings))
     name = model.name if experiment is None else curves.path.stem
-    folder = claim_run_folder(out) if out else create_run_folder(HOME, name, datetime.now())
-    files = {"recording": folder / RECORDING, "picture": folder / PICTURE, "facts": folder / FACTS}
+    folder = claim_run_folder(out) if out else create_run_folder(REPLAY_FOLDER, name, datetime.now())
+    files = {"recording": folder / RECORDING_FILE, "picture": folder / PICTURE_FILE, "facts": folder / FACTS_FILE}
     steps.next("recording and drawing")
     record(done, files["recording"])
     draw_replay(done, name, files["picture"])

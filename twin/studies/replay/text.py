@@ -1,143 +1,27 @@
-"""A replay for people and tools: text of at most 80 columns, a picture, a recording under the names of a run."""
+"""A replay for people and tools: text of at most 80 columns, facts, and a picture."""
 
-import json
-from collections.abc import Mapping
 from enum import StrEnum
-from itertools import pairwise
 from math import degrees
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twin.kernel.cosim.port import Port
-from twin.kernel.recording.messages import Topic
-from twin.kernel.recording.recorder import port_fields
-from twin.kernel.recording.writer import Writer
 from twin.kernel.serialise import to_dict
-from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
-from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
 from twin.robot.run.measures import Values, with_units
-from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
-from twin.studies.replay.held import text_of
-from twin.studies.replay.replay import Indicator, Outputs, Replay, pressing
+from twin.studies.figure import INK, JOINT_COLORS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
+from twin.studies.replay.held import measures_text
+from twin.studies.replay.parts import pressing
+from twin.studies.replay.replay import Indicator, Replay
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
-TICK = 1e-9
-"""s: a robot's clock keeps to no tick of ours, so that every time is its own number of nanoseconds."""
-ENCODER = (
-    Port("count_m", 3, "1", "motor encoder counts as the estimator took them"),
-    Port("count_l", 3, "1", "joint encoder counts as the estimator took them"),
-)
-FORCE_RESIDUAL = (Port("F_z", 1, "N", "pressing force less the measured one"),)
-JOINT_RESIDUAL = (Port("theta_l", 3, "rad", "joint angles of the plant model less those of the log"),)
-SPAN = 10**8
-"""Ticks of log that are written together (0.1 s), so that topics lie side by side in the file."""
-
-
-class Track(NamedTuple):
-    """Rows of one topic. topic: its fields; ticks: times of the rows (n,), ascending; rows: (n, width)."""
-
-    topic: Topic
-    ticks: NDArray[np.int64]
-    rows: NDArray[np.float64]
-
-
-def record(replay: Replay, path: Path) -> Path:
-    """Write `replay` to `path`.
-
-    Raises:
-        RecordingFailed: it cannot be written.
-    """
-    tracks = _tracks(replay)
-    with Writer(path, [track.topic for track in tracks], TICK, _metadata(replay)) as writer:
-        # a log may have hours without a sample
-        spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN)
-        for start in (spans * SPAN).tolist():
-            for topic, ticks, rows in tracks:
-                first, last = np.searchsorted(ticks, (start, start + SPAN))
-                # as many rows at once as are evenly spaced
-                uneven = np.flatnonzero(np.diff(ticks[first:last]) != topic.period) + 1
-                for a, b in pairwise([first, *(first + uneven), last]):
-                    if a < b:
-                        writer.write(topic.name, int(ticks[a]), rows[a:b])
-            writer.end_slice()
-        for tick, text in _events(replay):
-            writer.write_event(tick, "WARNING", text, "replay")
-        return writer.finish()
-
-
-def _tracks(replay: Replay) -> list[Track]:
-    t = replay.log.t
-    tracks = [
-        _track("encoder", ENCODER, t, {"count_m": replay.log.count_m, "count_l": replay.log.count_l}),
-        _track("estimator", ESTIMATES, t, replay.estimator),
-    ]
-    if replay.twin is not replay.estimator:
-        tracks.append(_track("twin", ESTIMATES, t, replay.twin))
-    if replay.plant is not None:
-        tracks.append(_track("plant", MOTION, t, replay.plant))
-        r = replay.plant["theta_l"] - replay.twin["theta_l"]
-        tracks.append(_track("residual/joints", JOINT_RESIDUAL, t, {"theta_l": r}))
-    if replay.log.force is not None:
-        force = replay.log.force
-        inside = force.t >= 0.0
-        tracks.append(_track("scale", SCALE, force.t[inside], {"F_z": force.values[inside]}))
-    for name, residual in replay.forces.items():
-        tracks.append(_track(f"residual/{name}", FORCE_RESIDUAL, residual.t, {"F_z": residual.r}))
-    for one in replay.indicators:
-        ports = tuple(Port(name, 1, one.unit, meaning) for name, meaning in SUMS.items())
-        values = {"mean": one.drift.mean, "up": one.drift.up, "low": one.drift.low}
-        tracks.append(_track(f"drift/{one.name.replace(' ', '_')}", ports, one.drift.t, values))
-    return tracks
-
-
-SUMS = {
-    "mean": "mean residual of the block that ends here",
-    "up": "Page's cumulative sum against an increase",
-    "low": "Page's cumulative sum against a decrease",
-}
-
-
-def _track(name: str, ports: tuple[Port, ...], t: NDArray[np.float64], outputs: Outputs) -> Track:
-    fields = port_fields(ports)
-    ticks = np.rint(t / TICK).astype(np.int64)
-    # no row follows sooner than this
-    period = int(np.min(np.diff(ticks), initial=SPAN))
-    return Track(Topic(name, fields, period), ticks, np.column_stack([outputs[p.name] for p in ports]).astype(float))
-
-
-def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
-    model = replay.model
-    return {
-        "experiment": {"name": model.name, "title": f"replay of {replay.log.path.name}",
-                       "values": json.dumps(model.values)},
-        "replay": {"log": replay.log.path.name},
-    }  # fmt: skip
-
-
-def _events(replay: Replay) -> list[tuple[int, str]]:
-    """Gaps, starts of the plant model after the first, alarms, in order of time."""
-    found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.gaps]
-    found += [(start, "the plant model starts anew, at rest") for start in replay.starts[1:]]
-    found += [
-        (one.drift.alarm, f"{one.name} no longer matches, since {one.drift.since:.3f} s")
-        for one in replay.indicators
-        if not one.drift.matches
-    ]
-    return [(round(t / TICK), text) for t, text in sorted(found)]
-
-
-ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
-INDICATORS = (
+FORCE_ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
+INDICATOR_COLUMNS = (
     Column("block means", 11, left=True),
     Column("seen above", 11),
     Column("largest", 11),
     Column("verdict", left=True, gap=3),
 )
-STATISTICS = (
+STATISTICS_COLUMNS = (
     Column("F_z less measured", 17, left=True),
     Column("bias", 8, "+.3f", "N"),
     Column("std", 7, ".3f", "N"),
@@ -147,6 +31,7 @@ STATISTICS = (
     Column("corr.", 7, ".4f", "1"),
     Column("lag", 6, ".0f", "ms"),
 )
+MEASURED_COLOR, ESTIMATE_COLOR, TWIN_COLOR, PLANT_COLOR, ALARM_COLOR = INK, PAPER_YELLOW, PAPER_ORANGE, PAPER_BLUE, RED
 
 
 class ReplayVerdict(StrEnum):
@@ -174,7 +59,7 @@ def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str]
         following: the command that comes next, or "".
     """
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
-    parts = [*_reasons(replay), "", *forces, note("held", text_of(held)), *_samples(replay)]
+    parts = [*_reasons(replay), "", *forces, note("held", measures_text(held)), *_samples(replay)]
     shown = {**files, **({"next": following} if following else {})}
     facts = replay_facts(replay, held) | files | {"next": following}
     return Result(_headline(replay, name), parts, facts, shown, exit_code=1 if replay.first_alarm else 0)
@@ -201,7 +86,7 @@ def _change(one: Indicator) -> str:
 def _reasons(replay: Replay) -> list[Block]:
     blocks: list[Block] = []
     if replay.indicators:
-        blocks += ["", Table(INDICATORS, [_indicator(one) for one in replay.indicators])]
+        blocks += ["", Table(INDICATOR_COLUMNS, [_indicator(one) for one in replay.indicators])]
     if replay.first_alarm:
         blocks.append(
             Note("A spring, belt, encoder, the body or the force sensor has changed; this cannot tell which.", "  ")
@@ -227,18 +112,20 @@ def _indicator(one: Indicator) -> list[str]:
 
 def _table(replay: Replay) -> Table:
     rows = [
-        (ROWS[name], s.bias, s.std, s.rms, s.largest, s.at, s.correlation, 1e3 * s.lag)
+        (FORCE_ROWS[name], s.bias, s.std, s.rms, s.largest, s.at, s.correlation, 1e3 * s.lag)
         for name, s in replay.statistics.items()
     ]
-    return Table(STATISTICS, rows)
+    return Table(STATISTICS_COLUMNS, rows)
 
 
 def _samples(replay: Replay) -> list[Block]:
     log = replay.log
-    lost = f"{log.missing} missing in {len(log.gaps)} gaps" if len(log.gaps) else "none missing"
+    lost = (
+        f"{log.sampling.missing} missing in {len(log.sampling.gaps)} gaps" if len(log.sampling.gaps) else "none missing"
+    )
     again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
     return [
-        note("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}"),
+        note("samples", f"{len(log.t)}, one every {1e3 * log.sampling.period:.4g} ms, {lost}"),
         *([note("restarts", f"the plant model starts anew after gaps, at {again} s")] if again else []),
         *(note("note", text, whole=True) for text in log.notes),
     ]
@@ -261,8 +148,8 @@ def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
         "start_s": float(log.t[0]),
         "end_s": float(log.t[-1]),
         "samples": len(log.t),
-        "missing": log.missing,
-        "gaps_s": log.gaps.tolist(),
+        "missing": log.sampling.missing,
+        "gaps_s": log.sampling.gaps.tolist(),
         "force_N": {name: to_dict(one) for name, one in replay.statistics.items()},
         "indicators": [_indicator_facts(one) for one in replay.indicators],
         "measures": with_units(held),
@@ -279,9 +166,6 @@ def _indicator_facts(one: Indicator) -> dict[str, object]:
             "threshold": d.threshold, "block_s": d.block,
         }
     )  # fmt: skip
-
-
-MEASURED, ESTIMATE, TWIN, PLANT, ALARM = INK, PAPER_YELLOW, PAPER_ORANGE, PAPER_BLUE, RED
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
@@ -302,11 +186,11 @@ def draw_replay(replay: Replay, name: str, path: Path) -> None:
         first = replay.first_alarm
         for panel in axes:
             panel.margins(x=0)
-            for start, end in replay.log.gaps:
+            for start, end in replay.log.sampling.gaps:
                 panel.axvspan(start, end, color="0.9")
             if first is not None:
-                panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM, alpha=0.06)
-                panel.axvline(first.drift.alarm, color=ALARM, lw=1.0)
+                panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM_COLOR, alpha=0.06)
+                panel.axvline(first.drift.alarm, color=ALARM_COLOR, lw=1.0)
         axes[0].set_title(_title(replay, name), loc="left", fontweight="bold")
         axes[-1].set_xlabel("time (s)")
 
@@ -320,26 +204,26 @@ def _title(replay: Replay, name: str) -> str:
 
 def _draw_forces(axes: Axes, replay: Replay) -> None:
     t = replay.log.t
-    axes.plot(t, pressing(replay.estimator), color=ESTIMATE, lw=0.9, label="estimate")
+    axes.plot(t, pressing(replay.estimator), color=ESTIMATE_COLOR, lw=0.9, label="estimate")
     if replay.twin is not replay.estimator:
-        axes.plot(t, pressing(replay.twin), color=TWIN, lw=0.9, label="estimate, dead zone taken off")
+        axes.plot(t, pressing(replay.twin), color=TWIN_COLOR, lw=0.9, label="estimate, dead zone taken off")
     if replay.plant is not None:
-        axes.plot(t, pressing(replay.plant), color=PLANT, lw=1.2, label="plant model")
+        axes.plot(t, pressing(replay.plant), color=PLANT_COLOR, lw=1.2, label="plant model")
     if replay.log.force is not None:
         force = replay.log.force
-        axes.step(force.t, force.values, where="post", color=MEASURED, lw=1.0, label="measured")
+        axes.step(force.t, force.values, where="post", color=MEASURED_COLOR, lw=1.0, label="measured")
     axes.set_ylabel("F_z, pressing (N)")
     axes.legend(loc="best", fontsize="small")
 
 
 def _draw_force_residual(axes: Axes, one: Indicator) -> None:
-    _draw_residual(axes, one, 1.0, TWIN, "estimate, dead zone taken off, less measured: means of blocks")
+    _draw_residual(axes, one, 1.0, TWIN_COLOR, "estimate, dead zone taken off, less measured: means of blocks")
     axes.set_ylabel("force residual (N)")
     axes.legend(loc="best", fontsize="small")
 
 
 def _draw_joint_residuals(axes: Axes, joints: list[Indicator]) -> None:
-    for one, color in zip(joints, JOINTS, strict=True):
+    for one, color in zip(joints, JOINT_COLORS, strict=True):
         _draw_residual(axes, one, float(np.degrees(1.0)), color, f"{one.name}, model less robot")
     axes.set_ylabel("joint residual (deg)")
     axes.legend(loc="best", fontsize="small", ncols=3)
@@ -372,10 +256,10 @@ def _draw_sums(axes: Axes, indicators: tuple[Indicator, ...]) -> None:
     for one in indicators:
         d = one.drift
         worst = np.where(d.up >= d.low, d.up, -d.low) / d.threshold
-        color = TWIN if one.unit == "N" else JOINTS[int(one.name[-1]) - 1]
+        color = TWIN_COLOR if one.unit == "N" else JOINT_COLORS[int(one.name[-1]) - 1]
         axes.plot(d.t, worst, marker=".", lw=1.2, color=color, label=one.name)
     for side in (-1.0, 1.0):
-        axes.axhline(side, color=ALARM, lw=0.9, ls="--", label="alarm" if side > 0 else None)
+        axes.axhline(side, color=ALARM_COLOR, lw=0.9, ls="--", label="alarm" if side > 0 else None)
     axes.set_ylabel("cumulative sum / H")
     low, high = axes.get_ylim()
     axes.set_ylim(max(min(low, -1.4), -4.0), min(max(high, 1.4), 4.0))

@@ -13,26 +13,26 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.errors import InputRefused, TwinError, disk_refusals, nearest
+from twin.kernel.errors import InputRefused, TwinError, nearest, translate_disk_errors
 from twin.kernel.files import read_json
-from twin.kernel.recording.folder import LATEST, NAMED, PARTIAL, RECORDING, STAMP
-from twin.kernel.recording.reader import last_time, origin
-from twin.robot.assembly.declared import DECLARED
+from twin.kernel.recording.folder import FOLDER_STAMP, LATEST_LINK, NAMED_NOTE_FILE, PARTIAL_SUFFIX, RECORDING_FILE
+from twin.kernel.recording.reader import last_time, read_metadata
+from twin.robot.assembly.declared import DECLARED_TABLES
 from twin.robot.assembly.drives import fmus
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.command_words import options, repeating_words, run_command
-from twin.robot.experiment.differences import differing, experiment_facts, recorded_facts
+from twin.robot.experiment.differences import comparable_values, differing_values, recorded_comparable_values
 from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.recorded import recorded_name, recorded_values
-from twin.robot.run.measures import LARGE_OVERSHOOT, MEASURES
-from twin.robot.run.run import SUMMARY, named_files
+from twin.robot.run.measures import LARGE_OVERSHOOT, ROWS_BY_KEY
+from twin.robot.run.run import SUMMARY_FILE, without_folders
 from twin.studies.command import Answer, Say, Steps
-from twin.studies.result import counted, cut, wrapped
+from twin.studies.result import count_text, shorten, wrap_text
 
-WRITTEN = re.compile(
+WRITTEN_NAMES = re.compile(
     r"run\.(mcap|mcap\.partial|csv|parquet|mat)|summary\.json|report\.html"
     r"|run_ros2/(run_ros2_0\.mcap|metadata\.yaml|map\.toml)"
-    # begun by `twin.kernel.writing.written` and never finished
+    # begun by `twin.kernel.atomic_write.own_files` and never finished
     r"|\.(run|summary|report)\.\w{8}\.\w+"
 )
 """What twin calls the files that it writes into a run's folder: the run, its page, and what it was exported to."""
@@ -51,19 +51,23 @@ class StoredRun:
     folder: Path
     recording: Path
     latest: bool
-    alone: bool = False
+    is_top_level: bool = False
 
     @cached_property
-    def named(self) -> bool:
+    def has_user_name(self) -> bool:
         """Whether its user has called its folder something, be it a time."""
-        if self.alone or not STAMP.fullmatch(self.folder.name) or (self.folder / NAMED).exists():
+        if (
+            self.is_top_level
+            or not FOLDER_STAMP.fullmatch(self.folder.name)
+            or (self.folder / NAMED_NOTE_FILE).exists()
+        ):
             return True
         return self._recorded_name not in ("", self.folder.parent.name)
 
     @property
     def experiment(self) -> str:
         """By the name of the folder above; where the user has chosen that, as it is recorded."""
-        if not self.named:
+        if not self.has_user_name:
             return self.folder.parent.name
         return self._recorded_name or self.folder.name
 
@@ -72,8 +76,8 @@ class StoredRun:
         return self.metadata.get("experiment", {}).get("name", "")
 
     @property
-    def finished(self) -> bool:
-        return self.recording.suffix != PARTIAL
+    def is_finished(self) -> bool:
+        return self.recording.suffix != PARTIAL_SUFFIX
 
     @cached_property
     def size(self) -> int:
@@ -84,16 +88,16 @@ class StoredRun:
     def metadata(self) -> dict[str, dict[str, str]]:
         """Of the recording; empty if that cannot be read."""
         try:
-            return origin(self.recording)
+            return read_metadata(self.recording)
         except InputRefused:
             return {}
 
     @cached_property
-    def typed(self) -> list[str]:
+    def start_options(self) -> list[str]:
         """Options with which the run was started, as recorded: `--drive`, `pmsm_foc.fmu`."""
         try:
             # ours has files by name only; of a path that is there nevertheless nothing is opened but that name
-            values = named_files(recorded_values(DECLARED, self.metadata, self.recording))
+            values = without_folders(recorded_values(DECLARED_TABLES, self.metadata, self.recording))
             return options(values, self.metadata.get("origins", {}))
         except InputRefused:
             return []
@@ -101,26 +105,26 @@ class StoredRun:
     @property
     def words(self) -> list[str]:
         """Words behind `twin run` that repeat the run."""
-        return repeating_words(self.summary, self.experiment, self.typed)
+        return repeating_words(self.summary, self.experiment, self.start_options)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The numbers beside the recording; empty if there are none."""
         try:
-            found = read_json(self.folder / SUMMARY)
+            found = read_json(self.folder / SUMMARY_FILE)
         except InputRefused:
             return {}
         return found if isinstance(found, dict) else {}
 
     @cached_property
-    def written(self) -> list[Path]:
+    def own_files(self) -> list[Path]:
         """The files in the folder that twin calls as it does."""
-        return [path for path in self._files if WRITTEN.fullmatch(path.relative_to(self.folder).as_posix())]
+        return [path for path in self._files if WRITTEN_NAMES.fullmatch(path.relative_to(self.folder).as_posix())]
 
     @property
-    def others(self) -> list[Path]:
+    def other_files(self) -> list[Path]:
         """What else lies there."""
-        return sorted(set(self._files).difference(self.written))
+        return sorted(set(self._files).difference(self.own_files))
 
     @cached_property
     def _files(self) -> list[Path]:
@@ -140,16 +144,16 @@ class StoredRun:
             OSError: the disk refuses.
         """
         size = 0
-        for path in self.written:
+        for path in self.own_files:
             size += path.lstat().st_size
             path.unlink()
-        for folder in (*{path.parent for path in self.written if path.parent != self.folder}, self.folder):
+        for folder in (*{path.parent for path in self.own_files if path.parent != self.folder}, self.folder):
             if not any(folder.iterdir()):
                 folder.rmdir()
         return size
 
     @property
-    def reached(self) -> float:
+    def end_time(self) -> float:
         """How far the recording goes (s)."""
         return last_time(self.recording) or 0.0
 
@@ -157,7 +161,7 @@ class StoredRun:
 def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
     """The runs below `results`, those of an experiment together, the newest first, then those with names."""
     runs = [run for home in _folders(results) for run in _runs(home)]
-    runs.sort(key=lambda run: (run.experiment, run.named))
+    runs.sort(key=lambda run: (run.experiment, run.has_user_name))
     there = dict.fromkeys(run.experiment for run in runs)
     for name in experiments:
         if name not in there:
@@ -191,18 +195,18 @@ def _folders(results: Path) -> list[Path]:
 
 
 def _runs(home: Path) -> Iterator[StoredRun]:
-    latest = os.path.realpath(home / LATEST)
-    stamped = [path for path in home.iterdir() if STAMP.fullmatch(path.name) and not path.is_symlink()]
+    latest = os.path.realpath(home / LATEST_LINK)
+    stamped = [path for path in home.iterdir() if FOLDER_STAMP.fullmatch(path.name) and not path.is_symlink()]
     # the second of two runs within a second ends in _2, the tenth in _10
     stamped.sort(key=lambda path: (path.name[:17], len(path.name), path.name), reverse=True)
     for folder in (*stamped, home):
-        for name in (RECORDING, f"{RECORDING}{PARTIAL}"):
+        for name in (RECORDING_FILE, f"{RECORDING_FILE}{PARTIAL_SUFFIX}"):
             if (folder / name).is_file():
                 yield StoredRun(folder, folder / name, os.path.realpath(folder) == latest, folder == home)
                 break
 
 
-class ExperimentsNow:
+class CurrentExperiments:
     """Experiments as their files say them now; each is read once."""
 
     def __init__(self) -> None:
@@ -216,13 +220,13 @@ class ExperimentsNow:
         Raises:
             TwinError: the run says of no experiment, or there is none of that name any more, or a mistake in it.
         """
-        then = recorded_facts(DECLARED, run.metadata, run.recording)
-        now = self._of(recorded_name(run.metadata, run.recording), run.typed)
+        then = recorded_comparable_values(DECLARED_TABLES, run.metadata, run.recording)
+        now = self._experiment_facts(recorded_name(run.metadata, run.recording), run.start_options)
         if "controller" in run.metadata.get("substituted", {}):
             now = {key: value for key, value in now.items() if key in then or not key.startswith("controller.")}
-        return {key: (values[0], values[1]) for key, values in differing([then, now]).items()}
+        return {key: (values[0], values[1]) for key, values in differing_values([then, now]).items()}
 
-    def _of(self, name: str, typed: Sequence[str]) -> dict[str, str]:
+    def _experiment_facts(self, name: str, typed: Sequence[str]) -> dict[str, str]:
         known = (name, *typed)
         if known not in self._facts:
             given: dict[str, list[str]] = {}
@@ -238,11 +242,11 @@ class ExperimentsNow:
             experiment = load_experiment(file, given.get("--set", ()), drive, body)
             hashes = {fmu.path.name: fmu.sha256 for one in experiment.drives for fmu in fmus(one).values()}
             # through JSON, as what is recorded
-            self._facts[known] = experiment_facts(json.loads(json.dumps(named_files(experiment.values))), hashes)
+            self._facts[known] = comparable_values(json.loads(json.dumps(without_folders(experiment.values))), hashes)
         return self._facts[known]
 
 
-def describe_differences(run: StoredRun, now: ExperimentsNow) -> tuple[dict[str, tuple[str, str]], str]:
+def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[str, tuple[str, str]], str]:
     """The differences of `run`, and why they cannot be listed; one of the two is empty."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
@@ -254,11 +258,11 @@ def describe_differences(run: StoredRun, now: ExperimentsNow) -> tuple[dict[str,
         return {}, str(problem).splitlines()[0]
 
 
-FEW = 4
+MAX_DIFFERENCES = 4
 """The most differences in the text of a run; `--json` has all of them."""
-LONG = 40
+MAX_VALUE_LENGTH = 40
 """Characters of a value in the text; a list of waypoints does not fit in a line."""
-INDENT = " " * 6
+DETAIL_INDENT = " " * 6
 
 Differences = Mapping[str, tuple[str, str]]
 
@@ -271,7 +275,7 @@ def runs_text(
         return f"{results}: no runs; the first: twin run fig4_force_position"
     experiments = len({run.experiment for run in runs})
     total = size_text(sum(run.size for run in runs))
-    lines = [f"{results}: {counted(len(runs), 'run')} of {counted(experiments, 'experiment')}, {total}"]
+    lines = [f"{results}: {count_text(len(runs), 'run')} of {count_text(experiments, 'experiment')}, {total}"]
     last = ""
     for run, (found, why) in zip(runs, differences, strict=True):
         if run.experiment != last:
@@ -280,7 +284,7 @@ def runs_text(
         lines += [*run_lines(run), *difference_lines(found, why)]
     if others:
         given = ", ".join(f"{name} {size_text(size)}" for name, size in others.items())
-        lines += ["", *wrapped(f"also there: {given}", later=2)]
+        lines += ["", *wrap_text(f"also there: {given}", later=2)]
     return "\n".join(lines)
 
 
@@ -288,14 +292,14 @@ def run_lines(run: StoredRun) -> list[str]:
     """Return when, size and verdict of a run, and the command that repeats it, unless its experiment's name does."""
     latest = "  latest" if run.latest else ""
     # one line, however long: a command that is broken into lines cannot be copied
-    made = [f"{INDENT}{run_command(run.words)}"] if run.words != [run.experiment] else []
+    made = [f"{DETAIL_INDENT}{run_command(run.words)}"] if run.words != [run.experiment] else []
     return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}", *made]
 
 
 def verdict(run: StoredRun) -> str:
     """What it came to, in a few words."""
-    if not run.finished:
-        return f"not finished: ends at {run.reached:.3g} s"
+    if not run.is_finished:
+        return f"not finished: ends at {run.end_time:.3g} s"
     words = []
     if run.summary.get("trip"):
         words.append("safety trip")
@@ -303,17 +307,17 @@ def verdict(run: StoredRun) -> str:
         words.append("failed")
     outcome = run.summary.get("outcome")
     if isinstance(outcome, dict):
-        peak, error, hold = outcome.get("peak"), outcome.get("force_error"), _measured(outcome, "hold_error")
-        words += [f"hold error {MEASURES['hold_error'].shown(hold)}"] if hold is not None else []
-        if (overshoot := _measured(outcome, "hold_overshoot") or 0.0) > LARGE_OVERSHOOT:
-            words.append(f"overshoot {MEASURES['hold_overshoot'].shown(overshoot)}")
+        peak, error, hold = outcome.get("peak"), outcome.get("force_error"), _measure_value(outcome, "hold_error")
+        words += [f"hold error {ROWS_BY_KEY['hold_error'].format_value(hold)}"] if hold is not None else []
+        if (overshoot := _measure_value(outcome, "hold_overshoot") or 0.0) > LARGE_OVERSHOOT:
+            words.append(f"overshoot {ROWS_BY_KEY['hold_overshoot'].format_value(overshoot)}")
         words += [f"at most {peak:.2f} N" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
         if hold is None and isinstance(error, float):
             words.append(f"error since the first touch {error:.2f} N")
     return ", ".join(words) or "finished"
 
 
-def _measured(outcome: Mapping[str, Any], key: str) -> float | None:
+def _measure_value(outcome: Mapping[str, Any], key: str) -> float | None:
     """Value of a measure in a summary, which may come from anybody."""
     measures = outcome.get("measures")
     found = measures.get(key) if isinstance(measures, dict) else None
@@ -324,12 +328,17 @@ def _measured(outcome: Mapping[str, Any], key: str) -> float | None:
 def difference_lines(differences: Differences, why: str) -> list[str]:
     """What another run of the same would do otherwise by now; nothing if it would not."""
     if why:
-        return wrapped(f"not compared with its file: {why}", INDENT, later=8)
+        return wrap_text(f"not compared with its file: {why}", DETAIL_INDENT, later=8)
     lines = []
-    for key, (then, now) in list(differences.items())[:FEW]:
-        lines += wrapped(f"{key} was {cut(then, LONG)}, is {cut(now, LONG)} now", INDENT, later=8, whole=True)
-    more = len(differences) - FEW
-    return [*lines, *([f"{INDENT}and {counted(more, 'more difference')}"] if more > 0 else [])]
+    for key, (then, now) in list(differences.items())[:MAX_DIFFERENCES]:
+        lines += wrap_text(
+            f"{key} was {shorten(then, MAX_VALUE_LENGTH)}, is {shorten(now, MAX_VALUE_LENGTH)} now",
+            DETAIL_INDENT,
+            later=8,
+            whole=True,
+        )
+    more = len(differences) - MAX_DIFFERENCES
+    return [*lines, *([f"{DETAIL_INDENT}and {count_text(more, 'more difference')}"] if more > 0 else [])]
 
 
 def size_text(size: float) -> str:
@@ -347,17 +356,17 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
     return [(one[0], one[1], one[2]) for one in listed if isinstance(one, list) and len(one) == 3]
 
 
-MANY = 10
+MAX_LISTED_FILES = 10
 """The most files that stay in the text."""
 
 
-def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
+def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     """What lies in `results`.
 
     Args:
         experiments: only runs of these; empty: all, and what else is there.
     """
-    runs, now = stored_runs(results, experiments), ExperimentsNow()
+    runs, now = stored_runs(results, experiments), CurrentExperiments()
     found = []
     steps = Steps(say, len(runs))
     for run in runs:
@@ -371,11 +380,11 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
                 "folder": str(run.folder),
                 "experiment": run.experiment,
                 "latest": run.latest,
-                "finished": run.finished,
+                "finished": run.is_finished,
                 "bytes": run.size,
                 "verdict": verdict(run),
                 "outcome": run.summary.get("outcome"),
-                "with": run.typed,
+                "with": run.start_options,
                 "command": run_command(run.words),
                 "changed_since": {key: {"then": then, "now": now} for key, (then, now) in differences.items()},
                 "not_compared": why,
@@ -387,7 +396,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     return Answer(runs_text(results, runs, found, others), facts)
 
 
-def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
+def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
     """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
 
     A run that its user has given a name stays, and does not count.
@@ -395,7 +404,7 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[St
     seen: dict[str, int] = {}
     doomed = []
     for run in stored_runs(results, experiments):
-        if run.named:
+        if run.has_user_name:
             continue
         seen[run.experiment] = seen.get(run.experiment, 0) + 1
         if seen[run.experiment] > keep and not (keep and run.latest):
@@ -403,32 +412,36 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[St
     return doomed
 
 
-def doomed_text(doomed: Sequence[StoredRun]) -> str:
+def removal_text(doomed: Sequence[StoredRun]) -> str:
     """What would go."""
-    lines = [f"{counted(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
+    lines = [f"{count_text(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]
-    return "\n".join([*lines, *_staying(doomed)])
+    return "\n".join([*lines, *_remaining_lines(doomed)])
 
 
-def removed(doomed: Sequence[StoredRun]) -> str:
+def remove_runs(doomed: Sequence[StoredRun]) -> str:
     """Take the folders of `doomed` away; what has become of them."""
     size = 0
-    others = sum(len(run.others) for run in doomed)
+    others = sum(len(run.other_files) for run in doomed)
     for run in doomed:
-        with disk_refusals(run.folder, "cannot be removed"):
+        with translate_disk_errors(run.folder, "cannot be removed"):
             size += run.remove()
-            latest = run.folder.parent / LATEST
+            latest = run.folder.parent / LATEST_LINK
             if run.latest and latest.is_symlink():
                 latest.unlink()
             if not any(run.folder.parent.iterdir()):
                 run.folder.parent.rmdir()
-    stays = f"; {counted(others, 'file')} that twin did not write stayed" if others else ""
-    return f"removed {counted(len(doomed), 'run')}, {size_text(size)}{stays}"
+    stays = f"; {count_text(others, 'file')} that twin did not write stayed" if others else ""
+    return f"removed {count_text(len(doomed), 'run')}, {size_text(size)}{stays}"
 
 
-def _staying(doomed: Sequence[StoredRun]) -> list[str]:
+def _remaining_lines(doomed: Sequence[StoredRun]) -> list[str]:
     """What lies in the folders of `doomed` and is not twin's."""
-    left = [str(path) for run in doomed for path in run.others]
-    more = [f"  and {len(left) - MANY} more"] if len(left) > MANY else []
-    return ["stays, because twin did not write it:", *(f"  {path}" for path in left[:MANY]), *more] if left else []
+    left = [str(path) for run in doomed for path in run.other_files]
+    more = [f"  and {len(left) - MAX_LISTED_FILES} more"] if len(left) > MAX_LISTED_FILES else []
+    return (
+        ["stays, because twin did not write it:", *(f"  {path}" for path in left[:MAX_LISTED_FILES]), *more]
+        if left
+        else []
+    )

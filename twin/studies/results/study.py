@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Answer, Argument, AsJson, Option, Say, confirmed, study
+from twin.studies.command import Answer, Argument, AsJson, Option, Say, confirm, study
 
 
 @study()
@@ -32,19 +32,19 @@ def runs(
         raise InputRefused("twin runs: --keep and --yes belong to --prune; add that, or leave them out")
     if prune and as_json:
         raise InputRefused("twin runs: --prune asks questions; leave --json out")
-    from twin.studies.results.stored import doomed_runs, doomed_text, listed, removed
+    from twin.studies.results.stored import list_runs, removable_runs, removal_text, remove_runs
 
     if not prune:
-        yield listed(results, experiments, say)
+        yield list_runs(results, experiments, say)
         return
-    doomed = doomed_runs(results, experiments, keep)
+    doomed = removable_runs(results, experiments, keep)
     if not doomed:
         yield Answer(f"{results}: nothing to remove; each experiment has {keep} at most", {})
         return
-    yield Answer(doomed_text(doomed), {})
+    yield Answer(removal_text(doomed), {})
     if not yes and not sys.stdin.isatty():
         yield Answer("nothing removed; --yes removes them", {})
-    elif yes or confirmed("Remove them?"):
-        yield Answer(removed(doomed), {})
+    elif yes or confirm("Remove them?"):
+        yield Answer(remove_runs(doomed), {})
     else:
         yield Answer("nothing removed", {})

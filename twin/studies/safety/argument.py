@@ -8,61 +8,63 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.studies.figure import BARE, GREEN, GREY, INK, RED, Axes, picture
+from twin.studies.figure import BARE_STYLE, GREEN, GREY, INK, RED, Axes, picture
 from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.hazards import SafetyTable
 
-WIDTH, STEP = 2.6, 2.8
+LOCAL_WIDTH, BOX_STEP = 2.6, 2.8
 """Of a box, and from one to the next, in inches of the picture."""
-ROW, ACROSS = 4.5, 4
+ROW_HEIGHT, BOXES_PER_ROW = 4.5, 4
 """Height of a row of goals, and how many of them stand in one: a page of paper can be read then."""
-LETTERS = 10.0
+FONT_SIZE = 10.0
 
 
 def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -> None:
     """Write the picture to `path`: the goal of the whole table, one below it for each line, the runs behind each."""
     from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
-    rows = -(-len(lines) // ACROSS)
-    across, high = STEP * ACROSS, 2.6 + ROW * rows
-    with picture(path, across + 0.35, high + 0.2, look=BARE) as figure:
+    rows = -(-len(lines) // BOXES_PER_ROW)
+    across, high = BOX_STEP * BOXES_PER_ROW, 2.6 + ROW_HEIGHT * rows
+    with picture(path, across + 0.35, high + 0.2, look=BARE_STYLE) as figure:
         axes = figure.subplots()
         axes.set(xlim=(0, across + 0.15), ylim=(0, high), aspect="equal")
         axes.axis("off")
         middle = 0.3 * across
         axes.add_patch(Rectangle((0.2, high - 1.1), 2 * (middle - 0.2), 1.0, fc="white", ec=INK))
-        _say(axes, middle, high - 0.6, f"G0: {table.head.title}: no hazard of the table exceeds its limit", 44)
+        _write_text(axes, middle, high - 0.6, f"G0: {table.head.title}: no hazard of the table exceeds its limit", 44)
         context = (2 * middle + 0.35, high - 1.1), across - 2 * middle - 0.5, 1.0
         axes.add_patch(FancyBboxPatch(*context, boxstyle="round,pad=0.05", fc="white", ec=GREY))
-        _say(axes, middle + 0.5 * across, high - 0.6, f"C0: {table.head.experiment}; {table.head.use}", 44)
+        _write_text(axes, middle + 0.5 * across, high - 0.6, f"C0: {table.head.experiment}; {table.head.use}", 44)
         slant = [(0.6, high - 2.1), (2 * middle - 0.6, high - 2.1), (2 * middle, high - 1.5), (1.2, high - 1.5)]
         axes.add_patch(Polygon(slant, fc="white", ec=INK))
-        _say(axes, middle, high - 1.8, "S0: each hazard by all its causes, run in simulation", 60)
+        _write_text(axes, middle, high - 1.8, "S0: each hazard by all its causes, run in simulation", 60)
         _arrow(axes, middle, high - 1.1, middle, high - 1.5)
         # a line down the left edge, from which each row has its own
-        down = high - 2.55 - ROW * (rows - 1)
+        down = high - 2.55 - ROW_HEIGHT * (rows - 1)
         axes.plot([middle, middle, 0.05, 0.05], [high - 2.1, high - 2.3, high - 2.3, down], color=INK, lw=0.8)
         for number, line in enumerate(lines):
-            row, column = divmod(number, ACROSS)
-            x, top = STEP * (column + 0.5) + 0.1, high - 2.85 - ROW * row
+            row, column = divmod(number, BOXES_PER_ROW)
+            x, top = BOX_STEP * (column + 0.5) + 0.1, high - 2.85 - ROW_HEIGHT * row
             good = line.status == "kept"
             color = GREEN if good else RED
             axes.plot([0.05, x], [top + 0.3, top + 0.3], color=INK, lw=0.8)
             _arrow(axes, x, top + 0.3, x, top)
-            axes.add_patch(Rectangle((x - 0.5 * WIDTH, top - 1.3), WIDTH, 1.3, fc="white", ec=color, lw=1.6))
+            axes.add_patch(
+                Rectangle((x - 0.5 * LOCAL_WIDTH, top - 1.3), LOCAL_WIDTH, 1.3, fc="white", ec=color, lw=1.6)
+            )
             text = f"{line.hazard.table.id}: {line.hazard.table.hazard}: {line.hazard.limit_text}"
-            _say(axes, x, top - 0.65, text, 28)
+            _write_text(axes, x, top - 0.65, text, 28)
             _arrow(axes, x, top - 1.3, x, top - 1.7)
             axes.add_patch(Circle((x, top - 2.6), 0.9, fc="white", ec=color, lw=1.6))
-            _say(axes, x, top - 2.6, f"{len(line.runs) + len(line.distances)} runs\n{line.status}", 14)
+            _write_text(axes, x, top - 2.6, f"{len(line.runs) + len(line.distances)} runs\n{line.status}", 14)
             if not good:
                 diamond = [(x, top - 3.5), (x + 0.2, top - 3.7), (x, top - 3.9), (x - 0.2, top - 3.7)]
                 axes.add_patch(Polygon(diamond, fc="white", ec=RED))
 
 
-def _say(axes: Axes, x: float, y: float, text: str, columns: int) -> None:
+def _write_text(axes: Axes, x: float, y: float, text: str, columns: int) -> None:
     lines = [part for line in text.split("\n") for part in textwrap.wrap(line, columns)]
-    axes.text(x, y, "\n".join(lines[:5]), ha="center", va="center", fontsize=LETTERS)
+    axes.text(x, y, "\n".join(lines[:5]), ha="center", va="center", fontsize=FONT_SIZE)
 
 
 def _arrow(axes: Axes, x: float, y: float, to_x: float, to_y: float) -> None:

@@ -7,9 +7,9 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 
-MORE = 1.05
+PEAK_RATIO = 1.05
 """Peak over the old one from which on it counts as higher."""
-SMALL = 0.5
+MIN_PEAK_GROWTH = 0.5
 """Force (N) by which a peak has to grow besides: less is a rounding of processors."""
 
 
@@ -28,7 +28,7 @@ def old_lines(path: Path) -> dict[str, dict[str, Any]]:
         raise InputRefused(f"--against {path}: not the data of twin safety; expected its safety.json") from None
 
 
-def worse(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def regressions(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """A sentence for each line that got worse, or is gone."""
     new = {line["id"]: line for line in lines}
     for name, before in old.items():
@@ -46,5 +46,5 @@ def worse(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any
                 what = "" if of is None else f" {of} runs"
                 yield f"{name}: {now[seen]} of {now[made]}{what} seen, were {was[seen]} of {was[made]}"
         was, now = before["peak_N"], after["peak_N"]
-        if was is not None and now is not None and now > MORE * was and now > was + SMALL:
+        if was is not None and now is not None and now > PEAK_RATIO * was and now > was + MIN_PEAK_GROWTH:
             yield f"{name}: peak {now:.1f} N, was {was:.1f} N"

@@ -1,4 +1,4 @@
-"""Runs behind a line of a hazard table, with the monitor and without, and what they come to."""
+"""Runs behind a line of a hazard table, with the monitor and without, and the judgement of the line."""
 
 import hashlib
 import json
@@ -6,48 +6,27 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from scipy.stats import binomtest
 
 from twin.kernel.errors import TwinError
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.together import table
-from twin.studies.faults.matrix import healthy_trial, onsets_of
-from twin.studies.faults.together import Felt, FeltRuns, faults_of, felt, moved_settings, with_share
+from twin.robot.experiment.together import fault_values
+from twin.studies.faults.cases import faults_of, with_share
+from twin.studies.faults.reaction import Reaction
+from twin.studies.faults.stage import Stage
 from twin.studies.safety.hazards import Cause, Hazard, SafetyTable
 
-CONFIDENCE = 0.95
-"""Of intervals of a detected share, by Clopper and Pearson (1934)."""
+CONFIDENCE_LEVEL = 0.95
+"""Confidence of intervals of a detected share, by Clopper and Pearson (1934)."""
 
-
-class HazardRobot(NamedTuple):
-    """An experiment on one body at one point, healthy.
-
-    Attributes:
-        body: its name.
-        point: by how much its tasks are moved (m).
-        settings: that make it of the experiment's file.
-        experiment: loaded.
-        onsets: (s) in free motion and in contact.
-        runs: makes runs of it.
-    """
-
-    body: str
-    point: tuple[float, float]
-    settings: tuple[str, ...]
-    experiment: Experiment
-    onsets: tuple[float, ...]
-    runs: FeltRuns
-
-
-Robots = Callable[[str, tuple[float, float]], HazardRobot]
-"""The robot of a body and a point, made once."""
-
-
+Stages = Callable[[str, tuple[float, float]], Stage]
+"""Return the stage of a body and an offset (m); the same one for repeated calls."""
 Origin = Literal["grid", "search", "draw"]
-"""Of a run: one of the grid of all causes, one that was searched for a worse case, or one that was drawn at random."""
+"""Origin of a run: the grid of all causes, the search for a worse case, or a random draw."""
+Status = Literal["kept", "exceeded", "exceeded as stated", "failed"]
+"""Judgement of a line; "as stated" if the table says why its limit is exceeded."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +34,15 @@ class EvidenceRun:
     """One run of a line.
 
     Attributes:
-        cause: what breaks.
-        body, settings: where.
-        tables: of its [[fault]]s.
-        seed: of the experiment.
-        watched: with the monitor; None: it failed.
-        unwatched: without; None: not made.
-        ideal: with a monitor that cuts all power when this one trips; None: it does not, or not made.
-        found: how it came to be made.
-        failure: why it failed.
+        cause: cause of the hazard, as text.
+        body, settings: body of the stage, and its `key=value`.
+        tables: [[fault]] tables.
+        seed: seed of the experiment.
+        watched: reaction with the monitor; None if the run failed.
+        unwatched: reaction without the monitor; None if that run was not made.
+        ideal: reaction of an ideal monitor, which cuts all power at the trip; None without a trip, or if not made.
+        found: origin of the run.
+        failure: error message of a run that failed; "".
     """
 
     cause: str
@@ -71,26 +50,26 @@ class EvidenceRun:
     settings: tuple[str, ...]
     tables: tuple[dict[str, Any], ...]
     seed: int
-    watched: Felt | None
-    unwatched: Felt | None = None
-    ideal: Felt | None = None
+    watched: Reaction | None
+    unwatched: Reaction | None = None
+    ideal: Reaction | None = None
     found: Origin = "grid"
     failure: str = ""
 
     @property
     def id(self) -> str:
-        """First digits of the SHA-256 of all that the run is made of besides the experiment's own file."""
+        """First digits of the SHA-256 of body, settings, faults and seed."""
         made_of = [self.body, self.settings, self.tables, self.seed]
         return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
 
     def command(self, experiment: str) -> str:
-        """What makes it again."""
+        """Return the command that repeats the run."""
         tables = ", ".join("{" + ", ".join(f"{k}={_toml(v)}" for k, v in one.items()) + "}" for one in self.tables)
         words = [f"twin run {experiment}", f"--body {self.body}", *(f"--set '{text}'" for text in self.settings)]
         return " ".join([*words, f"--set 'fault=[{tables}]'"])
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the run for JSON."""
         return {
             "id": self.id,
             "cause": self.cause,
@@ -110,19 +89,16 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-Status = Literal["kept", "exceeded", "exceeded as stated", "failed"]
-
-
 @dataclass(frozen=True)
 class HazardLine:
     """A hazard with its runs.
 
     Attributes:
         hazard: the line of the table.
-        runs: all, those of the search last.
-        distances: of requirements, by body and formula, how far the healthy robot is from violating them.
-        variants: what the worst run gives with other hardware, (peak, left) in N by name; None: it fails.
-        head_area: of the head (m2).
+        runs: all runs: grid, then search, then draws.
+        distances: distance of the healthy stage from violating a requirement, by formula and body.
+        head_area: area of the head (m2).
+        variants: (peak, left) in N of the worst run with other hardware, by name; None if it fails.
     """
 
     hazard: Hazard
@@ -131,8 +107,8 @@ class HazardLine:
     head_area: float
     variants: dict[str, tuple[float, float] | None] = field(default_factory=dict)
 
-    def measured(self, run: Felt) -> float:
-        """What the limit limits, in its unit."""
+    def limited_value(self, run: Reaction) -> float:
+        """Return the limited quantity of `run` in the unit of the limit."""
         match self.hazard.limit_key:
             case "limit_kPa":
                 return 1e-3 * run.peak / self.head_area
@@ -141,29 +117,29 @@ class HazardLine:
         return run.peak
 
     @property
-    def failed(self) -> list[EvidenceRun]:
+    def failed_runs(self) -> list[EvidenceRun]:
         return [run for run in self.runs if run.watched is None]
 
     @property
     def worst(self) -> EvidenceRun | None:
-        """The run that is worst by the limit, of those that did not fail."""
+        """The worst run by the limit, of the runs that did not fail; None if there is none."""
         made = [run for run in self.runs if run.watched is not None]
         return max(
             made,
-            key=lambda run: (self.measured(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
+            key=lambda run: (self.limited_value(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
             default=None,
         )
 
     @property
     def value(self) -> float:
-        """The worst of what the limit limits; 0 if nothing breaks."""
+        """The limited quantity of the worst run; 0 without runs."""
         worst = self.worst
-        return self.measured(worst.watched) if worst and worst.watched else 0.0
+        return self.limited_value(worst.watched) if worst and worst.watched else 0.0
 
     @property
     def status(self) -> Status:
-        """A run that failed makes the line fail, whatever the others did."""
-        if self.failed or not (self.runs or self.distances):
+        """The judgement of the line; a single failed run makes the line fail."""
+        if self.failed_runs or not (self.runs or self.distances):
             return "failed"
         violated = any(left < 0.0 for left in self.distances.values())
         if not violated and (self.worst is None or self.value <= self.hazard.limit):
@@ -171,38 +147,37 @@ class HazardLine:
         return "exceeded as stated" if self.hazard.table.beyond else "exceeded"
 
     @property
-    def searched(self) -> int:
-        """How many runs the search made."""
-        return len(self._found("search"))
+    def search_count(self) -> int:
+        """Number of runs of the search."""
+        return len(self._runs_of("search"))
 
-    def _found(self, origin: Origin) -> list[EvidenceRun]:
+    def _runs_of(self, origin: Origin) -> list[EvidenceRun]:
         return [run for run in self.runs if run.watched is not None and run.found == origin]
 
     @property
-    def detected(self) -> tuple[int, int]:
-        """(runs that the monitor saw, runs) of the grid."""
-        return _seen(self._found("grid"))
+    def grid_detection(self) -> tuple[int, int]:
+        """(detected runs, runs) of the grid."""
+        return _detection_count(self._runs_of("grid"))
 
     @property
-    def drawn(self) -> tuple[int, int]:
-        """(runs that the monitor saw, runs) of those that were drawn at random, independently of each other."""
-        return _seen(self._found("draw"))
+    def draw_detection(self) -> tuple[int, int]:
+        """(detected runs, runs) of the random draws, which are independent of each other."""
+        return _detection_count(self._runs_of("draw"))
 
     @property
-    def dangerous(self) -> tuple[int, int]:
-        """Of the drawn runs those that exceed the limit, or fail, without the monitor: (kept below it by the monitor,
-        runs)."""
+    def dangerous_count(self) -> tuple[int, int]:
+        """(runs below the limit with the monitor, runs) of the draws that exceed it, or fail, without the monitor."""
         bad = [
             run
-            for run in self._found("draw")
-            if run.unwatched and (run.unwatched.failure or self.measured(run.unwatched) > self.hazard.limit)
+            for run in self._runs_of("draw")
+            if run.unwatched and (run.unwatched.failure or self.limited_value(run.unwatched) > self.hazard.limit)
         ]
-        return sum(bool(run.watched and self.measured(run.watched) <= self.hazard.limit) for run in bad), len(bad)
+        return sum(bool(run.watched and self.limited_value(run.watched) <= self.hazard.limit) for run in bad), len(bad)
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON; what `--against` compares."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the line for JSON, which `--against` compares."""
         worst = self.worst
-        seen, made = self.detected
+        seen, made = self.grid_detection
         return {
             "id": self.hazard.table.id,
             **self.hazard.table.model_dump(),
@@ -215,63 +190,44 @@ class HazardLine:
             "peak_N": worst.watched.peak if worst and worst.watched else None,
             "detected": seen,
             "runs": made,
-            "searched": self.searched,
-            "drawn": _share_facts(self.drawn),
-            "dangerous": _share_facts(self.dangerous),
+            "searched": self.search_count,
+            "drawn": _share_to_dict(self.draw_detection),
+            "dangerous": _share_to_dict(self.dangerous_count),
             "distances": self.distances,
             "variants": self.variants,
-            "evidence": [run.facts() for run in self.runs],
+            "evidence": [run.to_dict() for run in self.runs],
         }
 
 
 def interval(share: tuple[int, int]) -> tuple[float, float]:
-    """That of a share, (so many, of how many at least one), by Clopper and Pearson (1934)."""
-    found = binomtest(*share).proportion_ci(CONFIDENCE, method="exact")
+    """Return the confidence interval of a share (count, number >= 1), by Clopper and Pearson (1934)."""
+    found = binomtest(*share).proportion_ci(CONFIDENCE_LEVEL, method="exact")
     return float(found.low), float(found.high)
 
 
-def _seen(runs: Sequence[EvidenceRun]) -> tuple[int, int]:
+def _detection_count(runs: Sequence[EvidenceRun]) -> tuple[int, int]:
     return sum(bool(run.watched and run.watched.reason) for run in runs), len(runs)
 
 
-def _share_facts(share: tuple[int, int]) -> dict[str, Any] | None:
+def _share_to_dict(share: tuple[int, int]) -> dict[str, Any] | None:
     return {"count": share[0], "of": share[1], "interval": list(interval(share))} if share[1] else None
 
 
-def robot_of(
-    path: Path, settings: Sequence[str], body: str, point: tuple[float, float], share: bool = False
-) -> HazardRobot:
-    """The experiment on `body`, its tasks moved by `point` (m).
-
-    Args:
-        share: whether more than one run is made of it; then its `runs` are to be closed.
-
-    Raises:
-        InputRefused: it cannot be made so. SafetyTrip, ComponentFailed: it trips or fails without any fault.
-    """
-    experiment = load_experiment(path, settings, None, body)
-    moved = moved_settings(experiment, point)
-    if moved:
-        experiment = load_experiment(path, (*settings, *moved), None, body)
-    onsets = onsets_of(experiment, healthy_trial(experiment), ())
-    return HazardRobot(body, point, (*settings, *moved), experiment, onsets, FeltRuns(experiment, share))
-
-
 def run_of(
-    robot: HazardRobot, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
+    stage: Stage, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
 ) -> EvidenceRun:
-    """One run with the monitor, a drawn one also without; one that is refused or fails is a failed run, never none.
+    """Make a run with the monitor, a drawn one also without; a refused or failed run is kept as a failed one.
 
     Args:
-        tables: of its [[fault]]s.
-        delay: of the second fault of an ordered cause after the trip that the first one causes (s).
+        tables: [[fault]] tables.
+        delay: delay of the second fault of an ordered cause after the trip of the first (s).
     """
-    one = EvidenceRun(str(cause), robot.body, robot.settings, tuple(tables), robot.experiment.seed, None, found=found)
+    one = EvidenceRun(str(cause), stage.body, stage.settings, tuple(tables), stage.experiment.seed, None, found=found)
     try:
         if cause.ordered:
-            one = replace(one, tables=robot.runs.delayed(tables, delay))
-        faults = faults_of(robot.experiment, one.tables)
-        watched, unwatched = robot.runs.both(faults) if found == "draw" else (robot.runs.felt(faults), None)
+            one = replace(one, tables=stage.delayed(tables, delay))
+        faults = faults_of(stage.experiment, one.tables)
+        watched, unwatched = stage.reactions(faults) if found == "draw" else (stage.reaction(faults), None)
     except TwinError as problem:
         return replace(one, failure=str(problem))
     meant = any(kind == "drive_failure" for kind, _ in cause.faults)
@@ -281,32 +237,32 @@ def run_of(
 
 
 def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: int = 0) -> list[dict[str, Any]]:
-    """The [[fault]]s of `cause`, all at `onset` (s); see `run_of` for the delay of an ordered one."""
+    """Return the [[fault]] tables of `cause`, all at `onset` (s); `run_of` delays the second of an ordered cause."""
     parts = zip(cause.faults, sizes, strict=True)
-    made = [with_share(table(kind, target, size, onset)) for (kind, target), size in parts]
+    made = [with_share(fault_values(kind, target, size, onset)) for (kind, target), size in parts]
     return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
-def beside(robot: HazardRobot, run: EvidenceRun) -> EvidenceRun:
-    """`run` with that of the same robot without its monitor, and with an ideal one."""
-    faults = faults_of(robot.experiment, run.tables)
+def compared(stage: Stage, run: EvidenceRun) -> EvidenceRun:
+    """Return `run` with the reactions without the monitor and with an ideal one."""
+    faults = faults_of(stage.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
-    ideal = None if seen is None else robot.runs.ideal(faults, seen)
-    return replace(run, unwatched=run.unwatched or robot.runs.felt(faults, watched=False), ideal=ideal)
+    ideal = None if seen is None else stage.ideal(faults, seen)
+    return replace(run, unwatched=run.unwatched or stage.reaction(faults, watched=False), ideal=ideal)
 
 
-def hardware(
-    line: HazardLine, table_: SafetyTable, path: Path, robot: HazardRobot | None
+def variant_peaks(
+    line: HazardLine, table_: SafetyTable, path: Path, stage: Stage | None
 ) -> dict[str, tuple[float, float] | None]:
-    """(peak, left) in N of the worst run of `line` with each variant of the hardware."""
+    """Return (peak, left) in N of the worst run of `line` with each variant of the hardware; None if it fails."""
     worst = line.worst
-    if worst is None or robot is None:
+    if worst is None or stage is None:
         return {}
     found: dict[str, tuple[float, float] | None] = {}
     for variant in table_.variants:
         try:
-            experiment = load_experiment(path, (*robot.settings, *variant.set), None, robot.body)
-            run = felt(experiment, faults_of(experiment, worst.tables))
+            experiment = load_experiment(path, (*stage.settings, *variant.set), None, stage.body)
+            run = Stage(experiment, share=False).reaction(faults_of(experiment, worst.tables))
             found[variant.name] = None if run.failure else (run.peak, run.left)
         except TwinError:
             found[variant.name] = None

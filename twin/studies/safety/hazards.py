@@ -14,16 +14,16 @@ from pydantic import model_validator
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, optional, setting
-from twin.robot.experiment.fault import CATALOGUE, kind_named, refuse_target
-from twin.robot.experiment.measure import requirement
-from twin.robot.experiment.mistakes import checked, numbered
+from twin.robot.experiment.fault import FAULT_KINDS, find_kind, refuse_target
+from twin.robot.experiment.measure import parse_requirement
+from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.source import read_source
 
-LIMITS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
+LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
 """Keys of a limit, and what it limits."""
-PAIR, LATER = " + ", ", then "
+PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
 """Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
-ASSUMED = "assumed"
+ASSUMED_PREFIX = "assumed"
 """How the source of a number begins that is not published."""
 
 
@@ -64,8 +64,8 @@ class Threshold(Settings):
         return self
 
     @property
-    def published(self) -> bool:
-        return not self.source.startswith(ASSUMED)
+    def has_publication(self) -> bool:
+        return not self.source.startswith(ASSUMED_PREFIX)
 
 
 class Variant(Settings):
@@ -114,7 +114,7 @@ class Cause:
     ordered: bool = False
 
     def __str__(self) -> str:
-        return self.requirement or (LATER if self.ordered else PAIR).join(
+        return self.requirement or (ORDER_SEPARATOR if self.ordered else PAIR_SEPARATOR).join(
             f"{kind} of {target}" for kind, target in self.faults
         )
 
@@ -126,7 +126,7 @@ class Hazard:
     Attributes:
         table: what it says in words.
         causes: at least one.
-        limit_key: of `LIMITS`; "" where all causes are requirements.
+        limit_key: of `LIMIT_KINDS`; "" where all causes are requirements.
         limit: in the unit of its key.
         evidence: where it is tried.
     """
@@ -141,7 +141,7 @@ class Hazard:
     def limit_text(self) -> str:
         """`peak force of 22.5 N`."""
         unit = self.limit_key.rpartition("_")[2]
-        return f"{LIMITS[self.limit_key]} of {self.limit:g} {unit}" if self.limit_key else "the requirement itself"
+        return f"{LIMIT_KINDS[self.limit_key]} of {self.limit:g} {unit}" if self.limit_key else "the requirement itself"
 
 
 @dataclass(frozen=True)
@@ -173,13 +173,15 @@ def read_hazards(path: Path) -> SafetyTable:
     mistakes: list[str] = []
     tables = {key: values.pop(key, ()) for key in ("hazard", "threshold", "variant")}
     asked = values.pop("sensitivity", None)
-    head = checked(HazardFile, values, "head", mistakes)
-    hazards = [_hazard(n, table, mistakes) for n, table in numbered(tables["hazard"], "hazard", mistakes)]
+    head = check_table(HazardFile, values, "head", mistakes)
+    hazards = [_hazard(n, table, mistakes) for n, table in numbered_tables(tables["hazard"], "hazard", mistakes)]
     if not hazards:
         mistakes.append("[[hazard]]: none; expected at least one line")
-    thresholds = [checked(Threshold, t, f"threshold {n}", mistakes) for n, t in _each(tables, "threshold", mistakes)]
-    variants = [checked(Variant, t, f"variant {n}", mistakes) for n, t in _each(tables, "variant", mistakes)]
-    sensitivity = None if asked is None else checked(Sensitivity, asked, "sensitivity", mistakes)
+    thresholds = [
+        check_table(Threshold, t, f"threshold {n}", mistakes) for n, t in _each(tables, "threshold", mistakes)
+    ]
+    variants = [check_table(Variant, t, f"variant {n}", mistakes) for n, t in _each(tables, "variant", mistakes)]
+    sensitivity = None if asked is None else check_table(Sensitivity, asked, "sensitivity", mistakes)
     names = [hazard.table.id for hazard in hazards if hazard]
     mistakes += [f'[[hazard]] id = "{n}": given twice; expected one each' for n in set(names) if names.count(n) > 1]
     if mistakes or head is None:
@@ -195,7 +197,7 @@ def read_hazards(path: Path) -> SafetyTable:
 
 
 def _each(tables: Mapping[str, Any], name: str, mistakes: list[str]) -> Sequence[tuple[int, Any]]:
-    return list(numbered(tables[name], name, mistakes))
+    return list(numbered_tables(tables[name], name, mistakes))
 
 
 def _hazard(number: int, table: Any, mistakes: list[str]) -> Hazard | None:
@@ -208,12 +210,12 @@ def _hazard(number: int, table: Any, mistakes: list[str]) -> Hazard | None:
     evidence = words.pop("evidence", None)
     given = [key for key in words if key.startswith("limit")]
     limits = {key: words.pop(key) for key in given}
-    found = checked(HazardTable, words, f"hazard {number}", mistakes)
+    found = check_table(HazardTable, words, f"hazard {number}", mistakes)
     proof = None
     if evidence is None:
         mistakes.append(f"{name}: no evidence; expected [hazard.evidence] with the bodies that its causes are tried on")
     else:
-        proof = checked(Evidence, evidence, f"hazard {number}.evidence", mistakes)
+        proof = check_table(Evidence, evidence, f"hazard {number}.evidence", mistakes)
     key, limit = _limit(name, limits, causes, mistakes)
     if found is None or proof is None or not causes or (limit is None and any(c.faults for c in causes)):
         return None
@@ -223,11 +225,11 @@ def _hazard(number: int, table: Any, mistakes: list[str]) -> Hazard | None:
 def _limit(
     name: str, limits: Mapping[str, Any], causes: Sequence[Cause], mistakes: list[str]
 ) -> tuple[str, float | None]:
-    known = ", ".join(LIMITS)
+    known = ", ".join(LIMIT_KINDS)
     for key in limits:
-        if key not in LIMITS:
+        if key not in LIMIT_KINDS:
             mistakes.append(f"{name} {key}: a limit without a unit, or of another kind; expected one of {known}")
-    right = {key: value for key, value in limits.items() if key in LIMITS}
+    right = {key: value for key, value in limits.items() if key in LIMIT_KINDS}
     if len(limits) > 1:
         mistakes.append(f"{name}: {len(limits)} limits ({', '.join(limits)}); expected one")
     if not limits and any(cause.faults for cause in causes):
@@ -251,7 +253,7 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
     keys = set(one) if isinstance(one, Mapping) else set()
     if keys == {"requirement"}:
         try:
-            requirement(str(one["requirement"]))
+            parse_requirement(str(one["requirement"]))
         except ValueError as problem:
             mistakes.append(f'{name} requirement = "{one["requirement"]}": {problem}')
             return None
@@ -266,7 +268,7 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
     for part in (one, *(one[key] for key in others)):
         kind = str(part.get("fault")) if isinstance(part, Mapping) else str(part)
         try:
-            known = kind_named(0, kind)
+            known = find_kind(0, kind)
             target = str(part.get("target", known.targets[0])) if isinstance(part, Mapping) else known.targets[0]
             refuse_target(0, kind, target)
         except InputRefused as problem:
@@ -285,7 +287,7 @@ def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tu
     """
     each: list[list[float | None]] = []
     for kind, _ in cause.faults:
-        known = CATALOGUE[kind].magnitudes
+        known = FAULT_KINDS[kind].magnitudes
         sizes = known if known and len(cause.faults) == 1 else known[-1:] if known else (None,)
         each.append([None if size is None else sign * size for size in sizes for sign in signs[kind]])
     return list(product(*each))

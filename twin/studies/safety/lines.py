@@ -1,4 +1,4 @@
-"""The runs of a hazard: a grid of all causes, a search for a worse case, draws at random for the share that is seen."""
+"""The runs of a hazard: a grid of all causes, a search for a worse case, random draws for the detected share."""
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -11,58 +11,61 @@ from scipy.stats import qmc
 
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.assemble import assemble
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.run.trace import fields_of, run_in_memory
 from twin.studies.faults.magnitudes import directions, has_two_ways, magnitude_between, share_of
-from twin.studies.faults.together import DELAYS, HERE, Felt, on_disc, slowest
+from twin.studies.faults.offsets import NO_OFFSET, on_disc
+from twin.studies.faults.reaction import Reaction
+from twin.studies.faults.stage import Stage
+from twin.studies.faults.together import SECOND_DELAYS, slowest
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.safety.evidence import (
     EvidenceRun,
     HazardLine,
-    HazardRobot,
     Origin,
-    Robots,
-    beside,
+    Stages,
+    compared,
     run_of,
     tables_of,
 )
 from twin.studies.safety.hazards import Cause, Hazard, magnitudes_of
 
-Made = tuple[EvidenceRun, HazardRobot | None]
-NEAR = 0.5
-"""Share of the search that goes to the surroundings of the worst run until then."""
-WIDTH = 0.3
-"""Of these surroundings, of what each number may be."""
-TRIES = 20
-"""So often a place where the robot cannot be is drawn again."""
+MadeRun = tuple[EvidenceRun, Stage | None]
+NEAR_SHARE = 0.5
+"""Share of the search that is spent near the worst run until then."""
+NEAR_WIDTH = 0.3
+"""Width of that neighbourhood over the range of each number."""
+MAX_REDRAWS = 20
+"""Maximum number of draws per run; a place that the robot cannot reach is drawn again."""
 
 
 def line_of(
-    hazard: Hazard, robots: Robots, head_area: float, say: Callable[[str], None]
-) -> tuple[HazardLine, HazardRobot | None]:
-    """The line of a hazard, and the robot of its worst run.
+    hazard: Hazard, stages: Stages, head_area: float, say: Callable[[str], None]
+) -> tuple[HazardLine, Stage | None]:
+    """Return the line of a hazard, and the stage of its worst run (None without runs).
 
     Args:
-        head_area: (m2).
-        say: called before each robot, with what is done.
+        stages: loads the stage of a body and an offset.
+        head_area: area of the head (m2).
+        say: called before each stage with the hazard.
     """
-    made: list[tuple[EvidenceRun, HazardRobot | None]] = []
+    made: list[tuple[EvidenceRun, Stage | None]] = []
     distances: dict[str, float] = {}
     causes: dict[int, Cause] = {}
     for body in hazard.evidence.bodies:
         for point in hazard.evidence.points:
             say(f"{hazard.table.id}: {hazard.table.hazard}")
             try:
-                robot = robots(body, point)
+                stage = stages(body, point)
             except TwinError as problem:
                 made.append((EvidenceRun("healthy", body, (), (), 0, None, failure=str(problem)), None))
                 continue
-            for cause, sizes, onset, delay in _cases(hazard, robot):
+            for cause, sizes, onset, delay in _cases(hazard, stage):
                 causes[len(made)] = cause
-                made.append((run_of(robot, cause, tables_of(cause, sizes, onset), delay=delay), robot))
+                made.append((run_of(stage, cause, tables_of(cause, sizes, onset), delay=delay), stage))
             for cause in hazard.causes:
                 if cause.requirement:
-                    found, failed = _distance(robot, cause.requirement)
+                    found, failed = _distance(stage, cause.requirement)
                     distances |= found
                     made += [(one, None) for one in failed]
     line = HazardLine(hazard, tuple(run for run, _ in made), distances, head_area)
@@ -72,69 +75,68 @@ def line_of(
     first = line.runs.index(worst)
     there = made[first][1]
     assert there is not None
-    made += searched(hazard, robots, there, causes[first], worst, line.measured)
-    made += drawn(hazard, robots)
+    made += search_runs(hazard, stages, there, causes[first], worst, line.limited_value)
+    made += draw_runs(hazard, stages)
     line = replace(line, runs=tuple(run for run, _ in made))
     last = line.worst
     assert last is not None
     there = made[line.runs.index(last)][1]
     assert there is not None
-    every = tuple(beside(there, run) if run is last else run for run in line.runs)
+    every = tuple(compared(there, run) if run is last else run for run in line.runs)
     return replace(line, runs=every), there
 
 
-def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
-    """Cause, magnitudes, onset and, of an ordered cause, delay (s)."""
+def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
+    """Yield cause, magnitudes, onset and delay (s) of the grid; the delay is 0 unless the cause is ordered."""
     for cause in hazard.causes:
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
             for sizes in magnitudes_of(cause, signs):
-                for onset, delay in product(robot.onsets, DELAYS if cause.ordered else (0.0,)):
+                for onset, delay in product(stage.onsets, SECOND_DELAYS if cause.ordered else (0.0,)):
                     yield cause, sizes, onset, delay
 
 
-def _distance(robot: HazardRobot, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
-    """Of the healthy robot, by formula, body and point; or the run that failed."""
-    where = "" if robot.point == HERE else " at " + ", ".join(f"{1e3 * each:g}" for each in robot.point) + " mm"
+def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
+    """Return the distance of the healthy robot from a violation, by formula, body and offset; or the failed run."""
+    where = "" if stage.offset == NO_OFFSET else " at " + ", ".join(f"{1e3 * each:g}" for each in stage.offset) + " mm"
     try:
-        with assemble(robot.experiment) as assembly:
+        with assemble(stage.experiment) as assembly:
             fields = fields_of(assembly.system)
         checked, _ = checked_requirement(formula, fields)
-        run = run_in_memory(robot.experiment)
-        return {f"{formula} on {robot.body}{where}": distance(checked, run.tick, run.held)}, []
+        run = run_in_memory(stage.experiment)
+        return {f"{formula} on {stage.body}{where}": distance(checked, run.tick, run.held)}, []
     except TwinError as problem:
-        seed = robot.experiment.seed
-        return {}, [EvidenceRun(formula, robot.body, robot.settings, (), seed, None, failure=str(problem))]
+        seed = stage.experiment.seed
+        return {}, [EvidenceRun(formula, stage.body, stage.settings, (), seed, None, failure=str(problem))]
 
 
-def searched(
+def search_runs(
     hazard: Hazard,
-    robots: Robots,
-    robot: HazardRobot,
+    stages: Stages,
+    stage: Stage,
     cause: Cause,
     worst: EvidenceRun,
-    measured: Callable[[Felt], float],
-) -> Iterator[Made]:
-    """Runs in search of a worse one than `worst`, on its body and of its cause.
+    measured: Callable[[Reaction], float],
+) -> Iterator[MadeRun]:
+    """Search for a run worse than `worst`, on its body and of its cause.
 
-    Times over the whole run, of each fault the magnitude between the catalogue's smallest and largest and its
-    direction, of an ordered cause the delay after the trip, and the place within reach: first everywhere, then about
-    the worst until then. Points of a Halton sequence, scrambled by the seed of the evidence: the same seed gives the
-    same runs.
+    Varied are the time over the whole run, the magnitude (between the catalogue's smallest and largest) and direction
+    of each fault, the delay after the trip of an ordered cause, and the place within reach: first everywhere, then near
+    the worst run until then. The points are a Halton sequence, scrambled by the seed of the evidence.
 
     Args:
-        robots: see `line_of`.
-        robot: of `worst`.
-        measured: what the limit limits.
+        stages: see `line_of`.
+        stage: stage of `worst`.
+        measured: returns the limited quantity.
     """
     budget, reach = hazard.evidence.search, hazard.evidence.reach
     wide = 1 + len(cause.faults) + cause.ordered + (2 if reach else 0)
     points = qmc.Halton(wide, seed=hazard.evidence.seed).random(budget)
-    best, most = _numbers(worst, robot, cause, reach), -1.0 if worst.watched is None else measured(worst.watched)
+    best, most = _numbers(worst, stage, cause, reach), -1.0 if worst.watched is None else measured(worst.watched)
     for number, point in enumerate(points):
-        if number >= (1.0 - NEAR) * budget:
-            point = np.clip(best + WIDTH * (point - 0.5), 0.0, 1.0)
-        made = _made(hazard, robots, robot, cause, point, "search", 0)
+        if number >= (1.0 - NEAR_SHARE) * budget:
+            point = np.clip(best + NEAR_WIDTH * (point - 0.5), 0.0, 1.0)
+        made = _make_run(hazard, stages, stage, cause, point, "search", 0)
         if made is None:
             continue
         run, where = made
@@ -144,67 +146,67 @@ def searched(
         yield run, where
 
 
-def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
-    """Runs drawn independently of each other: cause, body and point evenly from those of the table, place evenly over
-    the disc of its reach, time evenly over the run, magnitudes evenly by ratio between the catalogue's smallest and
-    largest, either direction as often, delays of ordered causes evenly from 0 to the longest.
+def draw_runs(hazard: Hazard, stages: Stages) -> Iterator[MadeRun]:
+    """Draw runs independently of each other.
 
-    Places where the healthy robot cannot be are drawn again.
+    Uniform are: cause, body and point of the table, place over the disc of its reach, time over the run, magnitude by
+    ratio between the catalogue's smallest and largest, direction, and delay of an ordered cause from 0 to the longest.
+    Places that the healthy robot cannot reach are drawn again.
     """
     evidence = hazard.evidence
     # lines with one seed draw other numbers
     rng = np.random.default_rng([evidence.seed, zlib.crc32(hazard.table.id.encode())])
     broken = [cause for cause in hazard.causes if cause.faults]
 
-    def one() -> Made | None:
+    def one() -> MadeRun | None:
         cause = broken[rng.integers(len(broken))]
         body = evidence.bodies[rng.integers(len(evidence.bodies))]
         point = evidence.points[rng.integers(len(evidence.points))]
         numbers = rng.random(3 + len(cause.faults) + cause.ordered)
         seed = int(rng.integers(1, 2**31))
         try:
-            robot = robots(body, point)
+            stage = stages(body, point)
         except TwinError:
             # the grid has that as a failed run
             return None
-        return _made(hazard, robots, robot, cause, numbers, "draw", seed)
+        return _make_run(hazard, stages, stage, cause, numbers, "draw", seed)
 
-    possible = (made for _ in range(TRIES * evidence.draws) if broken and (made := one()) is not None)
+    possible = (made for _ in range(MAX_REDRAWS * evidence.draws) if broken and (made := one()) is not None)
     yield from islice(possible, evidence.draws)
 
 
-def _numbers(run: EvidenceRun, robot: HazardRobot, cause: Cause, reach: float) -> NDArray[np.float64]:
-    """Those that `_made` makes `run` of."""
-    experiment, kinds = robot.experiment, [one["kind"] for one in run.tables]
+def _numbers(run: EvidenceRun, stage: Stage, cause: Cause, reach: float) -> NDArray[np.float64]:
+    """Return the numbers from which `_make_run` makes `run`."""
+    experiment, kinds = stage.experiment, [one["kind"] for one in run.tables]
     time = run.tables[0]["onset_s"] / experiment.cosim.tick / (experiment.duration_ticks - 1)
     shares = [
-        share_of(kind, one.get(CATALOGUE[kind].magnitude_key or ""), slowest(kind, cause.ordered and number == 1))
+        share_of(kind, one.get(FAULT_KINDS[kind].magnitude_key or ""), slowest(kind, cause.ordered and number == 1))
         for number, (kind, one) in enumerate(zip(kinds, run.tables, strict=True))
     ]
     each = [0.5 * (1.0 + share) if has_two_ways(kind) else share for kind, share in zip(kinds, shares, strict=True)]
     late: tuple[float, ...] = ()
     if cause.ordered:
         first, second = run.tables
-        after = second["onset_s"] - first["onset_s"] - robot.runs.trip_after(first)
-        late = (min(1.0, max(0.0, after / DELAYS[-1])),)
+        after = second["onset_s"] - first["onset_s"] - stage.trip_after(first)
+        late = (min(1.0, max(0.0, after / SECOND_DELAYS[-1])),)
     return np.array([time, *each, *late, *((0.0, 0.0) if reach else ())])
 
 
-def _made(
+def _make_run(
     hazard: Hazard,
-    robots: Robots,
-    robot: HazardRobot,
+    stages: Stages,
+    stage: Stage,
     cause: Cause,
     numbers: NDArray[np.float64] | Sequence[float],
     found: Origin,
     seed: int,
-) -> Made | None:
-    """The run that `numbers`, 0 .. 1 each, stand for: time, each fault, delay of an ordered cause, place of the tasks.
+) -> MadeRun | None:
+    """Make the run of `numbers`, 0 .. 1 each: time, each fault, delay of an ordered cause, place of the tasks.
 
-    None: the tasks cannot be there.
+    Return None if the robot cannot reach the place.
     """
     time, *rest = (float(number) for number in numbers)
-    experiment, reach = robot.experiment, hazard.evidence.reach
+    experiment, reach = stage.experiment, hazard.evidence.reach
     onset = float(f"{round(time * (experiment.duration_ticks - 1)) * experiment.cosim.tick:.12g}")
     tick = experiment.cosim.tick
     sizes = [
@@ -213,24 +215,24 @@ def _made(
         )
         for number, ((kind, _), share) in enumerate(zip(cause.faults, rest, strict=False))
     ]
-    delay = DELAYS[-1] * rest[len(sizes)] if cause.ordered else 0.0
+    delay = SECOND_DELAYS[-1] * rest[len(sizes)] if cause.ordered else 0.0
     tables = tables_of(cause, sizes, onset, seed)
-    offset = on_disc(reach, *rest[-2:]) if reach else HERE
-    if offset != HERE:
+    offset = on_disc(reach, *rest[-2:]) if reach else NO_OFFSET
+    if offset != NO_OFFSET:
         try:
-            robot = robots(robot.body, (robot.point[0] + offset[0], robot.point[1] + offset[1]))
+            stage = stages(stage.body, (stage.offset[0] + offset[0], stage.offset[1] + offset[1]))
         except InputRefused:
             return None
         except TwinError as problem:
             # a healthy robot that trips or fails there
             return EvidenceRun(
                 str(cause),
-                robot.body,
-                robot.settings,
+                stage.body,
+                stage.settings,
                 tuple(tables),
                 experiment.seed,
                 None,
                 found=found,
                 failure=str(problem),
             ), None
-    return run_of(robot, cause, tables, found, delay), robot
+    return run_of(stage, cause, tables, found, delay), stage

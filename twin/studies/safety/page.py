@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from twin.studies.faults.together import LOW, Felt
-from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, interval
+from twin.studies.faults.reaction import BEARABLE_FORCE, Reaction
+from twin.studies.safety.evidence import CONFIDENCE_LEVEL, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import SafetyTable
 
-NOTICE = (
+SIMULATION_NOTICE = (
     "This page complies with no standard by itself. It was written by a simulation: no part of it was measured on the "
     "robot or on a person. It has the structure of ISO 14971 so that a reviewer finds what such a review needs."
 )
-REVIEWER = (
+REVIEWER_TASKS = (
     "Check that the hazards are complete: this table knows only those that somebody wrote into it.",
     "Judge severity and probability: faults have no rates here, only consequences.",
     "Replace what is assumed by measurements: drives without power, bodies, head, thresholds of pain.",
@@ -22,7 +22,7 @@ REVIEWER = (
     "Measure force and pressure on the robot itself with the worst faults, under a person's stand-in.",
     "Decide whether what is left of each risk is acceptable, and sign for it.",
 )
-STYLE = """
+PAGE_STYLE = """
 body{font:14px/1.45 system-ui,sans-serif;color:#1c1c1c;max-width:62rem;margin:1.5rem auto;padding:0 1rem}
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem;border-top:2px solid #1c1c1c;padding-top:.6rem}
 table{border-collapse:collapse;width:100%;margin:.6rem 0}
@@ -36,14 +36,16 @@ code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5
 @media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}
 img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{padding:.05rem .12rem}}
 """
-PUBLISHED = 2
+MIN_PUBLISHED = 2
 """So many published thresholds of pain a table has at least."""
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+SECURITY_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """The Content-Security-Policy of pages without scripts."""
-CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
+STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
 
-def page(table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str) -> str:
+def hazard_page(
+    table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str
+) -> str:
     """The whole page as HTML.
 
     Args:
@@ -55,15 +57,15 @@ def page(table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tup
             "<!doctype html>",
             '<html lang="en"><head><meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
+            f'<meta http-equiv="Content-Security-Policy" content="{SECURITY_POLICY}">',
             f"<title>{escape(table.head.title)}: hazards</title>",
-            f"<style>{STYLE}</style></head><body>",
+            f"<style>{PAGE_STYLE}</style></head><body>",
             f"<h1>{escape(table.head.title)}: hazards and the runs behind them</h1>",
-            f'<p class="notice">{escape(NOTICE)}</p>',
+            f'<p class="notice">{escape(SIMULATION_NOTICE)}</p>',
             f"<p><b>Intended use</b>: {escape(table.head.use)}</p>",
             f"<p><code>{escape(made_with)}</code></p>",
             "<h2>What a reviewer still has to do</h2>",
-            _list(REVIEWER),
+            _list(REVIEWER_TASKS),
             "<h2>All lines</h2>",
             _overview(lines),
             *(_picture(title, path) for title, path in pictures),
@@ -96,7 +98,7 @@ def _picture(title: str, path: Path) -> str:
 
 
 def _status(line: HazardLine) -> str:
-    return f'<span class="{CLASSES[line.status]}">{line.status}</span>'
+    return f'<span class="{STATUS_CLASSES[line.status]}">{line.status}</span>'
 
 
 def _overview(lines: Sequence[HazardLine]) -> str:
@@ -118,15 +120,15 @@ def _summary(line: HazardLine) -> Iterator[str]:
 
 def seen_text(line: HazardLine) -> str:
     """Runs that the monitor saw: of those drawn at random if there are any, else of the grid."""
-    seen, made = line.drawn if line.drawn[1] else line.detected
+    seen, made = line.draw_detection if line.draw_detection[1] else line.grid_detection
     return f"{seen} of {made}" if made else "-"
 
 
-def value_text(line: HazardLine, run: Felt | None) -> str:
+def value_text(line: HazardLine, run: Reaction | None) -> str:
     """What the limit limits, of one run, with its unit."""
     if run is None:
         return "-"
-    value, unit = line.measured(run), line.hazard.limit_key.rpartition("_")[2]
+    value, unit = line.limited_value(run), line.hazard.limit_key.rpartition("_")[2]
     return "to the end" if math.isinf(value) else f"{value:.3g} {unit}"
 
 
@@ -146,18 +148,18 @@ def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
     for name, left in line.distances.items():
         outcome = "kept" if left >= 0.0 else "violated"
         yield f"<p><code>{escape(name)}</code>: {outcome}, distance {left:.3g} (SI)</p>"
-    for run in line.failed:
+    for run in line.failed_runs:
         yield f'<p class="failed">failed: {escape(run.cause)} on {escape(run.body)}: {escape(run.failure)}</p>'
     if worst and worst.watched:
         yield from _worst(table, line, worst, worst.watched)
     yield from _runs(line)
 
 
-def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) -> Iterator[str]:
+def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Reaction) -> Iterator[str]:
     how = (
-        f"{line.searched} more runs searched for a worse one found none"
+        f"{line.search_count} more runs searched for a worse one found none"
         if worst.found == "grid"
-        else f"found by {'the search' if worst.found == 'search' else 'a draw'}, {line.searched} runs of search"
+        else f"found by {'the search' if worst.found == 'search' else 'a draw'}, {line.search_count} runs of search"
     )
     yield f"<h3>Worst run: {escape(worst.cause)} on {escape(worst.body)} ({how})</h3>"
     without = worst.unwatched
@@ -165,7 +167,7 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
         "seen (s)": lambda one: one.seen,
         "reaction at the drives (s)": lambda one: one.acted,
         "power off (s)": lambda one: one.power_off,
-        f"below {LOW:g} N for good (s)": lambda one: "not by the end" if one.below is None else one.below,
+        f"below {BEARABLE_FORCE:g} N for good (s)": lambda one: "not by the end" if one.below is None else one.below,
         "peak (N)": lambda one: one.peak,
         "left at the end (N)": lambda one: one.left,
         "impulse (N s)": lambda one: one.impulse,
@@ -187,9 +189,9 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
     ]
     if against:
         yield _table(("pain begins at", "threshold", "this run", "source"), against)
-    published = sum(t.published for t in table.thresholds)
-    if published < PUBLISHED:
-        yield f"<p>Pain: {published} published thresholds, fewer than {PUBLISHED}: taken as assumed.</p>"
+    published = sum(t.has_publication for t in table.thresholds)
+    if published < MIN_PUBLISHED:
+        yield f"<p>Pain: {published} published thresholds, fewer than {MIN_PUBLISHED}: taken as assumed.</p>"
     if line.variants:
         others = [
             (escape(v.name), _pair(line.variants.get(v.name), 0), _pair(line.variants.get(v.name), 1), escape(v.why))
@@ -204,7 +206,7 @@ def _pair(found: tuple[float, float] | None, index: int) -> str:
     return "failed" if found is None else f"{found[index]:.1f}"
 
 
-def _pressure(line: HazardLine, run: Felt) -> float:
+def _pressure(line: HazardLine, run: Reaction) -> float:
     """Mean pressure of the peak over the head (kPa)."""
     return 1e-3 * run.peak / line.head_area
 
@@ -216,24 +218,22 @@ def _number(value: float | str | None) -> str:
 def share_text(share: tuple[int, int]) -> str:
     """`38 of 40 (95 % interval 83 to 99 %)`."""
     low, high = interval(share)
-    return f"{share[0]} of {share[1]} ({100 * CONFIDENCE:.0f} % interval {100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{share[0]} of {share[1]} ({100 * CONFIDENCE_LEVEL:.0f} % interval {100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def _dangerous(line: HazardLine) -> str:
-    if not line.dangerous[1]:
+    if not line.dangerous_count[1]:
         return "None of them exceeds the limit without the monitor."
-    return (
-        f"Of those that exceed the limit, or fail, without the monitor it keeps {share_text(line.dangerous)} below it."
-    )
+    return f"Of those that exceed the limit, or fail, without the monitor it keeps {share_text(line.dangerous_count)} below it."
 
 
 def _runs(line: HazardLine) -> Iterator[str]:
-    seen, made = line.detected
+    seen, made = line.grid_detection
     grid = f"Seen: {seen} of {made} runs of the grid, which chance did not choose."
-    if line.drawn[1]:
+    if line.draw_detection[1]:
         evidence = line.hazard.evidence
         yield (
-            f"<p>Drawn at random (seed {evidence.seed}): {share_text(line.drawn)} seen. Cause, body, time and place "
+            f"<p>Drawn at random (seed {evidence.seed}): {share_text(line.draw_detection)} seen. Cause, body, time and place "
             f"within {1e3 * evidence.reach:g} mm evenly, magnitudes evenly by ratio, from ones on that need no "
             f"detection. {_dangerous(line)} {grid}</p>"
         )
@@ -259,9 +259,9 @@ def _runs(line: HazardLine) -> Iterator[str]:
         sizes = ", ".join(f"{v:g}" for one in run.tables for k, v in one.items() if k.startswith("magnitude"))
         onset = f"{run.tables[0]['onset_s']:g}" if run.tables else ""
         cells: tuple[str, ...] = ("failed", "", "", escape(run.failure), "")
-        if felt := run.watched:
-            digest = f"<code>{felt.digest}</code>"
-            cells = (f"{felt.peak:.1f}", f"{felt.left:.1f}", _number(felt.seen), felt.reason or "-", digest)
+        if one := run.watched:
+            digest = f"<code>{one.digest}</code>"
+            cells = (f"{one.peak:.1f}", f"{one.left:.1f}", _number(one.seen), one.reason or "-", digest)
         where = "; ".join(text.partition("=")[2].strip("[]") for text in run.settings if "point_mm" in text)
         made_by = (f"<code>{run.id}</code>", escape(run.cause), run.body, run.found, where)
         rows.append((*made_by, sizes, onset, str(run.seed), *cells))

@@ -7,9 +7,10 @@ from typing import NamedTuple
 from twin.kernel.errors import TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.faults.together import faults_of, felt
+from twin.studies.faults.cases import faults_of
+from twin.studies.faults.stage import Stage
 from twin.studies.figure import GREY, PAPER_BLUE, VERMILION, picture
-from twin.studies.safety.evidence import HazardLine, HazardRobot
+from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.hazards import Sensitivity
 
 
@@ -37,7 +38,7 @@ def threshold_points(
     asked: Sensitivity,
     path: Path,
     settings: Sequence[str],
-    worst: Sequence[tuple[HazardLine, HazardRobot]],
+    worst: Sequence[tuple[HazardLine, Stage]],
     say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
     """Each threshold at each factor.
@@ -80,26 +81,26 @@ def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
         InputRefused: it is none of the monitor's numbers.
     """
     from twin.kernel.errors import InputRefused, nearest
-    from twin.robot.experiment.mistakes import keys
-    from twin.robot.monitor.checks import Monitor
+    from twin.robot.experiment.mistakes import toml_keys
+    from twin.robot.monitor.limits import Monitor
 
     fields = {str(field.alias): field.default for field in Monitor.model_fields.values()}
     if not isinstance(fields.get(key), float):
         raise InputRefused(
-            f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(keys(Monitor)))}"
+            f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(toml_keys(Monitor)))}"
         )
     return float(load_experiment(path, settings).values["monitor"].get(key) or fields[key])
 
 
 def _trips(experiment: Experiment) -> bool:
-    run = felt(experiment, ())
+    run = Stage(experiment, share=False).reaction(())
     return bool(run.reason or run.failure)
 
 
-def _peak(line: HazardLine, robot: HazardRobot, path: Path, changed: str) -> float:
+def _peak(line: HazardLine, robot: Stage, path: Path, changed: str) -> float:
     assert line.worst is not None
     experiment = load_experiment(path, (*robot.settings, changed), None, robot.body)
-    return felt(experiment, faults_of(experiment, line.worst.tables)).peak
+    return Stage(experiment, share=False).reaction(faults_of(experiment, line.worst.tables)).peak
 
 
 def draw_sensitivity(points: Sequence[ThresholdPoint], path: Path) -> None:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from twin.studies.safety.hazards import SafetyTable
     from twin.studies.safety.sensitivity import ThresholdPoint
 
-HOME = Path("results") / "safety"
-DATA, PAGE = "safety.json", "safety.html"
+RESULTS_FOLDER = Path("results") / "safety"
+DATA_FILE, PAGE_FILE = "safety.json", "safety.html"
 
 
 @study(isolated=True)
@@ -47,8 +47,8 @@ def safety(
         InputRefused: a table is not right, or --against is no page's data.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.writing import write_json
-    from twin.studies.safety.changes import old_lines, worse
+    from twin.kernel.atomic_write import write_json
+    from twin.studies.safety.changes import old_lines, regressions
     from twin.studies.safety.hazards import read_hazards
     from twin.studies.safety.text import failures, lines_table, verdict
 
@@ -62,18 +62,20 @@ def safety(
     facts: dict[str, Any] = {"lines": [], "sensitivity": []}
     all_lines: list[HazardLine] = []
     for table in tables:
-        folder = out or HOME / table.path.stem
+        folder = out or RESULTS_FOLDER / table.path.stem
         if out and len(tables) > 1:
             folder = out / table.path.stem
-        lines, points = written_page(table, texts, folder, quick, say)
+        lines, points = write_page(table, texts, folder, quick, say)
         all_lines += lines
-        facts["lines"] += [line.facts() for line in lines]
+        facts["lines"] += [line.to_dict() for line in lines]
         facts["sensitivity"] += [point._asdict() for point in points]
         of_table = f" {table.path.stem}" if len(tables) > 1 else ""
-        files |= {f"page{of_table}": folder / PAGE, f"data{of_table}": folder / DATA}
+        files |= {f"page{of_table}": folder / PAGE_FILE, f"data{of_table}": folder / DATA_FILE}
         parts += ["", lines_table(lines), *failures(lines)]
-        write_json(folder.absolute() / DATA, {"lines": [line.facts() for line in lines], **_without_lines(facts)})
-    facts["worse"] = list(worse(before, facts["lines"])) if before is not None else []
+        write_json(
+            folder.absolute() / DATA_FILE, {"lines": [line.to_dict() for line in lines], **_without_lines(facts)}
+        )
+    facts["worse"] = list(regressions(before, facts["lines"])) if before is not None else []
     if before is not None:
         sentences = facts["worse"] or ["no line got worse"]
         parts += ["", f"against {against}:", *(Note(sentence, "  ", later=4) for sentence in sentences)]
@@ -112,7 +114,7 @@ def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in facts.items() if key != "lines"}
 
 
-def written_page(
+def write_page(
     table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
 ) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
     """Make the runs of a table and write its page into `folder`.
@@ -129,43 +131,44 @@ def written_page(
     """
     from math import pi
 
-    from twin.kernel.writing import made_folder, write_text
+    from twin.kernel.atomic_write import make_folder, write_text
     from twin.robot.experiment.experiment_files import experiment_file
+    from twin.studies.faults.stage import Stage, load_stage
     from twin.studies.safety.argument import draw_argument
-    from twin.studies.safety.evidence import HazardRobot, hardware, robot_of
+    from twin.studies.safety.evidence import variant_peaks
     from twin.studies.safety.lines import line_of
-    from twin.studies.safety.page import page
+    from twin.studies.safety.page import hazard_page
     from twin.studies.safety.sensitivity import draw_sensitivity, threshold_points
 
     # absolute: an FMU may change the working directory
-    home = made_folder(folder).absolute()
+    home = make_folder(folder).absolute()
     path = experiment_file(Path(table.head.experiment))
-    known: dict[tuple[str, tuple[float, float]], HazardRobot] = {}
+    known: dict[tuple[str, tuple[float, float]], Stage] = {}
 
     grid = {(body, point) for h in table.hazards for body in h.evidence.bodies for point in h.evidence.points}
 
-    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
+    def robots(body: str, point: tuple[float, float]) -> Stage:
         if (body, point) not in grid:
-            return robot_of(path, settings, body, point)
+            return load_stage(path, settings, body, point, share=False)
         if (body, point) not in known:
-            known[body, point] = robot_of(path, settings, body, point, share=True)
+            known[body, point] = load_stage(path, settings, body, point)
         return known[body, point]
 
     asked = None if quick else table.sensitivity
     places = sum(len(h.evidence.bodies) * len(h.evidence.points) for h in table.hazards)
     steps = Steps(say, places + (len(asked.keys) * len(asked.factors) if asked else 0))
     lines: list[HazardLine] = []
-    worst: list[tuple[HazardLine, HazardRobot]] = []
+    worst: list[tuple[HazardLine, Stage]] = []
     try:
         for hazard in table.hazards:
             line, robot = line_of(hazard, robots, pi * table.head.head_radius**2, steps.next)
             if not quick:
-                line = replace(line, variants=hardware(line, table, path, robot))
+                line = replace(line, variants=variant_peaks(line, table, path, robot))
             lines.append(line)
             worst += [(line, robot)] if robot is not None else []
     finally:
         for one in known.values():
-            one.runs.close()
+            one.close()
     pictures = [("The argument", home / "argument.png")]
     draw_argument(table, lines, pictures[0][1])
     points = threshold_points(asked, path, settings, worst, steps.next) if asked else []
@@ -173,5 +176,5 @@ def written_page(
         pictures.append(("Thresholds of the monitor", home / "sensitivity.png"))
         draw_sensitivity(points, pictures[1][1])
     command = " ".join(["twin safety", str(table.path), *(f"--set {text}" for text in settings)])
-    write_text(home / PAGE, page(table, lines, pictures, command))
+    write_text(home / PAGE_FILE, hazard_page(table, lines, pictures, command))
     return lines, points

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.studies.result import Block, Column, Note, Result, Table, counted
+from twin.studies.result import Block, Column, Note, Result, Table, count_text
 from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.page import seen_text, value_text
 
-COLUMNS = (
+LINE_COLUMNS = (
     Column("", 4, left=True),
     Column("hazard", 22, ".22s", left=True),
     Column("limit", 8),
@@ -31,17 +31,17 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
         # nothing that the monitor did keeps a limit where it detected no run
         status = "kept unseen" if line.status == "kept" and seen.startswith("0 ") else line.status
         rows.append((line.hazard.table.id, line.hazard.table.hazard, limit, *values, seen.replace(" of ", "/"), status))
-    return Table(COLUMNS, rows, indent=0)
+    return Table(LINE_COLUMNS, rows, indent=0)
 
 
 def failures(lines: Sequence[HazardLine]) -> list[Block]:
     """Of each line that failed the first run that did, and why."""
     found: list[Block] = []
     for line in lines:
-        if line.failed:
-            run = line.failed[0]
+        if line.failed_runs:
+            run = line.failed_runs[0]
             reason = (run.failure.splitlines() or ["no reason was given"])[0]
-            count = counted(len(line.failed), "run")
+            count = count_text(len(line.failed_runs), "run")
             found.append(Note(f"{line.hazard.table.id}: {count} failed; {run.cause} on {run.body}: {reason}", later=4))
     return ["", *found] if found else []
 

@@ -3,9 +3,9 @@
 `filter` has the state, `alarm` the decision, and `fleet` what is normal for robots of which nothing is wrong.
 """
 
-ACCEPT, PROPOSAL = "shadow.accept", "shadow.proposal"
+ACCEPT_PARAMETER, PROPOSAL_PARAMETER = "shadow.accept", "shadow.proposal"
 """Parameters of a live session: true accepts what the other one says."""
-ACCEPTED = "shadow.accepted"
-"""What was accepted so far, JSON: see `twin.studies.shadow.seen.accepted_values`."""
-LINE = "shadow.line"
+ACCEPTED_PARAMETER = "shadow.accepted"
+"""What was accepted so far, JSON: see `twin.studies.shadow.live_view.accepted_values`."""
+LINE_PARAMETER = "shadow.line"
 """How it goes, as in the terminal."""

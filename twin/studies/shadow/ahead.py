@@ -21,7 +21,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.port import Port, places, width
+from twin.kernel.cosim.port import Port, port_slices, width
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.assembly.build import surface_motions
 from twin.robot.assembly.load import load_experiment
@@ -29,57 +29,71 @@ from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
 from twin.robot.controller.program import Tap
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
-from twin.robot.run.branch import refuse_fixed
-from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
-from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
+from twin.robot.run.branch import refuse_fixed_keys
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.sample_columns import OMEGA_REF as COMMANDS
+from twin.studies.replay.samples import RobotSamples
+from twin.studies.shadow.branching import LEAD_TIMES, PREDICTION_HORIZON, BranchChange, Branching, RobotSnapshot
+from twin.studies.shadow.contact_estimate import ContactEstimate
+from twin.studies.shadow.following import OwnController, PlantPart, RobotState
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
-from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
-from twin.studies.shadow.samples import RobotSamples
-from twin.studies.shadow.surroundings import Surroundings
 
-EVERY = 0.5
+PREDICTION_PERIOD = 0.5
 """s from one prediction to the next."""
-READY = 0.1
+PREDICTION_DELAY = 0.1
 """s after the present at which a prediction is given: until then there is a slice for each of its branches."""
-LOOK = 0.1
+CONTACT_PERIOD = 0.1
 """s from one look at the surroundings to the next; and after a start of the filter to the first."""
-SETTLED = 0.5
+SETTLING_TIME = 0.5
 """s after a start of the filter from which on there is something to predict from."""
 Z = 1.96
 """Deviations of a normal number within which 95 % of all are."""
-PRESSING = (FORCE + 2, POSITION + 2, VELOCITY + 2)
+PRESSING_STATES = (FORCE + 2, POSITION + 2, VELOCITY + 2)
 """Of the state, what says most of the force to come."""
-HEIGHT, TOUCHED_HEIGHT = 0.5e-3, 0.1e-3
+HEIGHT_ERROR, TOUCHED_HEIGHT_ERROR = 0.5e-3, 0.1e-3
 """m. How far a surface is from where it is believed, before and after it was touched."""
-SHARE, FELT_SHARE = 0.2, 0.05
+STIFFNESS_ERROR, TOUCHED_STIFFNESS_ERROR = 0.2, 0.05
 """The same of its stiffness, before and after the robot has pressed on it."""
-REST, REST_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
+MODEL_ERROR, MODEL_ERROR_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
 """Of force (N, in contact) and height (m): how far branches are off besides, and by which share of the change that they
 predict. Calibrated on 36 robots of the healthy fleet, seeds 501 to 503, so that 98 % lie within: robots differ much,
 most by their dry friction."""
-STRANGE, STRANGE_SHARE = 0.1, 0.5
+FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE = 0.1, 0.5
 """rad/s, and by the commands' rms: of the mean difference over half a second. Beyond both the robot is led by another
 controller, or by one that is elsewhere in its program."""
+MADE_PORT = Port("made", 1, "s", "time of the estimate that is gone out from")
+_TAU_L, _THETA_L = (port_slices(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
+_F_Z = port_slices(OUTPUTS)["F_ee_B"].start + 2
+_FORCE_DEVIATION, _FILTER_STARTED = (
+    port_slices(OUTPUTS)["deviation"].start + FORCE + 2,
+    port_slices(OUTPUTS)["started"].start,
+)
+UNUSED_TABLES = {
+    "contact": "where the surface is, and how stiff, comes from the estimate",
+    "monitor": "branches have no monitor",
+    "scale": "it moves nothing",
+    "fault": "branches have none",
+}
+"""Tables that say nothing of a branch, and why."""
 
 
 def _meaning(what: str) -> str:
-    return f"{what} {LEADS[0]:g}, {LEADS[1]:g} .. {HORIZON:g} s after the estimate"
+    return f"{what} {LEAD_TIMES[0]:g}, {LEAD_TIMES[1]:g} .. {PREDICTION_HORIZON:g} s after the estimate"
 
 
-MADE = Port("made", 1, "s", "time of the estimate that is gone out from")
-FORESEEN = (
-    Port("F_z", len(LEADS), "N", _meaning("predicted pressing force")),
-    Port("p_z", len(LEADS), "m", _meaning("predicted height of the platform, base frame B,")),
+PREDICTION_PORTS = (
+    Port("F_z", len(LEAD_TIMES), "N", _meaning("predicted pressing force")),
+    Port("p_z", len(LEAD_TIMES), "m", _meaning("predicted height of the platform, base frame B,")),
 )
-BOUNDS = tuple(
+BAND_PORTS = tuple(
     Port(f"{port.name}_{side}", port.size, port.unit, f"{side} bound of the band that has 95 % of {port.name}")
-    for port in FORESEEN
+    for port in PREDICTION_PORTS
     for side in ("lower", "upper")
 )
-AHEAD = (MADE, *FORESEEN, *BOUNDS)
+AHEAD_PORTS = (MADE_PORT, *PREDICTION_PORTS, *BAND_PORTS)
 
 
-def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING) -> NDArray[np.float64]:
+def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATES) -> NDArray[np.float64]:
     """The first columns (n, len(first)) of the Cholesky factor of `P` (n, n) with the states `first` before all others:
     these have the whole of their own variances, and of others what goes with them."""
     left, columns = P.copy(), []
@@ -90,14 +104,14 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING) -> N
     return np.array(columns).T
 
 
-def ways(P: NDArray[np.float64], around: Surroundings) -> list[list[Otherwise]]:
+def branch_changes(P: NDArray[np.float64], around: ContactEstimate) -> list[list[BranchChange]]:
     """The branches beside the first one, those of one cause together; a cause has one that stands for both senses, or
     one for each."""
-    height = TOUCHED_HEIGHT if math.isfinite(around.height) else HEIGHT
-    share = FELT_SHARE if math.isfinite(around.share) else SHARE
-    estimate = [[Otherwise(dx=Z * column)] for column in cholesky_first(P).T]
-    heights = [Otherwise(height=by) for by in (height, -height)]
-    shares = [Otherwise(share=1.0 + by) for by in (share, -share)]
+    height = TOUCHED_HEIGHT_ERROR if math.isfinite(around.height) else HEIGHT_ERROR
+    share = TOUCHED_STIFFNESS_ERROR if math.isfinite(around.share) else STIFFNESS_ERROR
+    estimate = [[BranchChange(dx=Z * column)] for column in cholesky_first(P).T]
+    heights = [BranchChange(height=by) for by in (height, -height)]
+    shares = [BranchChange(share=1.0 + by) for by in (share, -share)]
     return [*estimate, heights, shares]
 
 
@@ -111,12 +125,12 @@ def band(
 
     Args:
         first: the branch (leads, 2).
-        others: those of `ways`; of a cause none that would be the branch itself.
+        others: those of `branch_changes`; of a cause none that would be the branch itself.
         now: force and height from which it goes out (2,).
         unsure: deviation of the force (N) of a robot in contact by what is not known of zeros and friction.
     """
-    rest = np.where(first[:, :1] > 0.0, np.hypot(REST, [Z * unsure, 0.0]), [0.0, REST[1]])
-    up = rest**2 + (REST_SHARE * (first - now)) ** 2
+    rest = np.where(first[:, :1] > 0.0, np.hypot(MODEL_ERROR, [Z * unsure, 0.0]), [0.0, MODEL_ERROR[1]])
+    up = rest**2 + (MODEL_ERROR_SHARE * (first - now)) ** 2
     low = up.copy()
     for cause in filter(None, others):
         # where a branch has ended, nothing is known of it
@@ -142,7 +156,7 @@ class ForceDifference:
     square: float = 0.0
     count: int = 0
     largest: float = 0.0
-    at: float = math.nan
+    largest_time: float = math.nan
 
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
         """Differences (n,), N, at `t` (n,), s; NaN are none."""
@@ -154,7 +168,7 @@ class ForceDifference:
         self.square, self.count = self.square + float((away**2).sum()), self.count + len(away)
         worst = int(np.abs(away).argmax())
         if abs(away[worst]) > abs(self.largest):
-            self.largest, self.at = float(away[worst]), float(t[worst])
+            self.largest, self.largest_time = float(away[worst]), float(t[worst])
 
     @property
     def rms(self) -> float:
@@ -163,7 +177,7 @@ class ForceDifference:
 
 
 @dataclass
-class Foreseen:
+class PredictionScore:
     """How predictions compare with the estimates of their time, without their past.
 
     Attributes:
@@ -178,24 +192,24 @@ class Foreseen:
 
     predictions: int = 0
     banded: int = 0
-    within: int = 0
+    in_band: int = 0
     no_band: str = ""
     error: ForceDifference = field(default_factory=ForceDifference)
-    holding: ForceDifference = field(default_factory=ForceDifference)
-    apart: dict[str, ForceDifference] = field(default_factory=dict)
+    hold_error: ForceDifference = field(default_factory=ForceDifference)
+    what_if_differences: dict[str, ForceDifference] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
         """Of the estimates that lay in the band."""
-        return self.within / self.banded if self.banded else math.nan
+        return self.in_band / self.banded if self.banded else math.nan
 
 
 @dataclass
-class _Pending:
+class _PendingPrediction:
     """A prediction that is being made: from where, what is run, and what was."""
 
     t: float
-    now: Present
+    now: RobotSnapshot
     runs: Iterator[None]
     first: NDArray[np.float64]
     others: list[list[NDArray[np.float64]]]
@@ -203,7 +217,7 @@ class _Pending:
     task: float
 
 
-class Ahead:
+class SessionBranches:
     """What branches of one session there are: that of the twin, and what might be.
 
     Args:
@@ -228,9 +242,9 @@ class Ahead:
         experiment: Experiment,
         changed: Mapping[str, Experiment] = MappingProxyType({}),
         limit: float = math.inf,
-        start: float = SETTLED,
+        start: float = SETTLING_TIME,
     ):
-        self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
+        self.score = PredictionScore(what_if_differences={name: ForceDifference() for name in changed})
         self.moves = bool(surface_motions(experiment.contact))
         self.taps = [number for number, task in enumerate(experiment.tasks, 1) if isinstance(task, Tap)]
         self.limit, self.start = limit, start
@@ -243,15 +257,15 @@ class Ahead:
                 self.changed[-1].refuse_other_law(self.own.law, f"--what-if {name}: ")
             self._closing = made.pop_all()
 
-    def __enter__(self) -> "Ahead":
+    def __enter__(self) -> "SessionBranches":
         return self
 
     def __exit__(self, *failure: object) -> None:
         self._closing.close()
 
-    def beside(self, law: OwnLaw, state: RobotState) -> OnPlant:
+    def predicting_part(self, law: OwnController, state: RobotState) -> PlantPart:
         """The part of a twin that has these two in it, and stops at the moments from which branches go out."""
-        return _LookAhead(self, law, state)
+        return _PredictingPart(self, law, state)
 
     @property
     def branchings(self) -> list[Branching]:
@@ -259,43 +273,41 @@ class Ahead:
         return [self.own, *self.changed]
 
 
-_TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
-_F_Z = places(OUTPUTS)["F_ee_B"].start + 2
-_DEVIATION, _STARTED = places(OUTPUTS)["deviation"].start + FORCE + 2, places(OUTPUTS)["started"].start
-
-
-def _after(t: float, start: float, period: float) -> float:
+def _next_time(t: float, start: float, period: float) -> float:
     """The first of the times `start`, `start` + `period` .. after `t`."""
     return start + period * (math.floor((t - start) / period + 1e-6) + 1)
 
 
-class _LookAhead:
-    """See `Ahead.beside`."""
+class _PredictingPart:
+    """See `Ahead.predicting_part`."""
 
-    def __init__(self, ahead: Ahead, law: OwnLaw, state: RobotState):
+    def __init__(self, ahead: SessionBranches, law: OwnController, state: RobotState):
         self._ahead, self._law, self._state = ahead, law, state
         what_if = {
-            f"what_if/{k}": (MADE, *(Port(p.name, p.size, p.unit, f"{p.meaning}, {name}") for p in FORESEEN))
-            for k, name in enumerate(ahead.foreseen.apart, start=1)
+            f"what_if/{k}": (
+                MADE_PORT,
+                *(Port(p.name, p.size, p.unit, f"{p.meaning}, {name}") for p in PREDICTION_PORTS),
+            )
+            for k, name in enumerate(ahead.score.what_if_differences, start=1)
         }
-        self.topics: dict[str, tuple[Port, ...]] = {**law.topics, **state.topics, "ahead": AHEAD, **what_if}
+        self.topics: dict[str, tuple[Port, ...]] = {**law.topics, **state.topics, "ahead": AHEAD_PORTS, **what_if}
         self.happenings: list[Happening] = []
-        self._around = Surroundings(ahead.branchings[0].parameters)
-        self._pending: _Pending | None = None
+        self._around = ContactEstimate(ahead.branchings[0].parameters)
+        self._pending: _PendingPrediction | None = None
         self._next, self._next_look, self._begun = ahead.start, 0.0, 0.0
         self._estimate = state.estimate(-1)
         self._heard: list[NDArray[np.float64]] = []
         self._strange: list[NDArray[np.float64]] = []
-        self._command = places(law.topics["controller"])[OMEGA_REF.name]
+        self._command = port_slices(law.topics["controller"])[OMEGA_REF.name]
         self._warned = self._foreign = False
-        self._task = places(law.topics["controller"]).get("task")
+        self._task = port_slices(law.topics["controller"]).get("task")
         self._tasks, self._task_on = np.empty(0), math.nan
         self._open: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
         p = ahead.branchings[0].parameters
         self._per_motor = float(p["N"] * p["eta"])
 
     def accept(self, plant: PlantParameters) -> None:
-        """See `OnPlant`; what is being predicted is given up, for it began on the one before."""
+        """See `PlantPart`; what is being predicted is given up, for it began on the one before."""
         self._pending = None
         self._state.accept(plant)
         for branching in self._ahead.branchings:
@@ -314,11 +326,11 @@ class _LookAhead:
         self._tasks = law[:, self._task] if self._task is not None else np.empty(0)
         heard = np.column_stack(
             [t, samples.u[:, COMMANDS], law[:, self._command], estimator[:, _TAU_L], estimator[:, _THETA_L],
-             -shadow[:, _F_Z], shadow[:, _DEVIATION]]
+             -shadow[:, _F_Z], shadow[:, _FORCE_DEVIATION]]
         )  # fmt: skip
-        starts = np.flatnonzero(shadow[:, _STARTED])
+        starts = np.flatnonzero(shadow[:, _FILTER_STARTED])
         while begin < len(t):
-            due = min(self._next, self._next_look, self._pending.t + READY if self._pending else math.inf)
+            due = min(self._next, self._next_look, self._pending.t + PREDICTION_DELAY if self._pending else math.inf)
             end = min(int(np.searchsorted(t, due)) + 1, len(t))
             for start in starts[(begin <= starts) & (starts < end)]:
                 self._begun, self._pending = float(t[start]), None
@@ -331,28 +343,28 @@ class _LookAhead:
 
     def _look(self, sample: int, t: float, made: Rows) -> None:
         """What is to be made or given at this one of the samples, at `t` (s), of which `made` has the rows."""
-        giving = self._pending is not None and t >= self._pending.t + READY
+        giving = self._pending is not None and t >= self._pending.t + PREDICTION_DELAY
         looking, beginning = t >= self._next_look, t >= self._next
         if not (giving or looking or beginning):
             return
         self._estimate = self._state.estimate(sample)
         self._catch_up()
         if giving and self._pending:
-            self._give(sample, t, made)
+            self._write_prediction(sample, t, made)
         if looking:
-            self._next_look = _after(t, 0.0, LOOK)
+            self._next_look = _next_time(t, 0.0, CONTACT_PERIOD)
             x, _, J = self._estimate
-            if np.all(np.isfinite(x)) and t >= self._begun + LOOK:
+            if np.all(np.isfinite(x)) and t >= self._begun + CONTACT_PERIOD:
                 self._around.learn(x, J, self._ahead.branchings[0].surface()[0])
         if beginning:
-            self._next = _after(t, self._ahead.start, EVERY)
+            self._next = _next_time(t, self._ahead.start, PREDICTION_PERIOD)
             on = self._tasks[: sample + 1]
             self._task_on = float(on[np.isfinite(on)][-1]) if np.isfinite(on).any() else self._task_on
             try:
                 for branching in self._ahead.branchings:
                     branching.catch_up()
-                if not self._is_foreign(t) and t >= self._begun + SETTLED:
-                    self._pending = self._begin(t, self._law.held(sample))
+                if not self._is_foreign(t) and t >= self._begun + SETTLING_TIME:
+                    self._pending = self._begin(t, self._law.controller_state(sample))
             except ComponentFailed as problem:
                 self._next, self._pending = math.inf, None
                 self.happenings.append(Happening(t, f"no more predictions: {problem}"))
@@ -388,29 +400,29 @@ class _LookAhead:
         if not np.any(known):
             return False
         lasting, own = np.abs(np.mean(away[known], axis=0)), np.sqrt(np.mean(robots[known] ** 2, axis=0))
-        foreign = bool(np.any(lasting > np.maximum(STRANGE, STRANGE_SHARE * own)))
+        foreign = bool(np.any(lasting > np.maximum(FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE * own)))
         if foreign and not self._foreign:
             text = "no prediction while the robot's commands are not those of the twin's controller"
             self.happenings.append(Happening(t, text))
         self._foreign = foreign
         return foreign
 
-    def _begin(self, t: float, law: NDArray[np.uint8]) -> _Pending | None:
+    def _begin(self, t: float, law: NDArray[np.uint8]) -> _PendingPrediction | None:
         """A prediction from now on, of which nothing is run yet; law: what the controller holds."""
         x, P, J = self._estimate
         if not np.all(np.isfinite(x)):
             return None
         own, changed = self._ahead.own, self._ahead.changed
-        self._around.settle(x, P, J, own.surface()[0])
-        causes = ways(P, self._around)
+        self._around.correct_in_air(x, P, J, own.surface()[0])
+        causes = branch_changes(P, self._around)
         now, *might = (one.present(x, J, law, self._around) for one in (own, *changed))
-        pending = _Pending(t, now, iter(()), np.empty(0), [[] for _ in causes], [], self._task_on)
+        pending = _PendingPrediction(t, now, iter(()), np.empty(0), [[] for _ in causes], [], self._task_on)
         asked = zip(causes, pending.others, strict=True)
         wanted = [(into, one) for cause, into in asked for one in cause]
 
         def runs() -> Iterator[None]:
             pending.first = own.run(now)
-            unlike = own.unlike(now, wanted)
+            unlike = own.differing_branches(now, wanted)
             yield
             for into, other in unlike:
                 into.append(own.run(now, other))
@@ -422,24 +434,26 @@ class _LookAhead:
         pending.runs = runs()
         return pending
 
-    def _give(self, sample: int, t: float, made: Rows) -> None:
+    def _write_prediction(self, sample: int, t: float, made: Rows) -> None:
         """The prediction that is being made, as the row of this one of the samples, at `t` (s)."""
         pending, self._pending = self._pending, None
         assert pending is not None
         for _ in pending.runs:
             pass
         first, now = pending.first, self._ahead.own.beginning(pending.now)
-        lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
+        lower, upper = band(first, pending.others, now, pending.now.contact_estimate.force_deviation(pending.now.J))
         if why := self._no_band(pending.task):
-            self._ahead.foreseen.no_band = why
+            self._ahead.score.no_band = why
             lower, upper = np.full((2, *first.shape), np.nan)
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])
-        foreseen = self._ahead.foreseen
+        foreseen = self._ahead.score
         foreseen.predictions += 1
-        times = pending.t + LEADS
+        times = pending.t + LEAD_TIMES
         self._open.append((times, np.stack([first[:, 0], lower[:, 0], upper[:, 0]]), float(now[0])))
-        for k, (apart, other) in enumerate(zip(foreseen.apart.values(), pending.changed, strict=True), start=1):
+        for k, (apart, other) in enumerate(
+            zip(foreseen.what_if_differences.values(), pending.changed, strict=True), start=1
+        ):
             made[f"what_if/{k}"][sample] = np.concatenate([[pending.t], *other.T])
             apart.add(times, other[:, 0] - first[:, 0])
         beyond = np.flatnonzero(first[:, 0] > self._ahead.limit)
@@ -459,9 +473,9 @@ class _LookAhead:
         """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
         if not self._open:
             return
-        foreseen, begin, end = self._ahead.foreseen, float(t[0]) - 1e-9, float(t[-1])
+        foreseen, begin, end = self._ahead.score, float(t[0]) - 1e-9, float(t[-1])
         J = self._estimate.J
-        tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)
+        tare, tare_unsure = float(self._around.tare(J)[2]), self._around.force_deviation(J)
         for times, values, held in self._open:
             due = slice(bisect_right(times, begin), bisect_right(times, end))
             if due.start == due.stop:
@@ -470,19 +484,10 @@ class _LookAhead:
             at = t.searchsorted(times - 1e-9)
             came, unsure = F_z[at] + tare, Z * np.hypot(deviation[at], tare_unsure)
             foreseen.error.add(times, first - came)
-            foreseen.holding.add(times, held - came)
+            foreseen.hold_error.add(times, held - came)
             foreseen.banded += int(np.count_nonzero(np.isfinite(lower)))
-            foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
+            foreseen.in_band += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
         self._open = [one for one in self._open if one[0][-1] > end]
-
-
-LEFT_OUT = {
-    "contact": "where the surface is, and how stiff, comes from the estimate",
-    "monitor": "branches have no monitor",
-    "scale": "it moves nothing",
-    "fault": "branches have none",
-}
-"""Tables that say nothing of a branch, and why."""
 
 
 def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:
@@ -502,18 +507,18 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
         for key in keys:
             if "=" not in key:
                 raise InputRefused(f"--what-if {key}: expected key=value, for example controller.force.kp_mm_per_N=3")
-        refuse_fixed(keys, "--what-if")
+        refuse_fixed_keys(keys, "--what-if")
         for key in keys:
             table = key.partition("=")[0].strip().partition(".")[0]
-            if table in LEFT_OUT:
-                raise InputRefused(f"--what-if {key}: {table} cannot be another one ahead: {LEFT_OUT[table]}")
+            if table in UNUSED_TABLES:
+                raise InputRefused(f"--what-if {key}: {table} cannot be another one ahead: {UNUSED_TABLES[table]}")
         found[text] = load_experiment(path, [*settings, *keys])
     return found
 
 
-def ahead_of(
+def session_branches(
     experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
-) -> Ahead | None:
+) -> SessionBranches | None:
     """The branches of a session; None if a part of the robot cannot be put where the robot's is, which `note` takes.
 
     Args:
@@ -525,7 +530,7 @@ def ahead_of(
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf
     try:
-        return Ahead(experiment, changed, limit)
+        return SessionBranches(experiment, changed, limit)
     except InputRefused as problem:
         if changed:
             raise

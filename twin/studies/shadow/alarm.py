@@ -26,35 +26,38 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 
 Columns = Mapping[str, NDArray[np.float64]]
-BLOCK = 1.0
+BLOCK_LENGTH = 1.0
 """s: as long as those of a replay."""
 FIRST_BLOCKS = 2
 """They say what is normal for this robot: zeros of encoders and motors are in every block alike."""
-SETTLING = 0.5
+SETTLING_TIME = 0.5
 """s after a start of the filter in which residuals do not count."""
-FEWEST = 0.5
+MIN_BLOCK_SHARE = 0.5
 """Share of a block's samples without which it is none."""
-RESERVE = 5.0
+RATE_RESERVE = 5.0
 """A threshold is chosen for a fifth of the rate that was asked: blocks are neither normal nor independent."""
-CONFIRMING = 0.5
+CONFIRMING_LEVEL = 0.5
 """Share of the threshold from which on a sum is worth watching."""
 
-COMMAND = "command"
-APART = "the twin's controller is not compared"
+COMMAND_CHANNEL = "command"
+UNCOMPARED_NOTE = "the twin's controller is not compared"
 CHANNELS = {
     **{f"motor {i + 1}": ("residual_m", i, "rad") for i in range(3)},
     **{f"joint {i + 1}": ("residual_l", i, "rad") for i in range(3)},
     "force": ("residual_F", 0, "N"),
     **{f"torque {i + 1}": ("residual_tau", i, "N m") for i in range(3)},
     "spread": ("NIS", 0, "1"),
-    COMMAND: ("residual_command", 0, "rad/s"),
+    COMMAND_CHANNEL: ("residual_command", 0, "rad/s"),
 }
 """Residuals that are watched: the filter's output, which of its values, unit. `spread` is NIS by the counts in it;
 `command` how far the robot's commands are from those of the twin's own controller."""
-ONE_SIDED = ("spread", COMMAND)
+ONE_SIDED_CHANNELS = ("spread", COMMAND_CHANNEL)
 """Less of these is no news."""
-SIDES = 2 * len(CHANNELS) - len(ONE_SIDED)
+SUM_COUNT = 2 * len(CHANNELS) - len(ONE_SIDED_CHANNELS)
 """Sums that may alarm."""
+RATE_ERROR = 0.1
+"""Relative difference of a measured rate to one that has tolerances."""
+UNKNOWN_PARAMETER = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
@@ -63,7 +66,9 @@ def run_length(H: float) -> float:
     return 2.0 * (math.expm1(b) - b)
 
 
-def threshold(per_hour: float, block: float = BLOCK, sides: int = SIDES, reserve: float = RESERVE) -> float:
+def threshold(
+    per_hour: float, block: float = BLOCK_LENGTH, sides: int = SUM_COUNT, reserve: float = RATE_RESERVE
+) -> float:
     """H, by sigma, for so many false alarms an hour of all `sides` together.
 
     Raises:
@@ -94,8 +99,6 @@ class Tolerances:
 
 RateTolerances = Mapping[float, Tolerances]
 """Tolerances by sampling rate (Hz)."""
-RATE_ERROR = 0.1
-"""Relative difference of a measured rate to one that has tolerances."""
 
 
 def rate_of(t: NDArray[np.float64]) -> float:
@@ -120,7 +123,7 @@ class WatchState(StrEnum):
     NOT_WATCHED = "not watched"
 
 
-WAITING = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
+WAITING_STATES = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
 """In these no sum is looked at."""
 
 
@@ -174,13 +177,13 @@ class Blocks:
         length: of a block (s).
     """
 
-    def __init__(self, length: float = BLOCK):
+    def __init__(self, length: float = BLOCK_LENGTH):
         self._length = length
         self._start, self._settled = math.nan, -math.inf
         self._sums, self._counts, self._samples = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0
         self._most, self._anew = 0, math.inf
 
-    def take(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
+    def add_samples(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
         """End (s) and means (channels,) of each block that ends within these samples; NaN where a channel had none.
 
         Args:
@@ -191,14 +194,14 @@ class Blocks:
         values[t < self._settled] = math.nan
         for at in t[np.asarray(y["started"]) > 0.0].tolist():
             if math.isnan(self._start):
-                self._start = at + SETTLING
+                self._start = at + SETTLING_TIME
             else:
                 self._anew = min(self._anew, at)
-            self._settled = at + SETTLING
+            self._settled = at + SETTLING_TIME
             # the sample at which it starts anew tells why
             values[(t > at) & (t < self._settled)] = math.nan
         # after a gap the twin's controller is not where the robot's is
-        values[t >= self._anew, list(CHANNELS).index(COMMAND)] = math.nan
+        values[t >= self._anew, list(CHANNELS).index(COMMAND_CHANNEL)] = math.nan
         yield from self._stretch(t, values)
 
     def change_rate(self) -> None:
@@ -218,7 +221,7 @@ class Blocks:
             if end == len(t):
                 return
             self._most = max(self._most, self._samples)
-            if self._samples >= FEWEST * self._most:
+            if self._samples >= MIN_BLOCK_SHARE * self._most:
                 with np.errstate(invalid="ignore"):
                     yield self._start + self._length, self._sums / self._counts
             # of hours without a sample there is no block
@@ -245,10 +248,7 @@ def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64
         return np.asarray(NIS / used, dtype=float)
 
 
-UNKNOWN = "which parameter is not known"
-
-
-class Answering(Protocol):
+class ParameterFinder(Protocol):
     """What says which parameter has moved."""
 
     def ask(self, since: float, t: float) -> None:
@@ -277,8 +277,8 @@ class ShadowWatch:
         per_hour: float,
         gathering: int = 10,
         cooling: int = 10,
-        reidentifier: Answering | None = None,
-        block: float = BLOCK,
+        reidentifier: ParameterFinder | None = None,
+        block: float = BLOCK_LENGTH,
         share: float = 1.0,
     ):
         self.state, self.changes = WatchState.LISTENING, list[WatchEvent]()
@@ -298,16 +298,16 @@ class ShadowWatch:
         """Those so far."""
         return [change for change in self.changes if change.alarm]
 
-    def take(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
+    def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
         """A block that ended at `t` (s) with `means` by channel: what changes."""
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
-            self._go(WatchEvent(t, self._interrupted))
+            self._change_state(WatchEvent(t, self._interrupted))
         means = np.asarray(means, dtype=float)
         if len(self._normal) < FIRST_BLOCKS:
             self._normal.append(means)
             self._refuse_other_beginning(t)
-        elif self.state in WAITING:
+        elif self.state in WAITING_STATES:
             self._wait(t)
         else:
             self._look(t, means)
@@ -315,22 +315,27 @@ class ShadowWatch:
 
     def _refuse_other_beginning(self, t: float) -> None:
         """Robot and twin did not begin together if their commands differ from the first blocks on."""
-        tolerance, sigma = self._limits.tolerance.get(COMMAND, math.nan), self._limits.sigma.get(COMMAND, math.nan)
-        if self._compares and self._normal[-1][list(CHANNELS).index(COMMAND)] > tolerance + self._H * sigma:
+        tolerance, sigma = (
+            self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
+            self._limits.sigma.get(COMMAND_CHANNEL, math.nan),
+        )
+        if self._compares and self._normal[-1][list(CHANNELS).index(COMMAND_CHANNEL)] > tolerance + self._H * sigma:
             self._compares = False
-            self._go(WatchEvent(t, self.state, found=f"{APART}: it did not begin with the robot's, or is another"))
+            self._change_state(
+                WatchEvent(t, self.state, found=f"{UNCOMPARED_NOTE}: it did not begin with the robot's, or is another")
+            )
 
-    def use(self, t: float, limits: Tolerances) -> None:
+    def change_tolerances(self, t: float, limits: Tolerances) -> None:
         """Listen anew with other tolerances, from `t` (s) on."""
         self._limits = limits
-        self.listen_anew(t)
+        self.restart(t)
 
     def lose(self, t: float, why: str) -> None:
         """Nothing is watched from `t` (s) on, until the next block."""
         self._interrupted = self.state
-        self._go(WatchEvent(t, WatchState.NOT_WATCHED, found=why))
+        self._change_state(WatchEvent(t, WatchState.NOT_WATCHED, found=why))
 
-    def listen_anew(self, t: float) -> None:
+    def restart(self, t: float) -> None:
         """The twin has changed at `t` (s): what is normal for it is learnt anew, after cooling down."""
         self._learns = True
         self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it listens anew after that"))
@@ -340,24 +345,24 @@ class ShadowWatch:
         if self._left > 0:
             return
         if self.state is WatchState.COOLING_DOWN:
-            self._go(WatchEvent(t, WatchState.LISTENING))
+            self._change_state(WatchEvent(t, WatchState.LISTENING))
             if self._learns:
                 self._learns, self._compares = False, True
                 self._normal.clear()
             return
-        found = UNKNOWN
+        found = UNKNOWN_PARAMETER
         if self._reidentifier is not None:
             if self.state is WatchState.GATHERING:
                 # of the block in which the sum began to grow a part is of before
                 self._reidentifier.ask(self._alarm.since + self._block, t)
             found = self._reidentifier.answer()
         if self.state is WatchState.GATHERING:
-            self._go(WatchEvent(t, WatchState.REIDENTIFYING))
+            self._change_state(WatchEvent(t, WatchState.REIDENTIFYING))
         if found:
             self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found=found))
 
     def _cool(self, change: WatchEvent) -> None:
-        self._go(change)
+        self._change_state(change)
         self._left = self._cooling
         self._sums = {name: _Sum() for name in CHANNELS}
         self.levels = dict.fromkeys(CHANNELS, 0.0)
@@ -366,7 +371,7 @@ class ShadowWatch:
         with np.errstate(invalid="ignore"):
             shift = means - np.mean(self._normal, axis=0)
         for k, name in enumerate(CHANNELS):
-            if name == COMMAND and not self._compares:
+            if name == COMMAND_CHANNEL and not self._compares:
                 continue
             tolerance, sigma = self._limits.tolerance.get(name, math.nan), self._limits.sigma.get(name, math.nan)
             K = self._share * tolerance + 0.5 * sigma
@@ -377,12 +382,12 @@ class ShadowWatch:
         level = self.levels[worst]
         if level > 1.0:
             self._alarm = self._evidence(t, WatchState.GATHERING, worst, level, alarm=True)
-            self._go(self._alarm)
+            self._change_state(self._alarm)
             self._left = self._gathering
-        elif level > CONFIRMING and self.state is WatchState.LISTENING:
-            self._go(self._evidence(t, WatchState.CONFIRMING, worst, level))
-        elif level <= CONFIRMING and self.state is WatchState.CONFIRMING:
-            self._go(WatchEvent(t, WatchState.LISTENING))
+        elif level > CONFIRMING_LEVEL and self.state is WatchState.LISTENING:
+            self._change_state(self._evidence(t, WatchState.CONFIRMING, worst, level))
+        elif level <= CONFIRMING_LEVEL and self.state is WatchState.CONFIRMING:
+            self._change_state(WatchEvent(t, WatchState.LISTENING))
 
     def _add(self, name: str, t: float, shift: float, K: float) -> float:
         one = self._sums[name]
@@ -394,7 +399,7 @@ class ShadowWatch:
             setattr(one, side, max(0.0, before + step))
         if one.up == 0.0 and one.low == 0.0:
             one.taken.clear()
-        if name in ONE_SIDED:
+        if name in ONE_SIDED_CHANNELS:
             one.low = 0.0
         return max(one.up, one.low)
 
@@ -404,6 +409,6 @@ class ShadowWatch:
         blocks = max(1, round((t - since) / self._block))
         return WatchEvent(t, state, name, level, since, float(np.mean(one.taken[-blocks:])), alarm=alarm)
 
-    def _go(self, change: WatchEvent) -> None:
+    def _change_state(self, change: WatchEvent) -> None:
         self.state = change.state
         self.changes.append(change)

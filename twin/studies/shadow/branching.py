@@ -20,31 +20,31 @@ from twin.kernel.compiled.function import carray
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import Component, NativeComponent, Pieces
 from twin.kernel.cosim.delay import play
-from twin.kernel.cosim.port import places, width
+from twin.kernel.cosim.port import port_slices, width
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState, stateless
+from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState, stateless_reasons
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.groups import AT_END
+from twin.kernel.fmi.groups import END_SUFFIX
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import Plant
-from twin.robot.plant.contact import HELD, surface_depth
-from twin.robot.plant.dynamics import PARAMETERS, PlantParameters
+from twin.robot.plant.contact import JOINT_ANCHOR, surface_depth
+from twin.robot.plant.dynamics import PARAMETERS_RECORD, PlantParameters
+from twin.studies.shadow.contact_estimate import AIR_CLEARANCE, ContactEstimate
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, VELOCITY
-from twin.studies.shadow.surroundings import CLEAR, Surroundings
 
-HORIZON, SPACING = 1.0, 0.05
+PREDICTION_HORIZON, LEAD_SPACING = 1.0, 0.05
 """s ahead, and between two of the times that are looked at."""
-LONGEST_FOLLOWED = 1.0
+MAX_FOLLOWED_GAP = 1.0
 """Longest gap (s) over which the drives are stepped; a longer one begins anew, so that it costs no memory."""
-LEADS = np.linspace(SPACING, HORIZON, round(HORIZON / SPACING))
+LEAD_TIMES = np.linspace(LEAD_SPACING, PREDICTION_HORIZON, round(PREDICTION_HORIZON / LEAD_SPACING))
 Native = TypeVar("Native", bound=NativeComponent)
-ENDLESS = 1 << 40
+ENDLESS_TICKS = 1 << 40
 """Ticks. A session has no end that an FMU could be given."""
 
 
-class Present(NamedTuple):
+class RobotSnapshot(NamedTuple):
     """Where the robot is.
 
     Attributes:
@@ -65,10 +65,10 @@ class Present(NamedTuple):
     law: NDArray[np.uint8]
     drives: SystemState
     shafts: Mapping[str, NDArray[np.float64]]
-    around: Surroundings
+    contact_estimate: ContactEstimate
 
 
-class Otherwise(NamedTuple):
+class BranchChange(NamedTuple):
     """What is other in one branch than in the present.
 
     Attributes:
@@ -82,7 +82,7 @@ class Otherwise(NamedTuple):
     share: float = 1.0
 
 
-@entry("double", PARAMETERS, "doubles", "int", at_once=True)
+@entry("double", PARAMETERS_RECORD, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
     """The largest depth (m) of the head at `count` positions `p` (3) of the platform, seen from the surface."""
     positions, most = carray(p, 3 * count), -math.inf
@@ -96,13 +96,13 @@ def _inputs(drive: Component, number: int) -> list[int]:
     power."""
     found: list[int] = []
     for port in drive.inputs:
-        first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(AT_END), 6)
+        first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(END_SUFFIX), 6)
         own = number if port.size == 1 else 0
         found += [6] * port.size if first == 6 else range(first + own, first + own + port.size)
     return found
 
 
-Wanted = tuple[list[NDArray[np.float64]], Otherwise]
+BranchRequest = tuple[list[NDArray[np.float64]], BranchChange]
 """Where a branch goes to, and what is other in it."""
 
 
@@ -128,14 +128,14 @@ class Branching:
     def __init__(self, experiment: Experiment, where: str = ""):
         others = {role: part for role, part in experiment.stand_ins.items() if role not in ("monitor", "scale")}
         bare = replace(
-            experiment, monitor=None, scale=None, faults=(), stand_ins=others, duration_ticks=ENDLESS
+            experiment, monitor=None, scale=None, faults=(), stand_ins=others, duration_ticks=ENDLESS_TICKS
         )  # fmt: skip
         if others:
             raise InputRefused(f"{where}{', '.join(others)} of others cannot be put where the robot's is")
         self._assembly = assemble(bare)
         try:
-            system, made = self._assembly.system, self._assembly.made
-            if lacking := stateless(system.components, portable=False):
+            system, made = self._assembly.system, self._assembly.components_by_row
+            if lacking := stateless_reasons(system.components, portable=False):
                 raise InputRefused(f"{where}{'; '.join(lacking)}")
             self._drives = made["drive"]
             rest = [one for one in system.components if one not in self._drives]
@@ -145,10 +145,10 @@ class Branching:
             self.law = self._only("controller", NativeComponent)
             self._law_pieces = Pieces(self.law.pieces().values())
             self._as_made = [(one, one.memory.copy()) for one in (self._plant, self._encoder)]
-            self._fresh = self._places.take(0)
+            self._fresh = self._places.save_state(0)
             self.tick, self.period = system.tick, experiment.controller_ticks
-            self._steps = round(SPACING / self.tick)
-            self._simulation = Simulation(system, ENDLESS, len(LEADS) * self._steps + 1)
+            self._steps = round(LEAD_SPACING / self.tick)
+            self._simulation = Simulation(system, ENDLESS_TICKS, len(LEAD_TIMES) * self._steps + 1)
             self._columns = [system.columns(f"plant.{name}").start + 2 for name in ("F_ee_B", "p_B")]
         except BaseException:
             self._assembly.close()
@@ -156,8 +156,8 @@ class Branching:
         zeros, memory = belief(experiment), self._encoder.memory
         self._zeros = [(memory[side]["zero"], np.array(getattr(zeros, f"{side}_zero"))) for side in ("motor", "joint")]
         self._exact = [memory[side][name] for side in ("motor", "joint") for name in ("noise", "eccentricity")]
-        self._angle_at = [(one.name, places(one.outputs)["theta_m"]) for one in self._drives]
-        self._plant_at = places(self._plant.outputs)
+        self._angle_at = [(one.name, port_slices(one.outputs)["theta_m"]) for one in self._drives]
+        self._plant_at = port_slices(self._plant.outputs)
         self._p_at = system.columns("plant.p_B")
         self._s_at = [system.columns(f"{one.name}.s_B") for one in made["body"]]
         p = self._plant.memory["parameters"][0]
@@ -172,7 +172,7 @@ class Branching:
         self._skipped, self._last = 0.0, -math.inf
 
     def _only(self, row: str, kind: type[Native]) -> Native:
-        (component,) = self._assembly.made[row]
+        (component,) = self._assembly.components_by_row[row]
         assert isinstance(component, kind)
         return component
 
@@ -196,7 +196,7 @@ class Branching:
         call = self.call
         gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))
         # drives hold their state over a long gap: nothing is stepped, or stored, for it
-        skips = np.where(gaps > LONGEST_FOLLOWED, call * np.floor(gaps / call), 0.0)
+        skips = np.where(gaps > MAX_FOLLOWED_GAP, call * np.floor(gaps / call), 0.0)
         t = t - self._skipped - np.cumsum(skips)
         self._last = float(t[-1]) + self._skipped + float(np.sum(skips))
         self._skipped += float(np.sum(skips))
@@ -216,7 +216,7 @@ class Branching:
         Raises:
             ComponentFailed: one of them fails.
         """
-        self._come_back()
+        self._restore_drives()
         held = np.concatenate([*self._held, np.empty((0, 7))])
         self._held.clear()
         if not len(held):
@@ -254,15 +254,15 @@ class Branching:
         self._spring, self._slip = _spring(self.parameters), np.array(plant.slip)
 
     def present(
-        self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: Surroundings
-    ) -> Present:
+        self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: ContactEstimate
+    ) -> RobotSnapshot:
         """What a branch begins from, to be run now or later, once the drives have caught up; arguments: see there."""
-        drives = self._drive_places.take(self._at)
-        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.apart())
+        drives = self._drive_places.save_state(self._at)
+        return RobotSnapshot(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.snapshot())
 
-    def beginning(self, now: Present) -> NDArray[np.float64]:
+    def beginning(self, now: RobotSnapshot) -> NDArray[np.float64]:
         """Pressing force (N) and height (m) that a branch goes out from (2,)."""
-        return np.array([now.around.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
+        return np.array([now.contact_estimate.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
 
     def refuse_other_law(self, law: Component, where: str) -> None:
         """Raises InputRefused if this controller cannot go on from what `law` holds."""
@@ -270,31 +270,31 @@ class Branching:
         if mine != theirs:
             raise InputRefused(f"{where}the controller cannot be another one in mid-run")
 
-    def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
-        """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
-        self._put(now, other)
-        return self._ahead()
+    def run(self, now: RobotSnapshot, other: BranchChange = BranchChange()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
+        """Pressing force (N) and height (m) at each of `LEAD_TIMES` (leads, 2); NaN from where a component fails."""
+        self._set_state(now, other)
+        return self._run_ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
         """As `run`, from a state of the robot itself."""
-        self._go_away()
+        self._save_drives()
         for component, memory in self._as_made:
             component.memory[...] = memory
         self._simulation.adopt(saved)
-        return self._ahead()
+        return self._run_ahead()
 
-    def _go_away(self) -> None:
+    def _save_drives(self) -> None:
         """Let the drives be used by branches, and remember where they were."""
-        self._away = self._away or self._drive_places.take(self._at)
+        self._away = self._away or self._drive_places.save_state(self._at)
 
-    def _come_back(self) -> None:
+    def _restore_drives(self) -> None:
         """Let the drives be where the robot's are."""
         if self._away:
-            self._drive_places.put_back(self._away)
+            self._drive_places.restore_state(self._away)
             self._away.close()
             self._away = None
 
-    def unlike(self, now: Present, wanted: Sequence[Wanted]) -> list[Wanted]:
+    def differing_branches(self, now: RobotSnapshot, wanted: Sequence[BranchRequest]) -> list[BranchRequest]:
         """Those whose branches are not bit for bit the one with nothing other, which was run last.
 
         Where the robot presses, its surface is no higher otherwise; and of one that it stays clear of nothing counts.
@@ -303,24 +303,24 @@ class Branching:
         if not presses:
             p = self._rows[:, self._p_at] - sum(self._rows[:, place] for place in self._s_at)
             # heights of others differ by less
-            clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -CLEAR
+            clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -AIR_CLEARANCE
         return [one for one in wanted if np.any(one[1].dx) or (not clear and (one[1].share != 1.0 or not presses))]
 
-    def _ahead(self) -> NDArray[np.float64]:
+    def _run_ahead(self) -> NDArray[np.float64]:
         """What `run` says, once the robot was put there."""
         self._rows = rows = self._simulation.advance()
-        found = np.full((len(LEADS), 2), np.nan)
+        found = np.full((len(LEAD_TIMES), 2), np.nan)
         there = rows[self._steps :: self._steps, self._columns]
         found[: len(there)] = there * (-1.0, 1.0)
         return found
 
-    def _put(self, now: Present, other: Otherwise) -> None:
+    def _set_state(self, now: RobotSnapshot, other: BranchChange) -> None:
         """Be where a branch begins."""
-        self._go_away()
-        self._places.put_back(self._fresh)
-        self._drive_places.put_back(now.drives)
-        self._law_pieces.put_back(now.law)
-        x, J, around, outputs = now.x + other.dx, now.J, now.around, dict(now.shafts)
+        self._save_drives()
+        self._places.restore_state(self._fresh)
+        self._drive_places.restore_state(now.drives)
+        self._law_pieces.restore(now.law)
+        x, J, around, outputs = now.x + other.dx, now.J, now.contact_estimate, dict(now.shafts)
         s_B, outputs_of_body = self.surface(now.tick)
         outputs |= outputs_of_body
         theta_m = x[MOTOR : MOTOR + 3]
@@ -331,28 +331,28 @@ class Branching:
         state = np.concatenate([x[: VELOCITY + 3], z_b])
         seen = state.copy()
         seen[:6] -= s_B
-        F = self._plant.put(seen, theta_m)[self._plant_at["F_ee_B"]]
+        F = self._plant.set_state(seen, theta_m)[self._plant_at["F_ee_B"]]
         friction = float(around.zeros[3])
-        too_much = np.linalg.solve(J.T, x[FORCE : FORCE + 3] - F) - friction * around.carried
+        too_much = np.linalg.solve(J.T, x[FORCE : FORCE + 3] - F) - friction * around.friction_share
         parameters["slip"] = self._slip + shaft - theta_m + too_much / self._spring
         parameters["joint_friction"] = friction
-        outputs["plant"] = self._plant.put(state, shaft)
+        outputs["plant"] = self._plant.set_state(state, shaft)
         theta_l = outputs["plant"][self._plant_at["theta_l"]]
-        anchors[0, :, HELD] = theta_l - self._presliding * around.carried
+        anchors[0, :, JOINT_ANCHOR] = theta_l - self._presliding * around.friction_share
         for (zero, believed), away in zip(self._zeros, (theta_m - shaft, 0.0), strict=True):
             zero[:] = away + believed
         for array in self._exact:
             array[...] = 0.0
         values = {"theta_m": shaft, "theta_l": theta_l, "omega_ref": now.omega_ref}
         for row in ("latency", "delay", "bus"):
-            for one in self._assembly.made[row]:
+            for one in self._assembly.components_by_row[row]:
                 outputs[one.name] = np.concatenate([values[port.name] for port in one.outputs])
                 one.pieces()["ring"].reshape(-1, width(one.outputs))[:] = outputs[one.name]
         for row in ("controller", "tank"):
-            for one in self._assembly.made[row]:
+            for one in self._assembly.components_by_row[row]:
                 outputs[one.name] = one.initial_outputs.copy()
-                outputs[one.name][places(one.outputs)["omega_ref"]] = now.omega_ref
-        self._simulation.place(now.tick, outputs)
+                outputs[one.name][port_slices(one.outputs)["omega_ref"]] = now.omega_ref
+        self._simulation.jump_to(now.tick, outputs)
 
     def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
         """Displacement and velocity of a surface that moves, by the twin's clock (6,), SI; outputs of what moves it.
@@ -361,7 +361,7 @@ class Branching:
             tick: when; None: now.
         """
         t = self.tick * (self._at if tick is None else tick)
-        for body in self._assembly.made["body"]:
+        for body in self._assembly.components_by_row["body"]:
             rows, _ = play(body, np.array([t]), np.array([self.tick]), np.empty((1, 0)))
             return rows[0], {body.name: rows[0]}
         return np.zeros(6), {}

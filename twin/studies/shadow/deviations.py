@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment import Experiment
+from twin.studies.shadow.contact_estimate import ENCODER_ZERO, JOINT_FRICTION
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, STATES
-from twin.studies.shadow.surroundings import FRICTION, ZERO
 
 SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
 """Largest relative errors of a spring and of a dead zone that were not identified, in the shipped fleet of healthy
 robots."""
-COVERAGE = 0.75
+DEVIATION_SHARE = 0.75
 """Deviation by the largest error: at the corners of the fleet, where several causes are largest at once, at most a
 tenth of all samples lies beyond 1.96 deviations."""
-SPRING, DEAD_ZONE = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
+SPRING_KEY, DEAD_ZONE_KEY = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
 NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
-MEMORY = 500
+NIS_SAMPLES = 500
 """Samples over which NIS is averaged."""
 
 
@@ -41,14 +41,14 @@ class HealthyDeviation:
         plant = plant_parameters(experiment.plant, experiment.contact)
         self._spring, dead_zone = (
             0.0 if is_identified(experiment, key) else error
-            for key, error in ((SPRING, SPRING_ERROR), (DEAD_ZONE, DEAD_ZONE_ERROR))
+            for key, error in ((SPRING_KEY, SPRING_ERROR), (DEAD_ZONE_KEY, DEAD_ZONE_ERROR))
         )
         k = plant.k_s * plant.N * plant.eta
-        torque = (k * (1.0 + plant.N) * ZERO) ** 2 + (k * dead_zone * plant.backlash) ** 2 + FRICTION**2
-        self._torque = COVERAGE**2 * torque
+        torque = (k * (1.0 + plant.N) * ENCODER_ZERO) ** 2 + (k * dead_zone * plant.backlash) ** 2 + JOINT_FRICTION**2
+        self._torque = DEVIATION_SHARE**2 * torque
         self._NIS, self._used = 0.0, 0.0
 
-    def widened(
+    def widen(
         self, deviation: NDArray[np.float64], NIS: NDArray[np.float64], used: NDArray[np.float64],
         J: NDArray[np.float64], tau_l: NDArray[np.float64],
     ) -> NDArray[np.float64]:  # fmt: skip
@@ -56,17 +56,17 @@ class HealthyDeviation:
         added = np.zeros((len(deviation), STATES))
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))
-        added[:, POSITION : POSITION + 3] = (COVERAGE * ZERO) ** 2 * np.sum(away**2, axis=2)
-        added[:, MOTOR : MOTOR + 3] = (COVERAGE * ZERO) ** 2
-        torque = self._torque + (COVERAGE * self._spring * tau_l) ** 2
+        added[:, POSITION : POSITION + 3] = (DEVIATION_SHARE * ENCODER_ZERO) ** 2 * np.sum(away**2, axis=2)
+        added[:, MOTOR : MOTOR + 3] = (DEVIATION_SHARE * ENCODER_ZERO) ** 2
+        torque = self._torque + (DEVIATION_SHARE * self._spring * tau_l) ** 2
         added[:, FORCE : FORCE + 3] = np.einsum("nji,nj->ni", J**2, torque)
-        spread = self._spread(NIS, used)
+        spread = self._mean_nis(NIS, used)
         wide: NDArray[np.float64] = np.sqrt(deviation**2 * spread[:, None] + added)
         return wide
 
-    def _spread(self, NIS, used) -> NDArray[np.float64]:
-        """NIS per count, averaged over `MEMORY` samples; 1 at least."""
-        keep = 1.0 - 1.0 / MEMORY
+    def _mean_nis(self, NIS, used) -> NDArray[np.float64]:
+        """NIS per count, averaged over `NIS_SAMPLES` samples; 1 at least."""
+        keep = 1.0 - 1.0 / NIS_SAMPLES
         spread = np.empty(len(NIS))
         for k, (square, count) in enumerate(zip(np.nan_to_num(NIS).tolist(), used.tolist(), strict=True)):
             self._NIS, self._used = keep * self._NIS + square, keep * self._used + count

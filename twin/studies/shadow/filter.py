@@ -19,39 +19,39 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import memory_of
 from twin.robot.controller.controller import Belief, angle
 from twin.robot.mechanism.kinematics import platform_position
-from twin.robot.plant.dynamics import LONGEST_GAP, UNTOUCHED, PlantParameters, has_effects
+from twin.robot.plant.dynamics import INITIAL_ANCHORS, LONGEST_GAP, PlantParameters, has_effects
+from twin.studies.replay.sample_columns import INPUTS
 from twin.studies.shadow.layout import (
-    COUNTS,
-    DITHERED,
-    EDGE,
-    FIRST,
+    DITHER_NOISE,
+    EDGE_WIDTH,
+    ENCODER_COUNT,
     FORCE,
-    GARBLED,
-    INPUTS,
+    INITIAL_DEVIATIONS,
     JUST_CHANGED,
     LONGEST_STEP,
-    LOST,
+    MATRIX_WIDTH,
+    MAX_SQUARED_INNOVATION,
     MEMORY,
     MOTOR,
-    MOVED,
     NO_POSE,
     OUTPUTS,
     POSITION,
-    REPEATED,
-    RUNNING,
+    REPEAT_TIME,
     SPEED,
+    STANDSTILL_TIME,
     STATES,
+    STATUS_LOST,
+    STATUS_RUNNING,
     VELOCITY,
-    WIDE,
     Noises,
     Sensors,
     ShadowDrive,
 )
-from twin.studies.shadow.prediction import at, linearise, pose, predict, push, stiffness
+from twin.studies.shadow.prediction import linearise, pose, predict, push, stiffness, triple
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def measured(m, sensor, count):
+def measured_angle(m, sensor, count):
     """The angle (rad) that a count of `sensor`, 0 to 5, stands for."""
     if sensor < 3:
         return angle(count, m.belief.motor_counts, m.belief.motor_zero[sensor])
@@ -72,7 +72,7 @@ def speed_variance(m, sensor):
 
 
 @njit(cache=True, error_model="numpy")
-def take(m, sensor, count, h, expected):
+def innovation(m, sensor, count, h, expected):
     """What a count says, into `m.nu` and `m.R` (rad, rad^2); NaN if it says nothing new.
 
     The angle was in the cell of the count before, and has moved as the filter expects; it is in the cell of this one.
@@ -90,11 +90,11 @@ def take(m, sensor, count, h, expected):
     else:
         m.counts[sensor], m.still = count, 0.0
     wide, middle = 1.0, 0.0
-    if noise < DITHERED * turn:
+    if noise < DITHER_NOISE * turn:
         if count == last:
-            if m.kept[sensor] < REPEATED:
+            if m.kept[sensor] < REPEAT_TIME:
                 return
-        elif noise >= EDGE * turn:
+        elif noise >= EDGE_WIDTH * turn:
             # near an edge: half a count off
             wide = JUST_CHANGED
         else:
@@ -102,10 +102,10 @@ def take(m, sensor, count, h, expected):
             way = (expected - m.before[sensor]) / turn - (count - last)
             low, high = max(-0.5, way - 0.5), min(0.5, way + 0.5)
             if high - low > -1.0:
-                unsure = h * h * speed_variance(m, sensor) / (turn * turn) + EDGE * EDGE
+                unsure = h * h * speed_variance(m, sensor) / (turn * turn) + EDGE_WIDTH * EDGE_WIDTH
                 wide, middle = min(1.0, math.sqrt((high - low) ** 2 + 12.0 * unsure)), 0.5 * (low + high)
     m.kept[sensor] = 0.0
-    m.nu[sensor] = measured(m, sensor, count) + middle * turn - expected
+    m.nu[sensor] = measured_angle(m, sensor, count) + middle * turn - expected
     m.R[sensor] = turn * turn * wide * wide / 12.0 + noise * noise
 
 
@@ -116,33 +116,33 @@ def correct(m, h, y):
     for i in range(STATES):
         total[i] = 0.0
     square, used = 0.0, 0
-    for sensor in range(COUNTS):
+    for sensor in range(ENCODER_COUNT):
         nu, leg = m.nu[sensor], sensor % 3
         if math.isnan(nu):
             m.refused[sensor] += h if m.refused[sensor] > 0.0 else 0.0
             continue
         used += 1
         if sensor < 3:
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 PH[j] = P[MOTOR + leg, j]
             S = PH[MOTOR + leg]
             nu -= total[MOTOR + leg]
         else:
             a, b, c = m.J[leg, 0], m.J[leg, 1], m.J[leg, 2]
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 PH[j] = a * P[0, j] + b * P[1, j] + c * P[2, j]
             S = a * PH[0] + b * PH[1] + c * PH[2]
             nu -= a * total[0] + b * total[1] + c * total[2]
         S += m.R[sensor]
         square += nu * nu / S
-        if nu * nu > GARBLED * S:
+        if nu * nu > MAX_SQUARED_INNOVATION * S:
             m.refused[sensor] += h
             continue
         m.refused[sensor] = 0.0
         for i in range(STATES):
             gain = PH[i] / S
             total[i] += gain * nu
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 P[i, j] -= gain * PH[j]
     for i in range(STATES):
         m.x[i] += total[i]
@@ -154,27 +154,27 @@ def correct(m, h, y):
 def begin(m, u):
     """Start where the counts have the robot, at rest, with the force of statics; False where they fit no pose."""
     for leg in range(3):
-        m.theta_l[leg] = measured(m, 3 + leg, u.count_l[leg])
-        m.x[MOTOR + leg] = measured(m, leg, u.count_m[leg])
+        m.theta_l[leg] = measured_angle(m, 3 + leg, u.count_l[leg])
+        m.x[MOTOR + leg] = measured_angle(m, leg, u.count_m[leg])
         m.x[VELOCITY + leg] = m.x[SPEED + leg] = m.x[FORCE + leg] = 0.0
     m.x[0], m.x[1], m.x[2] = platform_position(m.parameters, m.theta_l[0], m.theta_l[1], m.theta_l[2])
     if math.isnan(m.x[0] + m.x[6] + m.x[7] + m.x[8]):
         return False
     for i in range(STATES):
-        for j in range(WIDE):
+        for j in range(MATRIX_WIDTH):
             m.P[i, j] = 0.0
     for group in range(5):
         for i in range(3):
-            m.P[3 * group + i, 3 * group + i] = FIRST[group] * FIRST[group]
+            m.P[3 * group + i, 3 * group + i] = INITIAL_DEVIATIONS[group] * INITIAL_DEVIATIONS[group]
     pose(m)
     special = has_effects(m.parameters)
     linearise(m, special)
-    a = push(m, special, at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE))
+    a = push(m, special, triple(m, POSITION), triple(m, VELOCITY), triple(m, MOTOR), triple(m, FORCE))
     # the force that would take this acceleration away: slope F = -a
-    F = solved(m.slope, a)
+    F = solve_force(m.slope, a)
     for i in range(3):
         m.x[FORCE + i] = -F[i]
-    for i in range(COUNTS):
+    for i in range(ENCODER_COUNT):
         m.counts[i] = u.count_m[i] if i < 3 else u.count_l[i - 3]
         m.kept[i] = m.refused[i] = 0.0
     m.still = m.slow[0] = m.slow[1] = 0.0
@@ -182,7 +182,7 @@ def begin(m, u):
 
 
 @njit(cache=True, error_model="numpy")
-def solved(slope, a):
+def solve_force(slope, a):
     """F of slope_F F = a, a triple."""
     m11, m12, m13 = slope[0, FORCE], slope[0, FORCE + 1], slope[0, FORCE + 2]
     m21, m22, m23 = slope[1, FORCE], slope[1, FORCE + 1], slope[1, FORCE + 2]
@@ -196,7 +196,7 @@ def solved(slope, a):
 
 
 @njit(cache=True, error_model="numpy")
-def tell(m, y):
+def write_outputs(m, y):
     """The state and its deviations into the outputs."""
     for i in range(3):
         y.p_B[i], y.v_B[i] = m.x[POSITION + i], m.x[VELOCITY + i]
@@ -210,15 +210,15 @@ def residuals(m, h, u, y):
     """What came less what was expected, before any of it is taken in."""
     pose(m)
     m.still += h
-    for sensor in range(COUNTS):
+    for sensor in range(ENCODER_COUNT):
         leg = sensor % 3
         count = u.count_m[leg] if sensor < 3 else u.count_l[leg]
         expected = m.x[MOTOR + leg] if sensor < 3 else m.theta_l[leg]
-        take(m, sensor, count, h, expected)
+        innovation(m, sensor, count, h, expected)
         if sensor < 3:
-            y.residual_m[leg] = measured(m, sensor, count) - expected
+            y.residual_m[leg] = measured_angle(m, sensor, count) - expected
         else:
-            y.residual_l[leg] = measured(m, sensor, count) - expected
+            y.residual_l[leg] = measured_angle(m, sensor, count) - expected
     y.residual_F = u.F_z + m.x[FORCE + 2]
     for leg in range(3):
         _, tau_load = stiffness(m, leg)
@@ -230,7 +230,7 @@ def residuals(m, h, u, y):
 
 
 @njit(cache=True, error_model="numpy")
-def forget(y):
+def clear_residuals(y):
     for i in range(3):
         y.residual_m[i] = y.residual_l[i] = y.residual_tau[i] = math.nan
     y.NIS, y.residual_F, y.used = math.nan, math.nan, 0
@@ -238,9 +238,9 @@ def forget(y):
 
 @step_function(MEMORY, INPUTS, OUTPUTS)
 def step(m, t, h, u, y):
-    y.started = m.on != RUNNING or not h <= LONGEST_GAP
+    y.started = m.on != STATUS_RUNNING or not h <= LONGEST_GAP
     if y.started:
-        forget(y)
+        clear_residuals(y)
     else:
         for leg in range(3):
             m.before[leg], m.before[3 + leg] = m.x[MOTOR + leg], m.theta_l[leg]
@@ -253,23 +253,23 @@ def step(m, t, h, u, y):
             pose(m)
         # what no pose goes with, or counts do not go with, cannot be corrected any more
         y.started = math.isnan(m.theta_l[0] + m.theta_l[1] + m.theta_l[2] + m.x[FORCE])
-        for sensor in range(COUNTS):
+        for sensor in range(ENCODER_COUNT):
             y.started = y.started or m.refused[sensor] > LONGEST_GAP
     if y.started:
         found = begin(m, u)
         if not (found or m.on):
             return NO_POSE
-        m.on = RUNNING if found else LOST
+        m.on = STATUS_RUNNING if found else STATUS_LOST
         for i in range(STATES):
             m.x[i] = m.x[i] if found else math.nan
     for i in range(3):
         m.omega_ref[i] = u.omega_ref[i]
-    y.moves = m.still < MOVED
-    tell(m, y)
+    y.moves = m.still < STANDSTILL_TIME
+    write_outputs(m, y)
     return 0
 
 
-def _known(parameters: PlantParameters) -> tuple[object, ...]:
+def _without_dry_friction(parameters: PlantParameters) -> tuple[object, ...]:
     """Without dry friction, whose direction no count tells of a robot that stands."""
     return tuple(parameters._replace(joint_friction=0.0, spring_hysteresis=0.0))
 
@@ -296,15 +296,15 @@ class Shadow(NativeComponent):
         noises: Noises = Noises(),  # noqa: B008, it is a tuple
     ):
         memory = memory_of(
-            MEMORY, parameters=_known(parameters), belief=tuple(believed), sensors=tuple(sensors), drive=tuple(drive),
-            noises=tuple(noises), anchors=UNTOUCHED,
+            MEMORY, parameters=_without_dry_friction(parameters), belief=tuple(believed), sensors=tuple(sensors), drive=tuple(drive),
+            noises=tuple(noises), anchors=INITIAL_ANCHORS,
         )  # fmt: skip
         super().__init__("shadow", INPUTS, OUTPUTS, True, step, memory)
         self.finite = False
 
     def accept(self, parameters: PlantParameters) -> None:
         """Go on from where it is with other parameters of the plant."""
-        self.memory["parameters"][0] = _known(parameters)
+        self.memory["parameters"][0] = _without_dry_friction(parameters)
 
     def explain(self, status: int) -> str:
         return "found no pose that fits the first counts"

@@ -20,36 +20,38 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.command import Say, silent
+from twin.studies.command import Say, ignore_progress
+from twin.studies.replay.parts import SampledSteps
+from twin.studies.replay.samples import RobotSamples, samples_of
 from twin.studies.shadow.alarm import (
-    BLOCK,
+    BLOCK_LENGTH,
     CHANNELS,
     FIRST_BLOCKS,
-    SETTLING,
+    SETTLING_TIME,
     Blocks,
     ShadowWatch,
     Tolerances,
     WatchEvent,
 )
 from twin.studies.shadow.deviations import is_identified
-from twin.studies.shadow.following import SampledSteps, farthest_command, own_law
-from twin.studies.shadow.samples import Columns, RobotSamples, followed, samples_of, shadow_of
+from twin.studies.shadow.filter_steps import Columns, filter_outputs, shadow_of
+from twin.studies.shadow.following import farthest_command, own_controllers
 from twin.studies.sweep.plan import Vary, plan_of, read_definition
 
-ZERO = 0.05
+ZERO_RANGE = 0.05
 """deg. The zeros of all six encoders are anywhere within it, either way."""
-LOST = 0.05
+MAX_LOST_SHARE = 0.05
 """Maximum share of the samples that do not arrive."""
-LATE, LATE_SHARE = 0.8e-3, 0.4
+MAX_STAMP_ERROR, MAX_STAMP_ERROR_SHARE = 0.8e-3, 0.4
 """Maximum error of a stamp, either way (s), and as a share of the sampling period: stamps stay in order."""
-MARGIN = 1.25
+TOLERANCE_MARGIN = 1.25
 """A tolerance by the largest shift that the fleet shows: of robots that are drawn, and of one at each corner of what
 varies, where shifts are largest. The largest of 96 bounds 97 % of all robots with 95 % confidence (S. S. Wilks, Ann.
 Math. Statist. 12 (1941) 91)."""
-MOST_CORNERS = 64
+MAX_CORNERS = 64
 """Maximum number of corners. Of twice as many every second one is run, so that each corner left out differs from one
 that is run in one value only; of more, none is."""
-SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
+SCALE_SETTINGS = ("scale.resolution_g=5", "scale.period_ms=10")
 """A measured force, of an experiment that has none."""
 
 
@@ -89,7 +91,10 @@ class Fleet:
             settings: of this robot besides, a fault for example.
         """
         random = np.random.default_rng([self.seed, number])
-        zeros = [f"plant.{side}_zero_deg={random.uniform(-ZERO, ZERO, 3).tolist()}" for side in ("motor", "joint")]
+        zeros = [
+            f"plant.{side}_zero_deg={random.uniform(-ZERO_RANGE, ZERO_RANGE, 3).tolist()}"
+            for side in ("motor", "joint")
+        ]
         own = (*self.settings, *self.all_robots[number % len(self.all_robots)], *zeros, *settings)
         experiment = load_experiment(self.experiment, [*own, f"seed={int(random.integers(1 << 31))}"])
         run = run_in_memory(experiment, experiment.controller_ticks)
@@ -99,18 +104,20 @@ class Fleet:
         healthy = run.held("monitor.tripped")[: len(samples.t)] == 0
         return RobotSamples(samples.t[healthy], samples.u[healthy])
 
-    def arrived(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
+    def transmit(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
         """One in `every` samples of robot `number`, after a way on which some are lost and stamps are off.
 
         A robot at a corner loses the most, and its stamps are off by the most.
         """
         random = np.random.default_rng([self.seed, number, every])
         share = random.uniform(0.0, 1.0, 2) if number < len(self.robots) else np.ones(2)
-        return arrived(RobotSamples(samples.t[::every], samples.u[::every]), random, *(share * (LOST, LATE)))
+        return transmit_samples(
+            RobotSamples(samples.t[::every], samples.u[::every]), random, *(share * (MAX_LOST_SHARE, MAX_STAMP_ERROR))
+        )
 
     def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> RobotSamples:
         """One in `every` samples of robot `number` as they arrive; see `run`."""
-        return self.arrived(number, self.run(number, settings), every)
+        return self.transmit(number, self.run(number, settings), every)
 
 
 def read_fleet(
@@ -129,9 +136,11 @@ def read_fleet(
         InputRefused: with every mistake of the file.
     """
     definition, named = read_definition(path)
-    settings = (*SCALE, *settings)
+    settings = (*SCALE_SETTINGS, *settings)
     there, here = load_experiment(named), load_experiment(experiment or named, settings)
-    vary = [_scaled(one, there.values, here.values) for one in definition.vary if not is_identified(here, one.label)]
+    vary = [
+        _scale_interval(one, there.values, here.values) for one in definition.vary if not is_identified(here, one.label)
+    ]
     changed = {"runs": runs or definition.runs, "seed": definition.seed if seed is None else seed, "vary": vary}
     definition = definition.model_copy(update=changed)
     plan = plan_of(definition, experiment or named, path.stem, str(path), settings)
@@ -139,17 +148,17 @@ def read_fleet(
     # of what has no ends there is no corner
     ends = [one.model_copy(update={"count": 2}) for one in vary if one.low is not None]
     corners: tuple[tuple[str, ...], ...] = ()
-    if 2 ** len(ends) <= 2 * MOST_CORNERS:
+    if 2 ** len(ends) <= 2 * MAX_CORNERS:
         at_ends = definition.model_copy(update={"design": "grid", "runs": None, "vary": ends})
         grid = plan_of(at_ends, experiment or named, path.stem, str(path), settings)
         corners = tuple(task.settings[len(settings) :] for task in grid.tasks)
-        if len(corners) > MOST_CORNERS:
+        if len(corners) > MAX_CORNERS:
             # those with an even number of upper ends
             corners = tuple(one for k, one in enumerate(corners) if k.bit_count() % 2 == 0)
     return Fleet(plan.experiment, settings, robots, definition.seed, corners)
 
 
-def _scaled(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:
+def _scale_interval(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:
     """An interval about a value of one experiment, about the same value of another one; as it is about 0."""
     table, _, key = one.label.partition(".")
     about, value = (values.get(table, {}).get(key) or 0.0 for values in (there, here))
@@ -158,13 +167,15 @@ def _scaled(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Var
     return one.model_copy(update={name: x * ratio for name, x in numbers.items() if x is not None})
 
 
-def arrived(samples: RobotSamples, random: np.random.Generator, lost: float = LOST, late: float = LATE) -> RobotSamples:
+def transmit_samples(
+    samples: RobotSamples, random: np.random.Generator, lost: float = MAX_LOST_SHARE, late: float = MAX_STAMP_ERROR
+) -> RobotSamples:
     """`samples` of which a share is lost and stamps are off by `late` (s) at most."""
     keep = random.random(len(samples.t)) >= lost
     # the filter starts with the first one
     keep[0] = True
     t = samples.t[keep]
-    late = min(late, LATE_SHARE * float(np.median(np.diff(samples.t))))
+    late = min(late, MAX_STAMP_ERROR_SHARE * float(np.median(np.diff(samples.t))))
     return RobotSamples(t + random.uniform(-late, late, len(t)), samples.u[keep])
 
 
@@ -174,7 +185,7 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
     Empty if the twin has no controller of its own, or one that tasks lead: where it is in its program depends on single
     samples, and some are lost.
     """
-    law = [] if twin.reference is None else own_law(twin)
+    law = [] if twin.reference is None else own_controllers(twin)
     estimator = SampledSteps(Estimator(belief(twin), twin.controller.gravity_compensation))
     rows = {"estimator": estimator.rows(samples.t, samples.u[:, :6])} if law else {}
     for part in law:
@@ -183,11 +194,11 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
 
 
 def block_means(
-    twin: Experiment, samples: RobotSamples, block: float = BLOCK
+    twin: Experiment, samples: RobotSamples, block: float = BLOCK_LENGTH
 ) -> tuple[list[float], NDArray[np.float64]]:
     """Ends (s) and means (n, channels) of all blocks of a robot beside its twin."""
-    y = followed(shadow_of(twin), samples) | own_commands(twin, samples)
-    found = list(Blocks(block).take(samples.t, y))
+    y = filter_outputs(shadow_of(twin), samples) | own_commands(twin, samples)
+    found = list(Blocks(block).add_samples(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 
@@ -202,7 +213,7 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     """
     # two blocks after those that say what is normal: the spread is that of neighbours
     if max(map(len, means)) < (blocks := FIRST_BLOCKS + 2):
-        least = SETTLING + blocks * BLOCK
+        least = SETTLING_TIME + blocks * BLOCK_LENGTH
         raise InputRefused(f"runs of healthy robots are too short; expected at least {least:g} s")
     shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
     # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
@@ -211,12 +222,12 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     # a channel that no robot has stays unknown
     there = np.isfinite(steps).any(axis=0)
     sigma[there] = np.sqrt(np.nanmean(steps[:, there] ** 2, axis=0) / 2.0)
-    tolerance[there] = MARGIN * np.nanmax(np.abs(every[:, there]), axis=0)
+    tolerance[there] = TOLERANCE_MARGIN * np.nanmax(np.abs(every[:, there]), axis=0)
     names = list(CHANNELS)
     return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
 
 
-def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = silent) -> list[Tolerances]:
+def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_progress) -> list[Tolerances]:
     """The `limits_of` the robots of a fleet, of which one in so many samples arrives, for each of `thinned`.
 
     `say` takes the progress.
@@ -227,19 +238,19 @@ def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = silent)
         say(f"healthy robot {k + 1} of {count}", k / count)
         run = fleet.run(k)
         for found, every in zip(means, thinned, strict=True):
-            found.append(block_means(twin, fleet.arrived(k, run, every))[1])
+            found.append(block_means(twin, fleet.transmit(k, run, every))[1])
     return [limits_of(found) for found in means]
 
 
-def watched(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
+def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
     """The alarms of one robot."""
     for t, one in zip(ends, means, strict=True):
-        watch.take(t, one)
+        watch.add_block(t, one)
     return watch.alarms
 
 
 @dataclass(frozen=True)
-class Rate:
+class FalseAlarmRate:
     """False alarms of healthy robots.
 
     Attributes:

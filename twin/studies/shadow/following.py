@@ -7,29 +7,28 @@ depend on how they are cut. A state estimator is one more part.
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from threading import Lock
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.component import Component, Pieces
-from twin.kernel.cosim.delay import NOTHING, named, play
-from twin.kernel.cosim.port import Port, places, width
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.cosim.component import Pieces
+from twin.kernel.cosim.delay import values_by_port
+from twin.kernel.cosim.port import Port, port_slices, width
+from twin.kernel.errors import ComponentFailed
 from twin.kernel.recording.logs.log import MappedColumn
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
-from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE_PORT
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.robot.plant.dynamics import LONGEST_GAP, PlantParameters
-from twin.robot.plant.encoder import SCALE_OUTPUTS
-from twin.studies.replay.model import PlantRun, RobotModel
+from twin.robot.plant.dynamics import PlantParameters
+from twin.studies.replay.model import RobotModel
+from twin.studies.replay.parts import Estimates, Happening, Part, PlantModel, Rows, SampledSteps
 from twin.studies.replay.plausible import MapCheck
-from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
+from twin.studies.replay.sample_columns import OMEGA_REF as COMMANDS
+from twin.studies.replay.samples import RobotSamples
 from twin.studies.shadow.alarm import (
     FIRST_BLOCKS,
     Blocks,
@@ -42,54 +41,20 @@ from twin.studies.shadow.alarm import (
     tolerances_at,
 )
 from twin.studies.shadow.deviations import HealthyDeviation
+from twin.studies.shadow.filter_steps import FilterFeed, shadow_of
 from twin.studies.shadow.layout import OUTPUTS, STATES
-from twin.studies.shadow.mapping import NANOSECONDS
+from twin.studies.shadow.mapping import NS_PER_SECOND
 from twin.studies.shadow.reidentification import Adaptation, Reidentifier
-from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, FilterFeed, RobotSamples, shadow_of
-from twin.studies.shadow.samples import OMEGA_REF as COMMANDS
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 
-DEVIATION = places(OUTPUTS)["deviation"]
-RARE = ("ahead", "what_if", "scale")
+DEVIATION_COLUMNS = port_slices(OUTPUTS)["deviation"]
+RARE_TOPICS = ("ahead", "what_if", "scale")
 """Topics with fewer rows than samples."""
 
-Rows = dict[str, NDArray[np.float64]]
-"""By topic, (n, width); a row of NaN alone is none."""
 
-
-class Happening(NamedTuple):
-    """Something that happened. t: s since the first sample; text: one sentence."""
-
-    t: float
-    text: str
-
-
-class Part(Protocol):
-    """A part of the twin.
-
-    Attributes:
-        topics: what it gives: ports by topic.
-        happenings: what has happened in it since they were last taken.
-    """
-
-    topics: dict[str, tuple[Port, ...]]
-    happenings: list[Happening]
-
-    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        """Go on over `samples`.
-
-        Args:
-            samples: n of them, at least one, all later than those before.
-            rows: of the parts before this one, for the same samples.
-
-        Returns:
-            Its own rows.
-        """
-
-
-class OnPlant(Part, Protocol):
+class PlantPart(Part, Protocol):
     """A part that is made of a plant."""
 
     def accept(self, plant: PlantParameters) -> None:
@@ -104,86 +69,7 @@ class StateEstimate(NamedTuple):
     J: NDArray[np.float64]
 
 
-class SampledSteps:
-    """A sampled component that is stepped from where it stands.
-
-    Args:
-        component: stepped once per row.
-        first: length (s) of the first step.
-        pieces: of its memory, of which `copies` are made.
-
-    Attributes:
-        copies: of the pieces, before the last rows and after each of them (n + 1, pieces.size).
-    """
-
-    def __init__(self, component: Component, first: float = 0.0, pieces: Pieces = NOTHING):
-        self.component, self._first, self._pieces = component, first, pieces
-        self._outputs, self.copies = component.initial_outputs, pieces.take()[None]
-        self._last: float | None = None
-
-    def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (n, width) at the times `t` (n,), s, fewer if a step failed."""
-        h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
-        copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
-        copies[0] = self.copies[-1]
-        rows, _ = play(self.component, t, h, inputs, before=self._outputs, pieces=self._pieces, copies=copies[1:])
-        # a step that failed has left what is there now
-        copies[len(rows) + 1 :] = self._pieces.take()
-        self.copies = copies
-        if len(rows):
-            self._outputs, self._last = rows[-1], float(t[len(rows) - 1])
-        return rows
-
-
-class Estimates:
-    """Position and force from the counts, as the robot's computer believes; and with the dead zone that is known.
-
-    Args:
-        model: the twin.
-        check: of the angles and the force by the column map.
-
-    Raises:
-        InputRefused: (by `feed`) the first counts are not of this robot.
-    """
-
-    def __init__(self, model: RobotModel, check: MapCheck):
-        self._check = check
-        beliefs: dict[str, Belief] = {"estimator": model.belief}
-        if model.aware != model.belief:
-            beliefs["twin"] = model.aware
-        self._steps = {
-            name: SampledSteps(Estimator(belief, model.gravity_compensation)) for name, belief in beliefs.items()
-        }
-        self.topics: dict[str, tuple[Port, ...]] = {
-            "encoder": ENCODER, **dict.fromkeys(beliefs, ESTIMATOR_OUTPUTS), "scale": SCALE_OUTPUTS,
-            "residual/force": FORCE_RESIDUAL,
-        }  # fmt: skip
-        self.happenings: list[Happening] = []
-        self._begun = False
-
-    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        counts, measured = samples.u[:, :6], samples.u[:, F_Z]
-        if not self._begun:
-            if mistake := self._check.first(counts[0, COUNT_M], counts[0, COUNT_L]):
-                raise InputRefused(mistake)
-            self._begun = True
-        found = {"encoder": counts, "scale": measured}
-        for name, stepped in self._steps.items():
-            found[name] = stepped.rows(samples.t, counts)
-        best = best_estimate(found)
-        pressing = -best["F_ee_B"][:, 2]
-        found["residual/force"] = pressing[:, None] - measured
-        self._check.add(best["theta_m"], best["theta_l"])
-        self._check.add_force(pressing, measured[:, 0])
-        return found
-
-
-def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
-    """The estimate that knows the dead zone, by port."""
-    return named(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
-
-
-class OwnLaw:
+class OwnController:
     """The twin's own controller on the robot's counts; beside the robot's commands, if those are known.
 
     It begins with the first sample. One that joins a program under way is not where the robot's is.
@@ -208,25 +94,25 @@ class OwnLaw:
         self.happenings: list[Happening] = []
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        estimate = named(ESTIMATOR_OUTPUTS, rows["estimator"])
+        estimate = values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])
         n = len(samples.t)
         inputs = np.hstack(
-            [np.ones((n, 1)) if port == SHARE else estimate[port.name].reshape(n, -1) for port in self._inputs]
+            [np.ones((n, 1)) if port == SHARE_PORT else estimate[port.name].reshape(n, -1) for port in self._inputs]
         )
-        called = self._calls = self._called(samples.t)
+        called = self._calls = self._call_samples(samples.t)
         found = np.full((n, width(self.controller.outputs)), np.nan)
         if len(called):
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
-        omega_ref = named(self.controller.outputs, found)[OMEGA_REF.name]
+        omega_ref = values_by_port(self.controller.outputs, found)[OMEGA_REF.name]
         return {"controller": found, "residual/command": omega_ref - samples.u[:, COMMANDS]}
 
-    def held(self, sample: int) -> NDArray[np.uint8]:
+    def controller_state(self, sample: int) -> NDArray[np.uint8]:
         """All that the controller held after this one of the last samples, its pieces one after the other."""
         calls = int(np.searchsorted(self._calls, sample, side="right"))
         held: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
         return held
 
-    def _called(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
+    def _call_samples(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
         """Which of the samples at `t` (n,), s, are those of a call; one that is a little early still is."""
         T, number = self._period, np.arange(-1, len(t))
         # when the next one is due if each sample so far was one
@@ -240,56 +126,6 @@ class OwnLaw:
                 called.append(k)
                 self._next = max(self._next + T, at + 0.5 * T)
         return np.array(called, dtype=np.intp)
-
-
-class PlantModel:
-    """The plant model in parallel, driven by the robot's motor angles, and its joints beside the robot's.
-
-    It starts at rest where the robot is, and again after a gap of more than `LONGEST_GAP`, or if it has left the
-    workspace.
-
-    Args:
-        model: the twin.
-    """
-
-    def __init__(self, model: RobotModel):
-        self.topics: dict[str, tuple[Port, ...]] = {"plant": MOTION, "residual/joints": JOINT_RESIDUAL}
-        self._model = model
-        self._run: PlantRun | None = None
-        self._last = -math.inf
-        self.happenings: list[Happening] = []
-
-    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        best = best_estimate(rows)
-        found = np.full((len(samples.t), width(MOTION)), np.nan)
-        breaks = np.flatnonzero(np.diff(samples.t, prepend=self._last) > LONGEST_GAP)
-        bounds = [0, *breaks, len(samples.t)]
-        for a, b in pairwise(bounds):
-            if a == b:
-                continue
-            if a in breaks and self._run is not None:
-                self.happenings.append(Happening(float(samples.t[a]), "the plant model starts anew, at rest"))
-                self._run = None
-            begin = a
-            while begin < b:
-                if self._run is None:
-                    self._run = PlantRun(self._model, best["p_B"][begin])
-                made, failure = self._run.advance(samples.t[begin:b], best["theta_m"][begin:b])
-                found[begin : begin + len(made)] = made
-                begin += len(made)
-                if failure:
-                    when = float(samples.t[min(begin, b - 1)])
-                    self.happenings.append(Happening(when, f"the plant model {failure}; it starts anew, at rest"))
-                    self._run = None
-                    # what it cannot start from is passed over
-                    begin += not len(made)
-        self._last = float(samples.t[-1])
-        theta_l = named(MOTION, found)["theta_l"]
-        return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
-
-    def accept(self, plant: PlantParameters) -> None:
-        """Go on with another plant, from rest."""
-        self._model, self._run = replace(self._model, plant=plant), None
 
 
 class RobotState:
@@ -319,7 +155,7 @@ class RobotState:
         with self._stepping:
             self._shadow.accept(plant)
 
-    def at_once(self, sample: Sample) -> None:
+    def estimate_at_once(self, sample: Sample) -> None:
         """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
@@ -330,12 +166,12 @@ class RobotState:
                 commands[k] = command
         try:
             with self._stepping:
-                self._one(sample.t / NANOSECONDS)
+                self._one(sample.t / NS_PER_SECOND)
             y = self._one.y.copy()
         except ComponentFailed:
             # of counts without a pose `Estimates` has more to say
             y = np.full(width(OUTPUTS), np.nan)
-        self._made.append((y, self._estimated.take()))
+        self._made.append((y, self._estimated.save()))
 
     def estimate(self, sample: int) -> StateEstimate:
         """After this one of the last samples."""
@@ -346,26 +182,28 @@ class RobotState:
         if self._made:
             made = [self._made.popleft() for _ in samples.t]
             self._estimates = np.array([estimated for _, estimated in made])
-            return {"shadow": self._widened(np.array([y for y, _ in made]), self._estimates, rows)}
+            return {"shadow": self._widen_deviations(np.array([y for y, _ in made]), self._estimates, rows)}
         u = samples.held_commands(self._omega_ref).u
         self._omega_ref = u[-1, COMMANDS]
         found = np.full((len(u), width(OUTPUTS)), np.nan)
         rows_made = self._stepped.rows(samples.t, u)
         found[: len(rows_made)] = rows_made
         self._estimates = self._stepped.copies[1:]
-        return {"shadow": self._widened(found, self._estimates, rows)}
+        return {"shadow": self._widen_deviations(found, self._estimates, rows)}
 
-    def _widened(self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows) -> NDArray[np.float64]:
+    def _widen_deviations(
+        self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
+    ) -> NDArray[np.float64]:
         """Rows of the filter with the deviations of a healthy robot."""
-        y, tau_l = named(OUTPUTS, found), named(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
+        y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
         J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
-        found[:, DEVIATION] = self._healthy.widened(y["deviation"], y["NIS"], y["used"], J, tau_l)
+        found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
         return found
 
 
-def own_law(experiment: Experiment) -> list[OwnLaw]:
+def own_controllers(experiment: Experiment) -> list[OwnController]:
     """The twin's own controller, if it has one of its own."""
-    return [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
+    return [] if "controller" in experiment.stand_ins else [OwnController(experiment)]
 
 
 def farthest_command(rows: Rows) -> Rows:
@@ -433,7 +271,7 @@ class AlarmWatch:
         if self._watch is None:
             self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
         else:
-            self._watch.use(t, limits)
+            self._watch.change_tolerances(t, limits)
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self.reidentifier is not None:
@@ -441,8 +279,8 @@ class AlarmWatch:
         levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
         if not self._count:
             self._first.append(samples.t)
-        residuals = named(OUTPUTS, rows["shadow"]) | farthest_command(rows)
-        for end, means in self._blocks.take(samples.t, residuals):
+        residuals = values_by_port(OUTPUTS, rows["shadow"]) | farthest_command(rows)
+        for end, means in self._blocks.add_samples(samples.t, residuals):
             at = int(np.searchsorted(samples.t, end))
             levels[begin:at], begin = self._level, at
             if not self._count:
@@ -453,7 +291,7 @@ class AlarmWatch:
             if self._watch is None or not self._is_known:
                 continue
             self.why_not = "" if self._count > FIRST_BLOCKS else self.why_not
-            for change in self._watch.take(end, means):
+            for change in self._watch.add_block(end, means):
                 self.happenings.append(Happening(end, f"{self._caution if change.alarm else ''}{change}"))
                 self.alarms += [change] if change.alarm else []
             self._level = max(self._watch.levels.values())
@@ -470,7 +308,7 @@ class AlarmWatch:
         """All so far, sentences."""
         if self.reidentifier is None:
             return []
-        accepted = self.reidentifier.accepted
+        accepted = self.reidentifier.adaptations
         ways = ((one, "accepted" if one in accepted else "not accepted") for one in self.reidentifier.proposals)
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
@@ -478,7 +316,7 @@ class AlarmWatch:
         """What the robot is believed to be from now on; the alarm listens anew after cooling down."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
-        self._watch.listen_anew(self._t)
+        self._watch.restart(self._t)
         self.happenings.append(Happening(self._t, f"accepted: {proposal}"))
         return self.reidentifier.plant
 
@@ -499,7 +337,7 @@ class Twin:
     parts: Sequence[Part]
     state: RobotState
     check: MapCheck
-    on_plant: Sequence[OnPlant] = ()
+    plant_parts: Sequence[PlantPart] = ()
     adapts: bool = False
     records_calls: bool = False
 
@@ -517,18 +355,19 @@ class Twin:
             self.accept(self.proposal)
         return rows
 
-    def recorded(self, rows: Rows) -> Rows:
+    def rows_to_record(self, rows: Rows) -> Rows:
         """Those of `rows` that are recorded."""
         if not self.records_calls or "controller" not in rows:
             return rows
         called = np.isfinite(rows["controller"]).any(axis=1, keepdims=True)
         return {
-            topic: own if topic.startswith(RARE) else np.where(called, own, math.nan) for topic, own in rows.items()
+            topic: own if topic.startswith(RARE_TOPICS) else np.where(called, own, math.nan)
+            for topic, own in rows.items()
         }
 
-    def at_once(self, sample: Sample) -> None:
+    def estimate_at_once(self, sample: Sample) -> None:
         """What does not wait for a slice."""
-        self.state.at_once(sample)
+        self.state.estimate_at_once(sample)
 
     @property
     def _reidentifier(self) -> Reidentifier | None:
@@ -540,9 +379,9 @@ class Twin:
         return self._reidentifier.proposal if self._reidentifier else None
 
     @property
-    def accepted(self) -> Sequence[Adaptation]:
+    def adaptations(self) -> Sequence[Adaptation]:
         """What it goes on with."""
-        return self._reidentifier.accepted if self._reidentifier else ()
+        return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
         """Go on with what `proposal` says: the filter, the plant model, predictions, and the alarm after
@@ -557,7 +396,7 @@ class Twin:
             return False
         (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))
         plant = watched.accept(proposal)
-        for part in self.on_plant:
+        for part in self.plant_parts:
             part.accept(plant)
         return True
 
@@ -575,7 +414,7 @@ def twin_of(
     where: str,
     watched: AlarmWatch | None = None,
     adapts: bool = False,
-    ahead: Callable[[OwnLaw, RobotState], OnPlant] | None = None,
+    ahead: Callable[[OwnController, RobotState], PlantPart] | None = None,
     columns: Mapping[str, MappedColumn] = {},
 ) -> Twin:
     """The twin of the robot that `experiment` describes.
@@ -587,9 +426,9 @@ def twin_of(
         ahead: makes of controller and state one part that has them and predicts; None: nothing is predicted.
         columns: column map of the robot; empty for a recording of twin.
     """
-    check = MapCheck(where, model.aware, columns)
-    laws, state, plant = own_law(experiment), RobotState(experiment), PlantModel(model)
-    followed: list[OnPlant] = [ahead(law, state) for law in laws] if ahead else []
+    check = MapCheck(where, model.belief_with_dead_zone, columns)
+    laws, state, plant = own_controllers(experiment), RobotState(experiment), PlantModel(model)
+    followed: list[PlantPart] = [ahead(law, state) for law in laws] if ahead else []
     rest: list[Part] = [*followed] if followed else [*laws, state]
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))

@@ -10,15 +10,15 @@ from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, angle_near, leg_moti
 from twin.robot.plant.dynamics import acceleration_against, loaded_deflection, spring_stiffness
 from twin.studies.shadow.layout import (
     FORCE,
-    HEADING,
+    HEADING_SPEED,
+    HEADING_TIME,
+    MATRIX_WIDTH,
     MOTOR,
     POSITION,
-    SLOW,
     SPEED,
     STATES,
-    TOUCHED,
+    TOUCH_FORCE,
     VELOCITY,
-    WIDE,
 )
 
 BY_ANGLE, BY_WAY, BY_SPEED = 3e-4, 1e-5, 1e-3
@@ -32,17 +32,17 @@ def push(m, special, p, v, theta_m, F):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def at(m, k):
+def triple(m, k):
     return m.x[k], m.x[k + 1], m.x[k + 2]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _shifted(a, i, by):
+def _shift(a, i, by):
     return a[0] + (by if i == 0 else 0.0), a[1] + (by if i == 1 else 0.0), a[2] + (by if i == 2 else 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _ahead(a, rate, t):
+def _extrapolate(a, rate, t):
     return a[0] + t * rate[0], a[1] + t * rate[1], a[2] + t * rate[2]
 
 
@@ -62,15 +62,15 @@ def pose(m):
 @njit(cache=True, error_model="numpy")
 def linearise(m, special):
     """How dv/dt depends on the state, into `m.slope`: differences of the plant's own equation."""
-    p, v, theta_m, F = at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE)
+    p, v, theta_m, F = triple(m, POSITION), triple(m, VELOCITY), triple(m, MOTOR), triple(m, FORCE)
     base = push(m, special, p, v, theta_m, F)
     for i in range(3):
-        up = push(m, special, _shifted(p, i, BY_WAY), v, theta_m, F)
-        down = push(m, special, _shifted(p, i, -BY_WAY), v, theta_m, F)
-        high = push(m, special, p, v, _shifted(theta_m, i, BY_ANGLE), F)
-        low = push(m, special, p, v, _shifted(theta_m, i, -BY_ANGLE), F)
-        fast = push(m, special, p, _shifted(v, i, BY_SPEED), theta_m, F)
-        pressed = push(m, special, p, v, theta_m, _shifted(F, i, 1.0))
+        up = push(m, special, _shift(p, i, BY_WAY), v, theta_m, F)
+        down = push(m, special, _shift(p, i, -BY_WAY), v, theta_m, F)
+        high = push(m, special, p, v, _shift(theta_m, i, BY_ANGLE), F)
+        low = push(m, special, p, v, _shift(theta_m, i, -BY_ANGLE), F)
+        fast = push(m, special, p, _shift(v, i, BY_SPEED), theta_m, F)
+        pressed = push(m, special, p, v, theta_m, _shift(F, i, 1.0))
         for k in range(3):
             m.slope[k, POSITION + i] = (up[k] - down[k]) / (2.0 * BY_WAY)
             m.slope[k, VELOCITY + i] = (fast[k] - base[k]) / BY_SPEED
@@ -103,7 +103,7 @@ def transition(m, h, E, reach, droop, K, turn):
     """
     phi, term, after, slope = m.phi, m.term, m.next, m.slope
     for i in range(STATES):
-        for j in range(WIDE):
+        for j in range(MATRIX_WIDTH):
             phi[i, j] = 0.0
         phi[i, i] = 1.0
     for leg in range(3):
@@ -117,7 +117,7 @@ def transition(m, h, E, reach, droop, K, turn):
             phi[w, POSITION + i], phi[a, POSITION + i] = (1.0 - E) * by, (h - reach) * by
     # first derivative of (p, v); the motors are in the middle of their way
     for i in range(3):
-        for j in range(WIDE):
+        for j in range(MATRIX_WIDTH):
             term[i, j] = 0.0
             term[3 + i, j] = 0.0
         term[i, VELOCITY + i] = 1.0
@@ -134,26 +134,26 @@ def transition(m, h, E, reach, droop, K, turn):
         term[3 + i, FORCE + 1] = c * slope[i, FORCE + 1] - s * slope[i, FORCE]
         for k in range(3):
             half = 0.5 * slope[i, MOTOR + k]
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 term[3 + i, j] += half * phi[MOTOR + k, j]
     share = h
     for order in range(2, 5):
         for i in range(6):
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 phi[i, j] += share * term[i, j]
         share *= h / order
         for i in range(3):
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 after[i, j] = term[3 + i, j]
                 after[3 + i, j] = 0.0
             for k in range(6):
                 by = slope[i, k]
-                for j in range(WIDE):
+                for j in range(MATRIX_WIDTH):
                     after[3 + i, j] += by * term[k, j]
         for i in range(6):
-            for j in range(WIDE):
+            for j in range(MATRIX_WIDTH):
                 term[i, j] = after[i, j]
-    for j in range(WIDE):
+    for j in range(MATRIX_WIDTH):
         phi[FORCE + 2, j] += K * phi[POSITION + 2, j]
     phi[FORCE + 2, POSITION + 2] -= K
     c, s = math.cos(turn), math.sin(turn)
@@ -162,22 +162,22 @@ def transition(m, h, E, reach, droop, K, turn):
 
 
 @njit(cache=True, error_model="numpy")
-def spread(m):
+def propagate_covariance(m):
     """P becomes phi P phi^T, in place."""
     P, phi, left = m.P, m.phi, m.left
     for i in range(STATES):
-        for j in range(WIDE):
+        for j in range(MATRIX_WIDTH):
             left[i, j] = 0.0
         for k in range(STATES):
             by = phi[i, k]
             if by != 0.0:
-                for j in range(WIDE):
+                for j in range(MATRIX_WIDTH):
                     left[i, j] += by * P[k, j]
     # the product is symmetric: its lower half, twice
     for i in range(STATES):
         for j in range(i + 1):
             total = 0.0
-            for k in range(WIDE):
+            for k in range(MATRIX_WIDTH):
                 total += left[i, k] * phi[j, k]
             P[i, j] = total
             P[j, i] = total
@@ -190,7 +190,7 @@ def wander(m, h, commanded, touching):
     v = 0.5 * h * n.v * n.v
     own = m.drive.wander if commanded else n.omega
     omega = 0.5 * h * own * own
-    v_x, v_y, v_z = at(m, VELOCITY)
+    v_x, v_y, v_z = triple(m, VELOCITY)
     own_F = n.F * n.F if touching else n.air * n.air
     across = n.mu * n.mu * (v_x * v_x + v_y * v_y) if touching else 0.0
     # in the air it is not known whether it touches
@@ -207,14 +207,14 @@ def wander(m, h, commanded, touching):
 @njit(cache=True, error_model="numpy")
 def heading(m, h):
     """How far (rad) the platform turns its way across the surface in `h` (s), by its slow velocity `m.slow`."""
-    s_x, s_y, across = m.slow[0], m.slow[1], h / HEADING
+    s_x, s_y, across = m.slow[0], m.slow[1], h / HEADING_TIME
     d_x, d_y = across * (m.x[VELOCITY] - s_x), across * (m.x[VELOCITY + 1] - s_y)
     m.slow[0], m.slow[1] = s_x + d_x, s_y + d_y
-    return (s_x * d_y - s_y * d_x) / (s_x * s_x + s_y * s_y + SLOW * SLOW)
+    return (s_x * d_y - s_y * d_x) / (s_x * s_x + s_y * s_y + HEADING_SPEED * HEADING_SPEED)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _turned(F, by):
+def _rotate(F, by):
     c, s = math.cos(by), math.sin(by)
     return c * F[0] - s * F[1], s * F[0] + c * F[1], F[2]
 
@@ -226,10 +226,10 @@ def predict(m, h, special):
     What the platform touches gives way by the believed stiffness K, and its friction turns as its way does.
     """
     pose(m)
-    touching = abs(m.x[FORCE + 2]) > TOUCHED
+    touching = abs(m.x[FORCE + 2]) > TOUCH_FORCE
     turn = heading(m, h)
     # nothing that it touches pulls
-    K, turn = (m.parameters.K, turn) if m.x[FORCE + 2] < -TOUCHED else (0.0, 0.0)
+    K, turn = (m.parameters.K, turn) if m.x[FORCE + 2] < -TOUCH_FORCE else (0.0, 0.0)
     commanded = not math.isnan(m.omega_ref[0] + m.omega_ref[1] + m.omega_ref[2])
     lag = m.drive.lag if commanded else math.inf
     E = math.exp(-h / lag)
@@ -238,28 +238,28 @@ def predict(m, h, special):
     linearise(m, special)
     transition(m, h, E, reach, droop, K, turn)
     wander(m, h, commanded, touching)
-    spread(m)
+    propagate_covariance(m)
     wander(m, h, commanded, touching)
-    p, v, start, before = at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE)
+    p, v, start, before = triple(m, POSITION), triple(m, VELOCITY), triple(m, MOTOR), triple(m, FORCE)
     for leg in range(3):
         _, tau_load = stiffness(m, leg)
         omega = m.x[SPEED + leg]
         target = m.omega_ref[leg] - droop * tau_load if commanded else omega
         m.x[MOTOR + leg] += target * h + (omega - target) * reach
         m.x[SPEED + leg] = target + (omega - target) * E
-    end, half = at(m, MOTOR), 0.5 * h
-    middle = _ahead(start, (end[0] - start[0], end[1] - start[1], end[2] - start[2]), 0.5)
-    F_x, F_y, F_z = _turned(before, 0.5 * turn)
+    end, half = triple(m, MOTOR), 0.5 * h
+    middle = _extrapolate(start, (end[0] - start[0], end[1] - start[1], end[2] - start[2]), 0.5)
+    F_x, F_y, F_z = _rotate(before, 0.5 * turn)
     F = F_x, F_y, F_z + half * K * v[2]
     a = push(m, special, p, v, start, F)
-    v_2 = _ahead(v, a, half)
-    a_2 = push(m, special, _ahead(p, v, half), v_2, middle, F)
-    v_3 = _ahead(v, a_2, half)
-    a_3 = push(m, special, _ahead(p, v_2, half), v_3, middle, F)
-    v_4 = _ahead(v, a_3, h)
-    a_4 = push(m, special, _ahead(p, v_3, h), v_4, end, F)
+    v_2 = _extrapolate(v, a, half)
+    a_2 = push(m, special, _extrapolate(p, v, half), v_2, middle, F)
+    v_3 = _extrapolate(v, a_2, half)
+    a_3 = push(m, special, _extrapolate(p, v_2, half), v_3, middle, F)
+    v_4 = _extrapolate(v, a_3, h)
+    a_4 = push(m, special, _extrapolate(p, v_3, h), v_4, end, F)
     for i in range(3):
         m.x[POSITION + i] += h * (v[i] + 2.0 * v_2[i] + 2.0 * v_3[i] + v_4[i]) / 6.0
         m.x[VELOCITY + i] += h * (a[i] + 2.0 * a_2[i] + 2.0 * a_3[i] + a_4[i]) / 6.0
-    m.x[FORCE], m.x[FORCE + 1], _ = _turned(before, turn)
+    m.x[FORCE], m.x[FORCE + 1], _ = _rotate(before, turn)
     m.x[FORCE + 2] += K * (m.x[POSITION + 2] - p[2])

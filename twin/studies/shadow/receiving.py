@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 from threading import Lock, Thread
 
 from twin.kernel.cosim.histogram import Histogram
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.sources.arrival import Arrival, RobotSource
 from twin.kernel.recording.sources.signals import MessageReader, Reading
 from twin.kernel.recording.sources.stamps import Aligner, Sample
 
-SLICE = 0.05
+SLICE_TIME = 0.05
 """s of arrivals that are taken together."""
-SECOND = 1e9
+NS_PER_SECOND = 1e9
 
 
 @dataclass
-class Received:
+class ReceivedSlice:
     """What has come since the last slice.
 
     Attributes:
@@ -63,9 +63,9 @@ class Receiver:
         estimate: Callable[[Sample], None] | None,
     ):
         self._source, self._readers, self._aligner, self._estimate = source, readers, aligner, estimate
-        self._received = Received()
+        self._received = ReceivedSlice()
         self._failure: BaseException | None = None
-        self._alive, self._thread = True, Thread(target=self._run, name="receiver", daemon=True)
+        self._alive, self._thread = True, Thread(target=self._receive_loop, name="receiver", daemon=True)
         self.in_hand, self.missed, self.lock = Histogram(), 0, Lock()
         self._on_time = False
         self.heard: dict[str, int] = {}
@@ -85,7 +85,7 @@ class Receiver:
         if self._thread.is_alive():
             self._thread.join()
 
-    def take(self, end: bool = False) -> Received:
+    def drain(self, end: bool = False) -> ReceivedSlice:
         """All that has come since the last call.
 
         Args:
@@ -98,53 +98,53 @@ class Receiver:
             if self._failure is not None:
                 raise self._failure
             if end:
-                self._hand_on(self._aligner.ready(self._source.now(), end=True))
-            taken, self._received = self._received, Received()
+                self._deliver(self._aligner.ready_samples(self._source.now_ns(), end=True))
+            taken, self._received = self._received, ReceivedSlice()
         return taken
 
-    def turn(self) -> None:
+    def receive_once(self) -> None:
         """Wait for messages, a short time; take in what comes."""
-        wait = SLICE
+        wait = SLICE_TIME
         if self._aligner.due is not None:
-            wait = min(wait, max(0.0, (self._aligner.due - self._source.now()) / SECOND))
-        arrivals = self._source.take(wait)
+            wait = min(wait, max(0.0, (self._aligner.due - self._source.now_ns()) / NS_PER_SECOND))
+        arrivals = self._source.receive(wait)
         # what had come before anybody listened is not in a hurry
         self._on_time |= len(arrivals) < 2 and self._aligner.period < math.inf
         with self.lock:
             self._received.arrivals += arrivals
             for one in arrivals:
                 self.heard[one.topic] = one.arrived
-                reading = one.data if isinstance(one.data, Reading) else self._read(one)
-                self._hand_on(self._aligner.add(one.topic, one.arrived, reading))
+                reading = one.data if isinstance(one.data, Reading) else self._read_message(one)
+                self._deliver(self._aligner.add(one.topic, one.arrived, reading))
             if self._estimate is not None:
-                self._hand_on(self._aligner.ready(self._source.now()))
+                self._deliver(self._aligner.ready_samples(self._source.now_ns()))
 
-    def _hand_on(self, samples: list[Sample]) -> None:
+    def _deliver(self, samples: list[Sample]) -> None:
         if self._estimate is not None:
             for sample in samples:
                 self._estimate(sample)
                 if not self._on_time:
                     continue
-                taken = (self._source.now() - sample.due) / SECOND
+                taken = (self._source.now_ns() - sample.due) / NS_PER_SECOND
                 self.in_hand.add(taken)
-                if taken > self._aligner.period / SECOND:
+                if taken > self._aligner.period / NS_PER_SECOND:
                     self.missed += 1
                     self._received.late.append(taken)
         self._received.samples += samples
 
-    def _read(self, arrival: Arrival) -> Reading:
+    def _read_message(self, arrival: Arrival) -> Reading:
         try:
-            return self._readers[arrival.topic].read(arrival.data, arrival.arrived)
-        except LogRefused as problem:
+            return self._readers[arrival.topic].read_message(arrival.data, arrival.arrived)
+        except LogError as problem:
             if not self._aligner.counts.samples:
                 raise
             # one bad message must not end a session
             self._received.unread.append(str(problem))
             return Reading(arrival.arrived, (), ())
 
-    def _run(self) -> None:
+    def _receive_loop(self) -> None:
         try:
-            while self._alive and not self._source.ended:
-                self.turn()
+            while self._alive and not self._source.at_end:
+                self.receive_once()
         except BaseException as problem:
             self._failure = problem

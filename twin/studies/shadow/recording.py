@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.kernel.atomic_write import json_text
 from twin.kernel.cosim.port import Port
 from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.recorder import port_fields, versions
 from twin.kernel.recording.sources.arrival import Arrival
-from twin.kernel.recording.writer import OthersTopic, Writer
-from twin.kernel.writing import json_text
+from twin.kernel.recording.writer import ForeignTopic, Writer
 from twin.studies.replay.model import RobotModel
-from twin.studies.replay.text import TICK
-from twin.studies.shadow.following import Happening, Rows
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.recording import NANOSECOND_TICK
 
 
 class ShadowRecording:
@@ -39,7 +39,7 @@ class ShadowRecording:
         self,
         path: Path,
         topics: Mapping[str, tuple[Port, ...]],
-        others: Sequence[OthersTopic],
+        others: Sequence[ForeignTopic],
         model: RobotModel,
         source: str,
         first: tuple[int, int],
@@ -52,7 +52,7 @@ class ShadowRecording:
             "versions": versions(),
             "shadow": {"source": source, "stamp_0_ns": str(first[0]), "arrived_0_ns": str(first[1])},
         }
-        self._writer = Writer(path, declared, TICK, metadata, others=others)
+        self._writer = Writer(path, declared, NANOSECOND_TICK, metadata, others=others)
 
     def write(self, arrivals: Iterable[Arrival], times: NDArray[np.int64], rows: Rows) -> None:
         """What has come, and `rows` of the twin for samples at `times` (n,), ns."""
@@ -71,7 +71,7 @@ class ShadowRecording:
 
     def event(self, happening: Happening, level: str = "WARNING") -> None:
         """Something that happened."""
-        self._writer.write_event(max(0, round(happening.t / TICK)), level, happening.text, "shadow")
+        self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), level, happening.text, "shadow")
 
     def flush(self) -> None:
         """What was written survives the end of this process."""

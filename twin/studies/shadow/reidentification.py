@@ -19,8 +19,7 @@ What the samples do not say is not known, with why.
 import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,59 +27,52 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import TwinError
-from twin.kernel.recording.logs.log import LogRefused, LogSeries, sampling
+from twin.kernel.recording.logs.log import LogError, LogSeries
 from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.controller.controller import Belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import run_in_memory
+from twin.studies.identify.balance import pose
 from twin.studies.identify.clustered import Line, line, t_factor
-from twin.studies.identify.windows import (
-    Estimate,
-    Windows,
-    decimals,
-    on_scale,
-    pose,
-    shown,
-    shown_unit,
-    windows,
-)
-from twin.studies.replay.replay import RobotLog
-from twin.studies.shadow.alarm import UNKNOWN
-from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import RobotSamples, drive_model
-from twin.studies.shadow.surroundings import ZERO
+from twin.studies.identify.estimate import Estimate, decimals, display_unit, display_value
+from twin.studies.identify.windows import Windows, on_scale, windows
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
+from twin.studies.shadow.alarm import UNKNOWN_PARAMETER
+from twin.studies.shadow.contact_estimate import ENCODER_ZERO
+from twin.studies.shadow.filter_steps import drive_model
 
-LATEST = 60.0
+MAX_SAMPLE_AGE = 60.0
 """s of samples that are looked at, at most."""
-MOST = 60_000
-"""Samples that are kept: at more than 1 kHz they are of less than `LATEST`."""
-OUTSIDE = 2.0
+MAX_SAMPLES = 60_000
+"""Samples that are kept: at more than 1 kHz they are of less than `MAX_SAMPLE_AGE`."""
+NEWS_HALF_WIDTHS = 2.0
 """Half widths of its 95 % interval that a value is off to be a proposal: seven are looked at after each alarm."""
-KNOWN = 0.1
+MAX_UNCERTAINTY = 0.1
 """Share of a spring or a contact to which it has to be known to be reported."""
-SPRING, CONTACT = 0.02, 0.25
+SPRING_CHANGE, CONTACT_CHANGE = 0.02, 0.25
 """Shares by which a spring and a contact are off that are news: healthy bodies differ by a fifth."""
-PLACE = 5e-3
+PLACE_SIZE = 5e-3
 """m. Less is one place, in which no slope is seen."""
-FEWEST = 100
+MIN_SAMPLES = 100
 """Samples, and values of a force, without which nothing is said."""
-GROUPS = 4
+MIN_GROUPS = 4
 """Groups of windows, 2 s each, of which fewer say nothing about their scatter."""
-SURE = 1e-3
+SPRING_PRECISION = 1e-3
 """Share to which a spring is known at best: a rotor's inertia and what it does in a window are not known better."""
-SURE_WITH_DEAD_ZONE = 4e-3
+DEAD_ZONE_PRECISION = 4e-3
 """The same where its dead zone is fitted, too: what a torque has wrong with its sign moves both."""
-ALONE = 0.85
+MAX_GROUP_SHARE = 0.85
 """Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
-STILL = "nothing moves slowly and evenly"
+NO_SLOW_MOTION = "nothing moves slowly and evenly"
 NOT_WITH_DRIVE = "not known with this drive"
 TORQUE_ERROR = 0.02
 """Maximum rms difference of motor torques and springs' loads, by the largest load, in the twin's own run: with more of
 it (friction of a gear, cogging) a motor's torque does not say what its spring carries."""
 
 
-class Moved(NamedTuple):
+class ParameterChange(NamedTuple):
     """One parameter of the robot: what it was believed to be, and what the window says.
 
     Attributes:
@@ -107,13 +99,13 @@ class Moved(NamedTuple):
         """Whether it lies clearly outside of its interval, and farther than healthy robots differ."""
         if self.now is None:
             return False
-        return abs(self.now.value - self.was) > max(OUTSIDE * self.now.half_width, self.least)
+        return abs(self.now.value - self.was) > max(NEWS_HALF_WIDTHS * self.now.half_width, self.least)
 
     def __str__(self) -> str:
         if self.now is None:
             return f"{self.name} not known: {self.why}"
-        digits, unit = decimals(self.now), shown_unit(self.unit)
-        was, value, width = (shown(x, self.unit) for x in (self.was, self.now.value, self.now.half_width))
+        digits, unit = decimals(self.now), display_unit(self.unit)
+        was, value, width = (display_value(x, self.unit) for x in (self.was, self.now.value, self.now.half_width))
         of = f" {unit}" if unit else ""
         return f"{self.name} was {was:.{digits}f}, is {value:.{digits}f} +- {width:.{digits}f}{of}"
 
@@ -128,12 +120,12 @@ class Adaptation:
     """
 
     t: float
-    changes: tuple[Moved, ...]
+    changes: tuple[ParameterChange, ...]
 
     def __str__(self) -> str:
         return "; ".join(str(one) for one in self.changes)
 
-    def of(self, plant: PlantParameters) -> PlantParameters:
+    def apply_to(self, plant: PlantParameters) -> PlantParameters:
         """`plant` with the changes."""
         for one in self.changes:
             assert one.now is not None
@@ -182,9 +174,9 @@ def torque_error(experiment: Experiment) -> float:
     return float(np.max(np.sqrt(square) / np.abs(load).max(axis=0)))
 
 
-def reidentified(
+def reidentify(
     samples: RobotSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
-) -> tuple[Moved, ...]:
+) -> tuple[ParameterChange, ...]:
     """What `samples`, all since something changed, say of springs, their zeros and the contact.
 
     Args:
@@ -195,7 +187,7 @@ def reidentified(
     """
     slow = _slow_motion(samples, believed)
     if slow is None:
-        return (*_springs([None] * 3, STILL, plant), _contact(None, STILL, plant))
+        return (*_springs([None] * 3, NO_SLOW_MOTION, plant), _contact(None, NO_SLOW_MOTION, plant))
     springs: list[Spring] = [None] * 3
     if not loads:
         why = NOT_WITH_DRIVE
@@ -219,17 +211,15 @@ def reidentified(
 def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
     """None: the robot nowhere moves slowly and evenly."""
     t = samples.t
-    if len(t) < FEWEST:
+    if len(t) < MIN_SAMPLES:
         return None
-    clock, F = sampling(t), samples.only("F_z")[:, 0]
+    F = samples.only("F_z")[:, 0]
     known = np.isfinite(F)
-    measured = int(known.sum()) >= FEWEST
+    measured = int(known.sum()) >= MIN_SAMPLES
     force = LogSeries(t[known], F[known], "N") if measured else LogSeries(t, np.zeros(len(t)), "N")
-    counts = samples.only("count_m"), samples.only("count_l")
-    log = RobotLog(Path(), t, *counts, clock.gaps, clock.missing, force, ())
     try:
-        seen = windows(log, believed)
-    except LogRefused:
+        seen = windows(replace(samples, force=force), believed)
+    except LogError:
         return None
     if not len(seen.t):
         return None
@@ -244,14 +234,14 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
     return SlowMotion(seen, means, measured)
 
 
-def _sure(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
+def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
     """The `line`, no surer than if all errors were independent: few groups can agree by chance. None: too few.
 
     Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
     Sec. VI.D).
     """
     groups = len(np.unique(cluster))
-    found = line(A, y, cluster) if groups >= GROUPS else None
+    found = line(A, y, cluster) if groups >= MIN_GROUPS else None
     if found is None:
         return None
     left, inverse = y - A @ found.coefficients, np.linalg.pinv(A)
@@ -269,70 +259,72 @@ def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
     side = np.sign(torque)
     both = len(np.unique(side[usable])) > 1
     A = np.column_stack([torque, np.ones(len(d)), *([side] if both else [])])
-    found = _sure(A[usable], d[usable], cluster[usable])
+    found = _cautious_line(A[usable], d[usable], cluster[usable])
     if found is None:
         return None
     (yields, zero, *_), (width, zero_width, *_) = found
     k = 1.0 / (yields - belt)
-    sure = SURE_WITH_DEAD_ZONE if both else SURE
+    sure = DEAD_ZONE_PRECISION if both else SPRING_PRECISION
     return Estimate(k, math.hypot(k * k * width, sure * k), "N m/rad"), Estimate(zero, zero_width, "rad"), both
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
     """Stiffness of what is pressed, by p_z = z_s + m_x p_x + m_y p_y - F/K."""
-    pressed = seen.where(on_scale(seen))
+    pressed = seen.select(on_scale(seen))
     if not len(pressed.t):
         return None
     p_B = pose(believed, pressed.joint - np.array(believed.joint_zero)).p_B
     across = p_B[:, :2] - p_B[:, :2].mean(axis=0)
-    A = np.column_stack([-pressed.force, np.ones(len(p_B)), across[:, np.ptp(across, axis=0) > PLACE]])
-    found = _sure(A, p_B[:, 2], pressed.cluster)
+    A = np.column_stack([-pressed.force, np.ones(len(p_B)), across[:, np.ptp(across, axis=0) > PLACE_SIZE]])
+    found = _cautious_line(A, p_B[:, 2], pressed.cluster)
     if found is None:
         return None
     _, group = np.unique(pressed.cluster, return_inverse=True)
-    if np.bincount(group, np.linalg.pinv(A)[0] * A[:, 0]).max() > ALONE:
+    if np.bincount(group, np.linalg.pinv(A)[0] * A[:, 0]).max() > MAX_GROUP_SHARE:
         return None
     K = 1.0 / float(found.coefficients[0])
     return Estimate(K, K * K * float(found.half_widths[0]), "N/m")
 
 
-def _springs(found: Sequence[Spring], why: str, plant: PlantParameters) -> list[Moved]:
+def _springs(found: Sequence[Spring], why: str, plant: PlantParameters) -> list[ParameterChange]:
     moved = []
     for i, spring in enumerate(found):
         k, zero, apart = spring or (None, None, True)
-        was, least = plant.k_s * plant.k_s_share[i], ZERO * (1.0 + plant.N)
-        if k is not None and not 0.0 < k.half_width < KNOWN * k.value:
+        was, least = plant.k_s * plant.k_s_share[i], ENCODER_ZERO * (1.0 + plant.N)
+        if k is not None and not 0.0 < k.half_width < MAX_UNCERTAINTY * k.value:
             k, zero = None, None
         if zero is not None:
-            zero = zero._replace(value=zero.value + plant.slip[i]) if zero.half_width < ZERO else None
-        moved.append(Moved(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING * was, why))
+            zero = zero._replace(value=zero.value + plant.slip[i]) if zero.half_width < ENCODER_ZERO else None
+        moved.append(
+            ParameterChange(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING_CHANGE * was, why)
+        )
         name = f"zero {'' if apart else 'or dead zone '}of deflection {i + 1}"
-        moved.append(Moved(name, "slip", i, plant.slip[i], zero, "rad", least, why))
+        moved.append(ParameterChange(name, "slip", i, plant.slip[i], zero, "rad", least, why))
     return moved
 
 
-def _contact(K: Estimate | None, why: str, plant: PlantParameters) -> Moved:
-    known = K if K is not None and 0.0 < K.half_width < KNOWN * K.value else None
-    return Moved("stiffness of the contact", "K", -1, plant.K, known, "N/m", CONTACT * plant.K, why)
+def _contact(K: Estimate | None, why: str, plant: PlantParameters) -> ParameterChange:
+    known = K if K is not None and 0.0 < K.half_width < MAX_UNCERTAINTY * K.value else None
+    return ParameterChange("stiffness of the contact", "K", -1, plant.K, known, "N/m", CONTACT_CHANGE * plant.K, why)
 
 
 class SampleRing:
     """The last samples of a robot; what it takes does not grow."""
 
     def __init__(self) -> None:
-        self._t, self._u = np.full(MOST, -np.inf), np.full((MOST, width(INPUTS)), np.nan)
+        self._t, self._u = np.full(MAX_SAMPLES, -np.inf), np.full((MAX_SAMPLES, width(INPUTS)), np.nan)
         self._next = 0
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
         """Samples at `t` (n,), s, after those before, with the inputs of the filter `u` (n, 13)."""
-        at = (self._next + np.arange(len(t))) % MOST
+        at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
-        self._next = (self._next + len(t)) % MOST
+        self._next = (self._next + len(t)) % MAX_SAMPLES
 
-    def since(self, t: float) -> RobotSamples:
-        """A copy of those after `t` (s), `LATEST` at most."""
+    def samples_since(self, t: float) -> RobotSamples:
+        """A copy of those after `t` (s), `MAX_SAMPLE_AGE` at most."""
         order = np.argsort(self._t)
-        at = order[self._t[order] >= max(t, self._t.max() - LATEST, 0.0)]
+        at = order[self._t[order] >= max(t, self._t.max() - MAX_SAMPLE_AGE, 0.0)]
         return RobotSamples(self._t[at], self._u[at])
 
 
@@ -354,14 +346,14 @@ class Reidentifier:
         self.plant = plant_parameters(experiment.plant, experiment.contact)
         self.proposal: Adaptation | None = None
         self.proposals: list[Adaptation] = []
-        self.accepted: list[Adaptation] = []
+        self.adaptations: list[Adaptation] = []
         self._belief, self._rotor, self._wait = belief(experiment), drive_model(experiment).inertia, wait
         try:
             self._loads = torque_error(experiment) < TORQUE_ERROR
         except TwinError:
             self._loads = False
         self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
-        self._answer: Future[tuple[Moved, ...]] | None = None
+        self._answer: Future[tuple[ParameterChange, ...]] | None = None
         self._asked_at = math.nan
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
@@ -372,7 +364,7 @@ class Reidentifier:
         """Look at what has come since `since`, at `t` (s)."""
         self._asked_at = t
         self._answer = self._pool.submit(
-            reidentified, self._ring.since(since), self.plant, self._belief, self._rotor, self._loads
+            reidentify, self._ring.samples_since(since), self.plant, self._belief, self._rotor, self._loads
         )
 
     def answer(self) -> str:
@@ -383,16 +375,16 @@ class Reidentifier:
         try:
             moved = self._answer.result()
         except TwinError as problem:
-            return f"{UNKNOWN}: {problem}"
+            return f"{UNKNOWN_PARAMETER}: {problem}"
         news = tuple(one for one in moved if one.is_news)
         if news:
             self.proposal = Adaptation(self._asked_at, news)
             self.proposals.append(self.proposal)
             return f"{self.proposal}: twin accepts with --adapt or the viewer's button"
         reasons = dict.fromkeys(str(one) if one.now is None else f"{one.name} has not moved" for one in moved)
-        return f"{UNKNOWN}: {'; '.join(reasons)}"
+        return f"{UNKNOWN_PARAMETER}: {'; '.join(reasons)}"
 
     def accept(self, proposal: Adaptation) -> None:
         """From now on the robot is believed to be what `proposal` says."""
-        self.plant, self.proposal = proposal.of(self.plant), None
-        self.accepted.append(proposal)
+        self.plant, self.proposal = proposal.apply_to(self.plant), None
+        self.adaptations.append(proposal)

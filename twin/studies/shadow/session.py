@@ -10,50 +10,58 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.delay import values_by_port
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.process.real_time import real_time
-from twin.kernel.recording.logs.column_map import TIME
-from twin.kernel.recording.logs.log import LogRefused, MappedColumn, refuse_invalid
+from twin.kernel.recording.logs.column_map import TIME_SIGNAL
+from twin.kernel.recording.logs.log import LogError, MappedColumn, refuse_invalid
 from twin.kernel.recording.sources.arrival import Arrival, RobotSource
 from twin.kernel.recording.sources.signals import MessageReader, WantedSignal
-from twin.kernel.recording.sources.stamps import Aligner, Counts, rows_of
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.sources.stamps import Aligner, Counts, stack_samples
+from twin.kernel.recording.writer import ForeignTopic
 from twin.robot.plant.dynamics import LONGEST_GAP
 from twin.studies.replay.model import RobotModel
-from twin.studies.result import counted
+from twin.studies.replay.parts import Happening, Rows
+from twin.studies.replay.sample_columns import INPUTS
+from twin.studies.replay.samples import RobotSamples
+from twin.studies.result import count_text
 from twin.studies.shadow.alarm import nis_per_count
-from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
-from twin.studies.shadow.layout import INPUTS, OUTPUTS
-from twin.studies.shadow.mapping import NANOSECONDS, NEEDED
-from twin.studies.shadow.receiving import SLICE, Receiver
+from twin.studies.shadow.following import AlarmWatch, Twin
+from twin.studies.shadow.layout import OUTPUTS
+from twin.studies.shadow.live_view import ShadowViewer
+from twin.studies.shadow.mapping import ENCODER_COLUMNS, NS_PER_SECOND
+from twin.studies.shadow.receiving import SLICE_TIME, Receiver
 from twin.studies.shadow.recording import ShadowRecording
-from twin.studies.shadow.samples import RobotSamples
-from twin.studies.shadow.seen import ShadowViewer
 from twin.studies.shadow.sources import waiting_hint
-from twin.studies.shadow.text import COLUMNS, shadow_facts, status_line
-from twin.studies.shadow.verdict import SIGNALS, Followed, Running, gross_disagreement
+from twin.studies.shadow.text import LINE_WIDTH, shadow_facts, status_line
+from twin.studies.shadow.verdict import (
+    PLANT_JOINT,
+    SIGNAL_COLUMNS,
+    RunningStatistics,
+    SessionSummary,
+    gross_disagreement,
+)
 
 LINE_PERIOD = 0.25
 """s between two lines."""
 FLUSH_PERIOD = 0.5
 """s after which what was recorded is with the operating system."""
-SILENT = 2.0
+SILENCE_TIMEOUT = 2.0
 """Time without a sample (s) after which the session reports it."""
-HINT_AFTER = 10.0
+HINT_TIMEOUT = 10.0
 """Time of waiting for a topic (s) after which the usual causes are printed."""
-PATIENT = 200
+JOINT_SEARCH_MESSAGES = 200
 """Messages after which a joint that none of them names is said to be lacking."""
-FEWEST = 100
+MIN_PERIOD_SAMPLES = 100
 """Samples that have a period, if they are regular."""
-MANY = 6
+MAX_LISTED_TOPICS = 6
 """Topics that are listed."""
 RATE_CHANGE = 0.1
 """Relative change of the period that is an event."""
 LONGEST_STEP = 1e6
 """s. A clock that jumps further was not set, but counts from another beginning."""
-MOST_EVENTS = 1000
+MAX_EVENTS_PER_KIND = 1000
 """Of one kind; a stream of bad samples must not fill the disk with sentences."""
 
 Say = Callable[[str], None]
@@ -98,10 +106,10 @@ class Session:
         self._watched, self._viewer = watched, viewer
         self._happenings: list[Happening] = []
         self._readers: dict[str, MessageReader] = {}
-        self._others: list[OthersTopic] = []
-        self._aligner = Aligner(width(INPUTS), list(NEEDED), lateness)
+        self._others: list[ForeignTopic] = []
+        self._aligner = Aligner(width(INPUTS), list(ENCODER_COLUMNS), lateness)
         # a log is as fast in slices as it can be; a robot does not wait
-        self._receiver = Receiver(source, self._readers, self._aligner, twin.at_once if live else None)
+        self._receiver = Receiver(source, self._readers, self._aligner, twin.estimate_at_once if live else None)
         self._recording: ShadowRecording | None = None
         self._before: list[Arrival] = []
         self._events: dict[str, int] = {}
@@ -114,9 +122,9 @@ class Session:
         self._last_period = math.inf
         self._there = np.zeros(width(INPUTS), dtype=bool)
         self._gross = ""
-        self.followed = Followed(source.name)
+        self.followed = SessionSummary(source.name)
 
-    def wait(self) -> None:
+    def wait_for_topics(self) -> None:
         """Subscribe to every topic of the map as soon as somebody publishes it.
 
         Raises:
@@ -124,42 +132,42 @@ class Session:
         """
         by_topic: dict[str, dict[str, MappedColumn]] = {}
         for signal, column in self._columns.items():
-            if signal != TIME:
+            if signal != TIME_SIGNAL:
                 by_topic.setdefault(column.name.partition(".")[0], {})[signal] = column
         missing = dict.fromkeys(by_topic)
         begun, hinted = time.monotonic(), False
         while missing:
-            seen = self._source.seen()
+            seen = self._source.topic_types()
             for topic in [one for one in missing if one in seen]:
                 described = self._source.subscribe(topic)
                 del missing[topic]
                 if described is not None:
                     self._others.append(described)
                     self._readers[topic] = MessageReader(
-                        self._source.name, described, by_topic[topic], self._wanted, self._columns.get(TIME)
+                        self._source.name, described, by_topic[topic], self._wanted, self._columns.get(TIME_SIGNAL)
                     )
             if missing:
-                self._refuse_or_say(list(missing), seen)
-                if not hinted and time.monotonic() - begun > HINT_AFTER:
+                self._refuse_or_wait(list(missing), seen)
+                if not hinted and time.monotonic() - begun > HINT_TIMEOUT:
                     hinted = True
                     self._announce(waiting_hint(self._source.name, list(missing)))
 
-    def _refuse_or_say(self, missing: list[str], seen: Mapping[str, str]) -> None:
-        there = ", ".join(f"{name} ({kind})" for name, kind in list(seen.items())[:MANY])
+    def _refuse_or_wait(self, missing: list[str], seen: Mapping[str, str]) -> None:
+        there = ", ".join(f"{name} ({kind})" for name, kind in list(seen.items())[:MAX_LISTED_TOPICS])
         hint = nearest(missing[0], seen, f"topics here: {there}" if there else "no topics here yet")
         if not self._live:
-            raise LogRefused(f"{self._source.name}: no topic {missing[0]}; {hint}")
-        self._tell(f"waiting for {', '.join(missing)}; {hint}")
+            raise LogError(f"{self._source.name}: no topic {missing[0]}; {hint}")
+        self._report_once(f"waiting for {', '.join(missing)}; {hint}")
         time.sleep(0.1)
 
-    def _tell(self, text: str) -> None:
+    def _report_once(self, text: str) -> None:
         """Say something new: without a terminal, too."""
         if text != self._announced:
             self._announced = text
             self._announce(text)
         self._say(text)
 
-    def follow(self, path: Callable[[], Path]) -> Followed:
+    def follow(self, path: Callable[[], Path]) -> SessionSummary:
         """Until the source ends, the time is over, or somebody presses Ctrl-C.
 
         Args:
@@ -178,18 +186,18 @@ class Session:
                     self._loop(path)
                 finally:
                     self._receiver.stop()
-            self._take(end=True)
+            self._process_slice(end=True)
             if not self._live:
                 counts = self._aligner.counts
                 refuse_invalid(self._source.name, "an encoder", counts.invalid, counts.invalid + counts.samples)
         except KeyboardInterrupt:
             self.followed.notes.append("ended by hand")
-            self._take(end=True)
+            self._process_slice(end=True)
         except BaseException:
             if self._recording is not None:
                 self._recording.abandon()
             raise
-        self._sum_up()
+        self._summarise()
         if self._recording is None:
             raise InputRefused(f"{self._source.name}: {self._why_nothing()}")
         self.followed.recording = self._recording.finish(shadow_facts(self.followed, self._model.name))
@@ -200,14 +208,14 @@ class Session:
         shown = flushed = time.monotonic()
         next_slice, begun = 0.0, math.inf
         # of a robot that has fallen silent the time goes on, too
-        while not self._source.ended and self._t < self._duration > time.monotonic() - begun - SILENT:
+        while not self._source.at_end and self._t < self._duration > time.monotonic() - begun - SILENCE_TIMEOUT:
             if self._live:
                 # what comes meanwhile is taken together
-                next_slice = max(next_slice + SLICE, time.monotonic())
+                next_slice = max(next_slice + SLICE_TIME, time.monotonic())
                 time.sleep(max(0.0, next_slice - time.monotonic()))
             else:
-                self._receiver.turn()
-            sampled, now = self._take(), time.monotonic()
+                self._receiver.receive_once()
+            sampled, now = self._process_slice(), time.monotonic()
             if self._live and self._recording is not None:
                 begun = min(begun, now)
             self._note_silence(sampled)
@@ -222,11 +230,11 @@ class Session:
                 flushed = now
                 self._recording.flush()
 
-    def _take(self, end: bool = False) -> bool:
+    def _process_slice(self, end: bool = False) -> bool:
         """One slice: samples to rows, both sides to the file and to who looks on; whether samples have come."""
         if self._viewer and (text := self._viewer.press()):
-            self._happened(Happening(self._t, text), "accepted")
-        received = self._receiver.take(end)
+            self._record_event(Happening(self._t, text), "accepted")
+        received = self._receiver.drain(end)
         arrivals, samples = received.arrivals, received.samples
         if self._recording is None:
             self._before += arrivals
@@ -234,10 +242,12 @@ class Session:
                 self._refuse_lacking()
                 return False
             arrivals, self._before = self._before, []
-        times, values = rows_of(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, width(INPUTS))))
+        times, values = (
+            stack_samples(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, width(INPUTS))))
+        )
         rows: Rows = {}
         if samples:
-            found = RobotSamples(times / NANOSECONDS, values)
+            found = RobotSamples(times / NS_PER_SECOND, values)
             rows = self._twin.feed(found)
             self._t = float(found.t[-1])
             self._there |= np.isfinite(values).any(axis=0)
@@ -249,16 +259,16 @@ class Session:
                 (self._aligner.base, first.arrived),
             )  # fmt: skip
         if received.unread:
-            count = counted(len(received.unread), "message")
-            self._happened(Happening(self._t, f"{count} unreadable: {received.unread[-1]}"), "message")
+            count = count_text(len(received.unread), "message")
+            self._record_event(Happening(self._t, f"{count} unreadable: {received.unread[-1]}"), "message")
             if not self._unread:
                 self._announce(received.unread[0])
             self._unread += len(received.unread)
-        self._recording.write(arrivals, times, self._twin.recorded(rows))
+        self._recording.write(arrivals, times, self._twin.rows_to_record(rows))
         if received.late:
-            late = counted(len(received.late), "estimate")
+            late = count_text(len(received.late), "estimate")
             what = f"{late} later than a period after the sample, by {1e3 * max(received.late):.3g} ms at most"
-            self._happened(Happening(self._t, what), "deadline")
+            self._record_event(Happening(self._t, what), "deadline")
         self._note_happenings()
         if self._viewer:
             self._viewer.show(times, rows, self._happenings)
@@ -266,111 +276,115 @@ class Session:
         return bool(samples)
 
     def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
-        for topic, name in (("residual/force", "force"), ("residual/joints", "joint"), ("residual/command", "command")):
+        for topic, name in (
+            ("residual/force", "force"),
+            ("residual/joints", PLANT_JOINT),
+            ("residual/command", "command"),
+        ):
             if topic not in rows:
                 continue
             for i, column in enumerate(rows[topic].T):
                 key = name if rows[topic].shape[1] == 1 else f"{name} {i + 1}"
-                self.followed.residuals.setdefault(key, Running()).add(t, column)
-        y = named(OUTPUTS, rows["shadow"])
+                self.followed.residuals.setdefault(key, RunningStatistics()).add(t, column)
+        y = values_by_port(OUTPUTS, rows["shadow"])
         NIS = np.where(y["moves"] > 0.0, nis_per_count(y["NIS"], y["used"]), math.nan)
-        self.followed.residuals.setdefault("NIS", Running()).add(t, NIS)
-        self.followed.mistake = self._twin.check.mistake
-        if not self._gross and (found := gross_disagreement(self.followed.residuals, self.followed.mistake)):
+        self.followed.residuals.setdefault("NIS", RunningStatistics()).add(t, NIS)
+        self.followed.map_error = self._twin.check.map_error
+        if not self._gross and (found := gross_disagreement(self.followed.residuals, self.followed.map_error)):
             self._gross = found.text
-            self._happened(Happening(float(t[-1]), found.text), "gross")
+            self._record_event(Happening(float(t[-1]), found.text), "gross")
             self._announce(f"{self._source.name}: {found.text}")
         if "alarm" in rows and np.any(there := np.isfinite(rows["alarm"])):
             self._level = float(rows["alarm"][there][-1])
 
     def _note_happenings(self) -> None:
         for one in self._twin.happenings():
-            self._happened(one, one.text[:20])
+            self._record_event(one, one.text[:20])
         with self._receiver.lock:
             gaps, self._aligner.gaps = self._aligner.gaps, []
             noted, now = self._noted, replace(self._aligner.counts)
         for start, end in gaps:
             # single samples are counted; a network that loses some must not fill the list
             if end - start > LONGEST_GAP * 1e9:
-                self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
+                self._record_event(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
         if now.restarts > noted.restarts:
             step = self._aligner.clock_step
             what = f"was set by {step:+.3f} s" if abs(step) < LONGEST_STEP else "has started anew"
-            self._happened(Happening(self._t, f"the robot's clock {what}; time goes on by arrivals"), "restart")
+            self._record_event(Happening(self._t, f"the robot's clock {what}; time goes on by arrivals"), "restart")
         period = self._aligner.period
         before = self._last_period
         if period < math.inf == before:
             self._last_period = period
         elif period < math.inf and abs(period - before) >= RATE_CHANGE * before:
             what = f"the rate has changed from {1e9 / before:.4g} to {1e9 / period:.4g} Hz"
-            self._happened(Happening(self._t, what), "rate")
+            self._record_event(Happening(self._t, what), "rate")
             self._last_period = period
             if self._watched:
                 self._watched.change_rate(self._t, 1e9 / period)
         if now.invalid > noted.invalid:
             what = f"{now.invalid - noted.invalid} samples with NaN or infinity in an encoder; they are left out"
-            self._happened(Happening(self._t, what), "invalid")
+            self._record_event(Happening(self._t, what), "invalid")
         self._noted = now
 
     def _note_silence(self, sampled: bool) -> None:
-        """Report that no sample has come for `SILENT`, with the missing topic or joint, and stop the watch."""
+        """Report that no sample has come for `SILENCE_TIMEOUT`, with the missing topic or joint, and stop the watch."""
         if sampled or self._newest is None:
             if sampled or self._live or self._receiver.heard:
-                self._newest, self.followed.silent = self._source.now(), ""
+                self._newest, self.followed.silent = self._source.now_ns(), ""
             return
-        if self.followed.silent or self._source.now() - self._newest <= SILENT * 1e9:
+        if self.followed.silent or self._source.now_ns() - self._newest <= SILENCE_TIMEOUT * 1e9:
             return
         self.followed.silent = self._why_silent()
-        text = f"no sample for {SILENT:g} s: {self.followed.silent}"
-        self._happened(Happening(self._t, text), "silence")
+        text = f"no sample for {SILENCE_TIMEOUT:g} s: {self.followed.silent}"
+        self._record_event(Happening(self._t, text), "silence")
         self._announce(f"{self._source.name}: {text}")
         if self._watched:
             self._watched.lose(self._t, text)
 
     def _why_silent(self) -> str:
         """What is missing: a topic, a joint that messages do not name any more, or numbers."""
-        since = self._source.now() - SILENT * 1e9
-        columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME}
-        for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_needed(signal)}):
+        since = self._source.now_ns() - SILENCE_TIMEOUT * 1e9
+        columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME_SIGNAL}
+        for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_encoder(signal)}):
             if self._receiver.heard.get(topic, 0) < since:
-                count = counted(self._source.publishers(topic), "publisher")
+                count = count_text(self._source.publisher_count(topic), "publisher")
                 return f"nothing has come of {topic}, which has {count}" if self._live else f"nothing comes of {topic}"
         lacking = self._aligner.lacking
         names = [name for signal, name in columns.items() if self._wanted[signal].column in lacking]
         if names:
-            return f"no message has {', '.join(names[:MANY])}"
+            return f"no message has {', '.join(names[:MAX_LISTED_TOPICS])}"
         return "the encoders' values are not finite" if self._receiver.heard else "nothing has come"
 
-    def _is_needed(self, signal: str) -> bool:
-        return self._wanted[signal].column in NEEDED
+    def _is_encoder(self, signal: str) -> bool:
+        return self._wanted[signal].column in ENCODER_COLUMNS
 
     def _watch_publishers(self) -> None:
         """Say if more than one publishes a topic: they may contradict each other."""
         for topic in self._readers if self._live else ():
-            count = self._source.publishers(topic)
+            count = self._source.publisher_count(topic)
             if count > max(1, self._several.get(topic, 1)):
                 self._several[topic] = count
                 text = f"{count} publishers on {topic}; samples of equal stamps are put together"
-                self._happened(Happening(self._t, text), "publishers")
+                self._record_event(Happening(self._t, text), "publishers")
 
-    def _happened(self, one: Happening, kind: str) -> None:
+    def _record_event(self, one: Happening, kind: str) -> None:
         self._events[kind] = self._events.get(kind, 0) + 1
-        if self._recording is not None and self._events[kind] <= MOST_EVENTS:
+        if self._recording is not None and self._events[kind] <= MAX_EVENTS_PER_KIND:
             self._recording.event(one)
             self._happenings += [one] if self._viewer else []
 
     def _refuse_lacking(self) -> None:
         """Before the first sample: say which joint none of the messages names."""
-        if len(self._before) < PATIENT:
+        if len(self._before) < JOINT_SEARCH_MESSAGES:
             return
-        sentences = [text for reader in self._readers.values() for text in reader.lacking()]
+        sentences = [text for reader in self._readers.values() for text in reader.missing_signals()]
         if sentences:
-            raise LogRefused("\n".join(sentences))
+            raise LogError("\n".join(sentences))
         # messages before the first sample are few, or of other joints
-        del self._before[:-PATIENT]
+        del self._before[:-JOINT_SEARCH_MESSAGES]
 
     def _why_nothing(self) -> str:
-        sentences = [text for reader in self._readers.values() for text in reader.lacking()]
+        sentences = [text for reader in self._readers.values() for text in reader.missing_signals()]
         counts = self._aligner.counts
         if sentences:
             return sentences[0]
@@ -378,15 +392,15 @@ class Session:
             return f"{counts.invalid} samples, all with NaN or infinity in an encoder; expected numbers"
         return "not one sample with all six angles came"
 
-    def _sum_up(self) -> None:
+    def _summarise(self) -> None:
         one, aligner = self.followed, self._aligner
         one.seconds, one.counts, one.period = self._t, aligner.counts, aligner.period / 1e9
         one.lateness, one.offset, one.drift = aligner.clocks.lateness, aligner.clocks.offset, aligner.clocks.drift
         one.in_hand, one.missed = self._receiver.in_hand, self._receiver.missed
-        one.dropped = self._source.dropped
+        one.dropped = self._source.drop_count
         if self._unread:
-            one.notes.append(f"{counted(self._unread, 'message')} could not be read")
-        one.measured = [name for name, place in SIGNALS.items() if self._there[place].any()]
+            one.notes.append(f"{count_text(self._unread, 'message')} could not be read")
+        one.measured_signals = [name for name, place in SIGNAL_COLUMNS.items() if self._there[place].any()]
         if self._watched:
             one.changes = None if self._watched.why_not else self._watched.changes
             one.no_alarm = self._watched.why_not
@@ -396,7 +410,12 @@ class Session:
             for topic, reader in self._readers.items()
             if not reader.stamped
         ]
-        if aligner.counts.samples > FEWEST and math.isinf(aligner.period):
+        if aligner.counts.unmatched:
+            one.notes.append(
+                f"{count_text(aligner.counts.unmatched, 'incomplete sample')} before the first complete one left out: "
+                "topics are matched once their periods are known"
+            )
+        if aligner.counts.samples > MIN_PERIOD_SAMPLES and math.isinf(aligner.period):
             one.notes.append("stamps come at no regular intervals; what is missing cannot be counted")
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
@@ -404,8 +423,8 @@ class Session:
         """How it goes, in less than 80 columns."""
         counts, period = self._aligner.counts, self._aligner.period
         if self.followed.silent and self._newest is not None:
-            quiet = (self._source.now() - self._newest) / 1e9
-            return f"{self._t:.1f} s  no sample for {quiet:.0f} s: {self.followed.silent}"[:COLUMNS]
+            quiet = (self._source.now_ns() - self._newest) / 1e9
+            return f"{self._t:.1f} s  no sample for {quiet:.0f} s: {self.followed.silent}"[:LINE_WIDTH]
         NIS = self.followed.residuals.get("NIS")
         # a robot that stands still has none
         recent = NIS.recent if NIS and self._t - NIS.last < 1.0 else math.nan
@@ -413,6 +432,6 @@ class Session:
         return status_line(self._t, 1e-9 * period, late, counts, recent, self._level, self._joints())
 
     def _joints(self) -> float:
-        """The largest recent residual of a joint, rad; NaN: none yet."""
-        found = [abs(r.recent) for name, r in self.followed.residuals.items() if name.startswith("joint")]
+        """Largest recent residual of a joint of the plant model, rad; NaN if there is none yet."""
+        found = [abs(r.recent) for name, r in self.followed.residuals.items() if name.startswith(PLANT_JOINT)]
         return max(found, default=math.nan)

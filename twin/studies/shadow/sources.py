@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.column_map import TIME
-from twin.kernel.recording.logs.log import LogRefused, MappedColumn
+from twin.kernel.recording.logs.column_map import TIME_SIGNAL
+from twin.kernel.recording.logs.log import LogError, MappedColumn
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
 from twin.kernel.recording.sources.arrival import RobotSource
 from twin.kernel.recording.sources.playback import Playback, logged_topics
@@ -14,15 +14,15 @@ from twin.kernel.recording.sources.signals import WantedSignal
 from twin.robot.controller.controller import Belief
 from twin.studies.shadow.mapping import followed_columns, readings_of
 
-TRANSPORTS = ("ros2", "zenoh")
-PROPOSED = ("m1", "m2", "m3", "l1", "l2", "l3")
+TRANSPORT_NAMES = ("ros2", "zenoh")
+JOINT_NAMES = ("m1", "m2", "m3", "l1", "l2", "l3")
 """Names of joints that a map is proposed with."""
 
 
 def transport_of(source: str) -> str:
     """`ros2` of `ros2:/joint_states`; "" of a log."""
     first, colon, _ = source.partition(":")
-    return first if colon and first in TRANSPORTS else ""
+    return first if colon and first in TRANSPORT_NAMES else ""
 
 
 def refuse_source(source: str) -> None:
@@ -40,7 +40,7 @@ def refuse_source(source: str) -> None:
         raise InputRefused(f"--source {source}: {hint}; expected a log, ros2:/TOPIC or zenoh:/TOPIC")
 
 
-def opened(
+def open_source(
     source: str,
     columns: Mapping[str, MappedColumn],
     wanted: Mapping[str, WantedSignal],
@@ -67,7 +67,7 @@ def opened(
     if transport_of(source):
         if part != (None, None):
             raise InputRefused(f"--source {source}: --from-s and --to-s need a log; end a session with --duration-s")
-        if not set(columns) - {TIME}:
+        if not set(columns) - {TIME_SIGNAL}:
             raise InputRefused(
                 f"--source {source}: name its joints with --map robot.toml, where\n{proposed_map(topic)}"
             )
@@ -83,13 +83,13 @@ def opened(
         return Playback(source, readings=readings_of(log, belief), speed=speed), log.columns, False
     topics, found = logged_topics(Path(source), kind, columns)
     notes += found
-    if not set(columns) - {TIME}:
+    if not set(columns) - {TIME_SIGNAL}:
         there = ", ".join(f"{name} ({one.kind})" for name, one in topics.items())
-        raise LogRefused(
+        raise LogError(
             f"{source}: has {there}; name its joints with --map robot.toml, where\n{proposed_map(next(iter(topics)))}"
         )
     columns = followed_columns(source, columns, wanted)
-    return Playback(source, topics, speed=speed, part=part, time=columns.get(TIME)), columns, False
+    return Playback(source, topics, speed=speed, part=part, time=columns.get(TIME_SIGNAL)), columns, False
 
 
 def live_source(transport: str, name: str) -> RobotSource:
@@ -124,4 +124,4 @@ def waiting_hint(source: str, topics: list[str]) -> str:
 def proposed_map(topic: str) -> str:
     """Lines of a map for a topic with the joints of a robot."""
     names = [f"estimator.theta_{side}[{i}]" for side in "ml" for i in range(3)]
-    return "\n".join(f'"{name}" = "{topic}.position.{joint}"' for name, joint in zip(names, PROPOSED, strict=True))
+    return "\n".join(f'"{name}" = "{topic}.position.{joint}"' for name, joint in zip(names, JOINT_NAMES, strict=True))

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from twin.kernel.errors import plain
+from twin.kernel.errors import terminal_text
 from twin.studies.command import (
-    PORT,
-    Asked,
+    DEFAULT_PORT,
+    ArgumentValues,
     ColumnMaps,
     ExperimentName,
     FromS,
@@ -19,20 +19,20 @@ from twin.studies.command import (
     Say,
     Settings,
     ToS,
-    silent,
+    ignore_progress,
     study,
 )
-from twin.studies.first_look import find_experiments, print_latest
+from twin.studies.precheck import find_experiments, print_latest
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
     from twin.studies.shadow.alarm import RateTolerances, Tolerances
 
-HOME = Path("results") / "shadow"
-FACTS = "shadow.json"
+SHADOW_FOLDER = Path("results") / "shadow"
+FACTS_FILE = "shadow.json"
 
 
-def _find_source(asked: Asked) -> None:
+def _find_source(asked: ArgumentValues) -> None:
     from twin.studies.shadow.sources import refuse_source
 
     refuse_source(asked["source"])
@@ -48,10 +48,10 @@ def _limits(
     """
     from twin.kernel.errors import TwinError
     from twin.robot.experiment.experiment_files import experiment_file
-    from twin.studies.shadow.tolerances import FLEET, shipped_fleet, tolerances_of
+    from twin.studies.shadow.tolerances import FLEET_FILE, shipped_fleet, tolerances_of
 
     try:
-        robots = shipped_fleet(Path(experiment_file(experiment)), tuple(settings), fleet or FLEET)
+        robots = shipped_fleet(Path(experiment_file(experiment)), tuple(settings), fleet or FLEET_FILE)
         return tolerances_of(robots, say)[0], ""
     except TwinError as problem:
         if fleet:
@@ -67,7 +67,7 @@ def _announce(text: str) -> None:
 
 def _print(text: str) -> None:
     """Print a sentence to standard error, over a line of progress."""
-    print(("\r" if sys.stderr.isatty() else "") + plain(text), file=sys.stderr, flush=True)
+    print(("\r" if sys.stderr.isatty() else "") + terminal_text(text), file=sys.stderr, flush=True)
 
 
 @study(reported=True, before=[_find_source, find_experiments, print_latest])
@@ -104,10 +104,10 @@ def shadow(
         float | None, Option("Warn of a force to come beyond it; default: the monitor's limit.", "N", least=0.0)
     ] = None,
     live: Annotated[bool, Option("Serve twin and robot to Lichtblick or Foxglove.")] = False,
-    port: LivePort = PORT,
+    port: LivePort = DEFAULT_PORT,
     origins: LiveOrigins = (),
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
-    say: Say = silent,
+    say: Say = ignore_progress,
 ) -> Result:
     """Follow a robot that runs: its state, and where robot and twin part.
 
@@ -133,21 +133,21 @@ def shadow(
     from contextlib import ExitStack
     from datetime import datetime
 
+    from twin.kernel.atomic_write import write_json
     from twin.kernel.errors import InputRefused
-    from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
+    from twin.kernel.recording.folder import RECORDING_FILE, claim_run_folder, create_run_folder
     from twin.kernel.recording.logs.column_map import column_map
-    from twin.kernel.writing import write_json
     from twin.robot.assembly.load import load_experiment
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
-    from twin.studies.shadow.ahead import ahead_of, changed_experiments
-    from twin.studies.shadow.deviations import NOT_IDENTIFIED, SPRING, is_identified
+    from twin.studies.shadow.ahead import changed_experiments, session_branches
+    from twin.studies.shadow.deviations import NOT_IDENTIFIED, SPRING_KEY, is_identified
     from twin.studies.shadow.following import AlarmWatch, twin_of
+    from twin.studies.shadow.live_view import ShadowViewer
     from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.reidentification import Reidentifier
-    from twin.studies.shadow.seen import ShadowViewer
     from twin.studies.shadow.session import Session
-    from twin.studies.shadow.sources import opened
+    from twin.studies.shadow.sources import open_source
     from twin.studies.shadow.text import shadow_facts, shadow_result
 
     if no_alarm and (adapt or fleet):
@@ -161,19 +161,21 @@ def shadow(
     changed = changed_experiments(experiment, settings, what_if)
     with ExitStack() as stack:
         notes: list[str] = []
-        ahead = ahead_of(loaded, changed, force_limit_N, notes.append)
+        ahead = session_branches(loaded, changed, force_limit_N, notes.append)
         if ahead:
             stack.enter_context(ahead)
-        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed, notes, (from_s, to_s))
+        robot, columns, of_now = open_source(
+            source, column_map(maps), wanted, model.belief, speed, notes, (from_s, to_s)
+        )
         stack.callback(robot.close)
         watched, why = None, "--no-alarm"
-        caution = "" if is_identified(loaded, SPRING) else NOT_IDENTIFIED
+        caution = "" if is_identified(loaded, SPRING_KEY) else NOT_IDENTIFIED
         if not no_alarm:
             limits, why = _limits(fleet, experiment, settings, say)
         if not why:
             assert limits is not None
             watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now), caution)
-        beside, viewer = ahead.beside if ahead else None, None
+        beside, viewer = ahead.predicting_part if ahead else None, None
         twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:
             server = live_server(
@@ -190,14 +192,14 @@ def shadow(
             notes.append(f"{caution}; the alarm finds springs 20 % softer, and no share is promised of the band")
         session.followed.notes += notes
         session.followed.no_alarm, session.followed.caution = why, caution
-        session.followed.ahead = ahead.foreseen if ahead else None
-        session.wait()
+        session.followed.ahead = ahead.score if ahead else None
+        session.wait_for_topics()
         claimed = claim_run_folder(out) if out else None
 
         def recording() -> Path:
-            return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
+            return (claimed or create_run_folder(SHADOW_FOLDER, model.name, datetime.now())) / RECORDING_FILE
 
         followed = session.follow(recording)
-    facts = followed.recording.parent / FACTS
+    facts = followed.recording.parent / FACTS_FILE
     write_json(facts, shadow_facts(followed, model.name))
     return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from twin.kernel.recording.sources.stamps import Counts
 from twin.kernel.serialise import to_dict
-from twin.studies.result import Block, Column, Result, Table, counted, note
-from twin.studies.shadow.ahead import Foreseen
+from twin.studies.result import Block, Column, Result, Table, count_text, note
+from twin.studies.shadow.ahead import PredictionScore
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
-from twin.studies.shadow.verdict import SIGNALS, Followed, Running, verdict_of
+from twin.studies.shadow.verdict import SIGNAL_COLUMNS, RunningStatistics, SessionSummary, verdict_of
 
-COLUMNS = 79
+LINE_WIDTH = 79
 """Of the line; some terminals go on to the next one behind column 80."""
-LATE = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0)
+LATENESS_BOUNDS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0)
 """s. Bounds by which lateness is counted."""
-RESIDUALS = (
+RESIDUAL_COLUMNS = (
     Column("twin less robot", 26, left=True),
     Column("mean", 9, "+.4f"),
     Column("rms", 9, ".4f"),
@@ -24,12 +24,18 @@ RESIDUALS = (
     Column("at", 10, ".3f", "s"),
     Column("", left=True, gap=2),
 )
-WHAT = {"force": ("pressing force, estimated", "N", 1.0), "joint": ("", "deg", math.degrees(1.0)),
-        "command": ("", "rad/s", 1.0)}  # fmt: skip
+RESIDUAL_UNITS = {
+    "force": ("pressing force, estimated", "N", 1.0),
+    "plant joint": ("joint {}, plant model", "deg", math.degrees(1.0)),
+    "command": ("command of motor {}", "rad/s", 1.0),
+}
+"""Text, unit and scale by kind of residual."""
+UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
+"""SI unit by kind of residual."""
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
-    """How it goes, in `COLUMNS`; what is not there, NaN, is left out.
+    """How it goes, in `LINE_WIDTH`; what is not there, NaN, is left out.
 
     Args:
         t: of the last sample (s).
@@ -40,7 +46,7 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
         level: of the alarm.
         joints: the largest mean residual of a joint in the last second (rad).
     """
-    gaps = counted(counts.gaps, "gap")
+    gaps = count_text(counts.gaps, "gap")
     missing, joint = f"{counts.missing} missing in {gaps}", f"joints {math.degrees(joints):.3f} deg"
     rate = f"{1.0 / period:.0f} Hz" if period < math.inf else "- Hz"
     line = ""
@@ -49,12 +55,12 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
         parts = [f"{t:.1f} s", rate, "" if math.isnan(late) else f"late {1e3 * late:.3g} ms", lost]
         parts += [f"{name} {value:.3g}" for name, value in (("NIS", NIS), ("alarm", level)) if math.isfinite(value)]
         line = "  ".join(filter(None, [*parts, last if math.isfinite(joints) else ""]))
-        if len(line) <= COLUMNS:
+        if len(line) <= LINE_WIDTH:
             break
     return line
 
 
-def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> Result:
+def shadow_result(followed: SessionSummary, name: str, files: Mapping[str, Path]) -> Result:
     """The whole report; name: of the experiment; files: kind -> path."""
     counts = followed.counts
     rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
@@ -62,7 +68,7 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
     NIS = followed.residuals.get("NIS")
     shown = {key: one for key, one in followed.residuals.items() if one.count and one is not NIS}
     if shown:
-        body += ["", Table(RESIDUALS, [_row(key, one) for key, one in shown.items()]), ""]
+        body += ["", Table(RESIDUAL_COLUMNS, [_row(key, one) for key, one in shown.items()]), ""]
     if NIS and NIS.count:
         body.append(note("filter", f"NIS {NIS.mean:.3g} per count while it moves; beyond 1 is worse than expected"))
     body += [note("samples", f"{counts.samples}{rate}, {_missing(followed)}"), note("order", _order(followed))]
@@ -74,11 +80,13 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
         body.append(note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, {shares}, all within "
                                     f"{_ms(hand.largest)}; {followed.missed} later than a period"))  # fmt: skip
     if followed.ahead is not None and followed.ahead.predictions:
-        body += [note("ahead", text, True) for text in _ahead(followed.ahead, not followed.caution)]
+        body += [note("ahead", text, True) for text in _prediction_texts(followed.ahead, not followed.caution)]
     if followed.alarms is not None:
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
-    missing = [name for name in SIGNALS if name not in followed.measured]
-    body.append(note("watched", ", ".join(followed.measured) + (f"; no {', no '.join(missing)}" if missing else "")))
+    missing = [name for name in SIGNAL_COLUMNS if name not in followed.measured_signals]
+    body.append(
+        note("watched", ", ".join(followed.measured_signals) + (f"; no {', no '.join(missing)}" if missing else ""))
+    )
     verdict = verdict_of(followed)
     body.append(note("verdict", verdict.text, True))
     body += [note("note", text) for text in followed.notes]
@@ -88,24 +96,30 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
     return Result(head, body, facts, paths, exit_code=1 if verdict.kind == "part" else 0)
 
 
-def _row(key: str, one: Running) -> list[str | float]:
-    kind, _, number = key.partition(" ")
-    what, unit, scale = WHAT[kind]
-    text = what or (f"joint {number}, plant model" if kind == "joint" else f"command of motor {number}")
-    return [text, scale * one.mean, scale * one.rms, scale * one.largest, one.at, unit]
+def _row(key: str, one: RunningStatistics) -> list[str | float]:
+    kind, number = _kind(key)
+    what, unit, scale = RESIDUAL_UNITS[kind]
+    return [what.format(number), scale * one.mean, scale * one.rms, scale * one.largest, one.largest_time, unit]
 
 
-def _missing(followed: Followed) -> str:
+def _kind(key: str) -> tuple[str, str]:
+    """Kind and number of a residual: `plant joint` and `1`."""
+    name = key.rstrip("0123456789")
+    return name.rstrip(), key.removeprefix(name)
+
+
+def _missing(followed: SessionSummary) -> str:
     counts = followed.counts
-    if not counts.missing and not counts.incomplete and not counts.invalid:
+    if not (counts.missing or counts.incomplete or counts.invalid or counts.unmatched):
         return "none missing"
-    parts = [f"{counts.missing} missing in {counted(counts.gaps, 'gap')}"] if counts.missing else []
+    parts = [f"{counts.missing} missing in {count_text(counts.gaps, 'gap')}"] if counts.missing else []
     parts += [f"{counts.incomplete} incomplete"] if counts.incomplete else []
     parts += [f"{counts.invalid} came with NaN"] if counts.invalid else []
+    parts += [f"{counts.unmatched} before the first left out"] if counts.unmatched else []
     return ", ".join(parts)
 
 
-def _order(followed: Followed) -> str:
+def _order(followed: SessionSummary) -> str:
     counts = followed.counts
     parts = [
         f"{number} {what}"
@@ -118,7 +132,7 @@ def _order(followed: Followed) -> str:
     return ", ".join(parts) or "all messages once and in order"
 
 
-def _clock(followed: Followed) -> str:
+def _clock(followed: SessionSummary) -> str:
     lateness, offset = followed.lateness, followed.offset
     text = f"messages up to {_ms(lateness.quantile(0.99))} late (99 %), {_ms(lateness.largest)} at most"
     if abs(offset) >= 5e-4:
@@ -128,7 +142,7 @@ def _clock(followed: Followed) -> str:
     return text
 
 
-def _band(foreseen: Foreseen, is_promised: bool) -> str:
+def _band(foreseen: PredictionScore, is_promised: bool) -> str:
     """What is said of the band; of a robot that was not identified a share below 95 % is no failure."""
     if not foreseen.banded:
         return foreseen.no_band or "no band"
@@ -138,13 +152,13 @@ def _band(foreseen: Foreseen, is_promised: bool) -> str:
     return f"{text}; partly {foreseen.no_band}" if foreseen.no_band else text
 
 
-def _ahead(foreseen: Foreseen, is_promised: bool) -> list[str]:
+def _prediction_texts(foreseen: PredictionScore, is_promised: bool) -> list[str]:
     texts = [
-        f"{counted(foreseen.predictions, 'prediction')} of 1 s; {_band(foreseen, is_promised)}; off by "
-        f"{foreseen.error.rms:.2f} N rms, the last value by {foreseen.holding.rms:.2f} N"
+        f"{count_text(foreseen.predictions, 'prediction')} of 1 s; {_band(foreseen, is_promised)}; off by "
+        f"{foreseen.error.rms:.2f} N rms, the last value by {foreseen.hold_error.rms:.2f} N"
     ]
-    for name, apart in foreseen.apart.items():
-        worst = f", at most {apart.largest:+.2f} N at {apart.at:.2f} s" if apart.largest else ""
+    for name, apart in foreseen.what_if_differences.items():
+        worst = f", at most {apart.largest:+.2f} N at {apart.largest_time:.2f} s" if apart.largest else ""
         texts.append(f"what if {name}: {apart.rms:.2f} N rms from the prediction{worst}")
     return texts
 
@@ -153,13 +167,13 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms"
 
 
-def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
+def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
     """All of it in numbers; keys carry units, what does not exist is None."""
     NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
-            "unit": {"force": "N", "joint": "rad", "command": "rad/s"}[key.partition(" ")[0]],
-            "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.at,
+            "unit": UNITS[_kind(key)[0]],
+            "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.largest_time,
         }
         for key, one in followed.residuals.items()
         if one.count and one is not NIS
@@ -176,7 +190,10 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
             "messages": lateness.count,
             "lateness_p99_s": lateness.quantile(0.99),
             "lateness_largest_s": lateness.largest,
-            "lateness_at_most_s": [[bound, count] for bound, count in zip(LATE, lateness.below(LATE), strict=True)],
+            "lateness_at_most_s": [
+                [bound, count]
+                for bound, count in zip(LATENESS_BOUNDS, lateness.counts_below(LATENESS_BOUNDS), strict=True)
+            ],
             "clock_offset_s": followed.offset,
             "clock_drift": followed.drift,
             "in_hand_p50_s": followed.in_hand.quantile(0.5),
@@ -190,7 +207,7 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
             "verdict": verdict.kind,
             "verdict_text": verdict.text,
             "parted_s": verdict.since,
-            "measured": followed.measured,
+            "measured": followed.measured_signals,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
             "ahead": _ahead_facts(followed.ahead) if followed.ahead else None,
             "notes": followed.notes,
@@ -205,14 +222,14 @@ def _change(one: WatchEvent) -> dict[str, object]:
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}
 
 
-def _ahead_facts(foreseen: Foreseen) -> dict[str, object]:
+def _ahead_facts(foreseen: PredictionScore) -> dict[str, object]:
     return {
         "predictions": foreseen.predictions,
         "in_band": foreseen.share,
         "error_rms_N": foreseen.error.rms,
-        "last_value_rms_N": foreseen.holding.rms,
+        "last_value_rms_N": foreseen.hold_error.rms,
         "what_if": {
-            name: {"rms_N": apart.rms, "largest_N": apart.largest, "at_s": apart.at}
-            for name, apart in foreseen.apart.items()
+            name: {"rms_N": apart.rms, "largest_N": apart.largest, "at_s": apart.largest_time}
+            for name, apart in foreseen.what_if_differences.items()
         },
     }

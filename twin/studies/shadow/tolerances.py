@@ -10,27 +10,37 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
+from twin.kernel.atomic_write import json_text, write_text
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.writing import json_text, write_text
-from twin.robot.places import HOME
-from twin.studies.command import Say, silent
+from twin.robot.paths import PROJECT_FOLDER
+from twin.studies.command import Say, ignore_progress
 from twin.studies.shadow.alarm import RateTolerances, ShadowWatch, Tolerances
-from twin.studies.shadow.fleet import LATE, LOST, MARGIN, ZERO, Fleet, block_means, fleet_limits, read_fleet, watched
+from twin.studies.shadow.fleet import (
+    MAX_LOST_SHARE,
+    MAX_STAMP_ERROR,
+    TOLERANCE_MARGIN,
+    ZERO_RANGE,
+    Fleet,
+    block_means,
+    fleet_limits,
+    read_fleet,
+    watch_blocks,
+)
 
-SHIPPED = HOME / "tests" / "baselines" / "shadow"
-FLEET = HOME / "experiments" / "sweeps" / "healthy_fleet.toml"
-SLOWER = (1, 2, 5, 10)
+SHIPPED_FOLDER = PROJECT_FOLDER / "tests" / "baselines" / "shadow"
+FLEET_FILE = PROJECT_FOLDER / "experiments" / "sweeps" / "healthy_fleet.toml"
+PERIOD_FACTORS = (1, 2, 5, 10)
 """Sampling periods that have tolerances, by the controller's."""
 CHECKED_RATE = 1.0
-"""False alarms per hour at which the alarm must find the `FAULTS` before the run ends, from a third of it on; of a
+"""False alarms per hour at which the alarm must find the `CHECKED_FAULTS` before the run ends, from a third of it on; of a
 sequence of tasks from a third of the mean one on, since it may load a spring in one of them alone."""
-FAULTS = (
+CHECKED_FAULTS = (
     "kind = 'spring_softened', target = 'joint_2', magnitude_factor = 0.8",
     "kind = 'drive_dead', target = 'drive_2'",
 )
 
 
-def tolerances_of(fleet: Fleet, say: Say = silent) -> tuple[RateTolerances, str]:
+def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateTolerances, str]:
     """Tolerances of a fleet by rate, and where they come from: shipped, cached, or computed now.
 
     Raises:
@@ -38,7 +48,7 @@ def tolerances_of(fleet: Fleet, say: Say = silent) -> tuple[RateTolerances, str]
     """
     twin, digest = fleet.twin(), fleet_digest(fleet)
     cached = cache_folder("shadow") / f"{digest}.json"
-    for path in (SHIPPED / f"{twin.name}.json", cached):
+    for path in (SHIPPED_FOLDER / f"{twin.name}.json", cached):
         found = read_tolerances(path, digest)
         if found is not None:
             return found, "shipped" if path != cached else "cached"
@@ -47,14 +57,25 @@ def tolerances_of(fleet: Fleet, say: Say = silent) -> tuple[RateTolerances, str]
     return limits, "computed"
 
 
-def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET) -> Fleet:
+def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET_FILE) -> Fleet:
     """The fleet of `path` around an experiment with `settings`."""
     return read_fleet(path, experiment, settings=settings)
 
 
 def fleet_digest(fleet: Fleet) -> str:
     """SHA-256 of all that tolerances are computed from, but for twin's own code."""
-    facts = [fleet.twin().values, fleet.robots, fleet.corners, fleet.seed, ZERO, LOST, LATE, MARGIN, SLOWER, FAULTS]
+    facts = [
+        fleet.twin().values,
+        fleet.robots,
+        fleet.corners,
+        fleet.seed,
+        ZERO_RANGE,
+        MAX_LOST_SHARE,
+        MAX_STAMP_ERROR,
+        TOLERANCE_MARGIN,
+        PERIOD_FACTORS,
+        CHECKED_FAULTS,
+    ]
     return hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
 
 
@@ -80,27 +101,27 @@ def _with_nan(facts: Mapping[str, Mapping[str, float | None]]) -> Tolerances:
                         for key in ("tolerance", "sigma")))  # fmt: skip
 
 
-def rate_limits(fleet: Fleet, say: Say = silent) -> RateTolerances:
-    """Tolerances for each sampling rate (Hz) at which the alarm finds the `FAULTS`."""
+def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
+    """Tolerances for each sampling rate (Hz) at which the alarm finds the `CHECKED_FAULTS`."""
     twin = fleet.twin()
 
     def progress(what: str, share: float | None = None) -> None:
         say(f"tolerances of the alarm: {what}", share)
 
-    limits = fleet_limits(fleet, SLOWER, progress)
-    rates = [1.0 / (every * twin.controller_ticks * twin.cosim.tick) for every in SLOWER]
-    found = {every: one for every, one in zip(SLOWER, limits, strict=True) if finds_faults(fleet, one, every)}
-    return {rate: found[every] for rate, every in zip(rates, SLOWER, strict=True) if every in found}
+    limits = fleet_limits(fleet, PERIOD_FACTORS, progress)
+    rates = [1.0 / (every * twin.controller_ticks * twin.cosim.tick) for every in PERIOD_FACTORS]
+    found = {every: one for every, one in zip(PERIOD_FACTORS, limits, strict=True) if finds_faults(fleet, one, every)}
+    return {rate: found[every] for rate, every in zip(rates, PERIOD_FACTORS, strict=True) if every in found}
 
 
 def finds_faults(fleet: Fleet, limits: Tolerances, every: int = 1) -> bool:
-    """Whether the alarm finds the `FAULTS` in a robot that is as its twin believes, one in `every` samples of it."""
+    """Whether the alarm finds the `CHECKED_FAULTS` in a robot that is as its twin believes, one in `every` samples of it."""
     twin = fleet.twin()
     fleet = replace(fleet, robots=((),))
     onset = round(twin.duration_ticks // (3 * max(1, len(twin.tasks))) * twin.cosim.tick, 9)
-    for fault in FAULTS:
+    for fault in CHECKED_FAULTS:
         samples = fleet.samples(0, every, [f"fault=[{{{fault}, onset_s = {onset}}}]"])
-        alarms = watched(*block_means(twin, samples), ShadowWatch(limits, CHECKED_RATE))
+        alarms = watch_blocks(*block_means(twin, samples), ShadowWatch(limits, CHECKED_RATE))
         if not any(one.t > onset for one in alarms):
             return False
     return True

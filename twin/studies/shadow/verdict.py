@@ -9,22 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.recording.sources.stamps import Counts, Histogram
-from twin.studies.shadow.ahead import Foreseen
+from twin.studies.replay.sample_columns import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
+from twin.studies.shadow.ahead import PredictionScore
 from twin.studies.shadow.alarm import WatchEvent
-from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 
-SIGNALS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
+SIGNAL_COLUMNS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
 """Columns of a sample by their names in a summary."""
+PLANT_JOINT = "plant joint"
+"""Begins the names of the plant model's joint residuals; `joint 1` is an encoder of the alarm's channels."""
 GROSS_JOINT = math.radians(2.0)
 """Mean joint residual over each of 2 s (rad) that no healthy robot has: their tolerance is a hundredth of it."""
 GROSS_NIS = 50.0
 """Mean NIS per count over each of 2 s that no healthy robot has: it is 20 at most at the corners of the fleet."""
-GROSS_BAND, FEWEST_PREDICTED = 0.2, 200
+GROSS_BAND, MIN_BANDED_FORCES = 0.2, 200
 """Minimum share of the estimated forces in the band of 95 %, and minimum number of forces for that test."""
 
 
 @dataclass
-class Running:
+class RunningStatistics:
     """A residual in numbers, without its past.
 
     Attributes:
@@ -39,7 +41,7 @@ class Running:
 
     count: int = 0
     largest: float = 0.0
-    at: float = math.nan
+    largest_time: float = math.nan
     _sum: float = 0.0
     _squares: float = 0.0
     _block: list[float] = field(default_factory=lambda: [0.0, 0.0, -math.inf])
@@ -59,8 +61,8 @@ class Running:
         self._sum += float(np.sum(r))
         self._squares += float(np.sum(r**2))
         worst = int(np.argmax(np.abs(r)))
-        if abs(r[worst]) > abs(self.largest) or not math.isfinite(self.at):
-            self.largest, self.at = float(r[worst]), float(t[worst])
+        if abs(r[worst]) > abs(self.largest) or not math.isfinite(self.largest_time):
+            self.largest, self.largest_time = float(r[worst]), float(t[worst])
         if t[-1] - self._block[2] >= 1.0:
             if self._block[1]:
                 before, self.recent = self.recent, self._block[0] / self._block[1]
@@ -82,7 +84,7 @@ class Running:
 
 
 @dataclass
-class Followed:
+class SessionSummary:
     """What a session came to.
 
     Attributes:
@@ -94,14 +96,15 @@ class Followed:
         lateness: of messages; offset, drift: of the robot's clock, see `Clocks`.
         in_hand: from a sample in our hands to its estimate.
         missed: estimates that came later than a period after their samples.
-        residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s); `NIS` per count while it moves.
+        residuals: `force` (N), `plant joint 1` .. `plant joint 3` (rad), `command 1` .. (rad/s); `NIS` per count in
+            motion.
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
         changes: of the alarm's state; None: there was no alarm.
         no_alarm: why there was none.
         caution: what an alarm is to be read with; "" of an identified robot.
         ahead: how predictions compare with what came; None: there were none.
-        measured: names of the `SIGNALS` that came.
+        measured: names of the `SIGNAL_COLUMNS` that came.
         silent: what was missing when the session ended; "" if samples came to the end.
         mistake: of the column map, with the one to write; "" if none was seen.
     """
@@ -116,16 +119,16 @@ class Followed:
     drift: float = math.nan
     in_hand: Histogram = field(default_factory=Histogram)
     missed: int = 0
-    residuals: dict[str, Running] = field(default_factory=dict)
+    residuals: dict[str, RunningStatistics] = field(default_factory=dict)
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
     changes: list[WatchEvent] | None = None
     no_alarm: str = ""
     caution: str = ""
-    ahead: Foreseen | None = None
-    measured: list[str] = field(default_factory=list)
+    ahead: PredictionScore | None = None
+    measured_signals: list[str] = field(default_factory=list)
     silent: str = ""
-    mistake: str = ""
+    map_error: str = ""
 
     @property
     def alarms(self) -> list[str] | None:
@@ -148,7 +151,7 @@ class Verdict:
     text: str
 
 
-def gross_disagreement(residuals: Mapping[str, Running], mistake: str = "") -> Verdict | None:
+def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str = "") -> Verdict | None:
     """Whether residuals are so large that no tolerance is needed, or the map is wrong; None if neither.
 
     Args:
@@ -158,8 +161,9 @@ def gross_disagreement(residuals: Mapping[str, Running], mistake: str = "") -> V
     if mistake:
         return Verdict("part", 0.0, f"robot and twin part: {mistake}")
     for name, one in residuals.items():
-        if name.startswith("joint") and abs(one.worst) > GROSS_JOINT:
-            off = f"{name} is off by {math.degrees(one.worst):+.1f} deg"
+        if name.startswith(PLANT_JOINT) and abs(one.worst) > GROSS_JOINT:
+            joint = name.removeprefix(f"{PLANT_JOINT} ")
+            off = f"joint {joint} of the plant model is off by {math.degrees(one.worst):+.1f} deg"
             text = f"robot and twin part: {off}; are joints, signs and zeros of the map those of the experiment?"
             return Verdict("part", one.worst_at, text)
     NIS = residuals.get("NIS")
@@ -172,17 +176,17 @@ def gross_disagreement(residuals: Mapping[str, Running], mistake: str = "") -> V
     return None
 
 
-def verdict_of(followed: Followed) -> Verdict:
+def verdict_of(followed: SessionSummary) -> Verdict:
     """The verdict of a finished session."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
         caution = f"; {followed.caution}" if followed.caution else ""
         return Verdict("part", alarm.since, f"robot and twin part since {alarm.since:.1f} s{caution}")
-    gross = gross_disagreement(followed.residuals, followed.mistake)
+    gross = gross_disagreement(followed.residuals, followed.map_error)
     if gross is not None:
         return gross
     ahead = followed.ahead
-    if ahead is not None and ahead.banded >= FEWEST_PREDICTED and ahead.share < GROSS_BAND:
+    if ahead is not None and ahead.banded >= MIN_BANDED_FORCES and ahead.share < GROSS_BAND:
         share = 100.0 * ahead.share
         return Verdict("part", math.nan, f"robot and twin part: {share:.0f} % of the forces lie in the band of 95 %")
     if followed.changes is None:

@@ -1,4 +1,4 @@
 """Many runs of one experiment: a design of parameters and drives, warm worker processes, one row per run."""
 
-SERVED = "twin.studies.sweep.worker:served"
+WORKER_JOB = "twin.studies.sweep.worker:run_task"
 """The job of a worker process; here, for importing it means importing what runs need."""

@@ -10,28 +10,28 @@ from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of, values_of
-from twin.studies.paper.claim import as_facts
+from twin.studies.paper.claim import finding_to_dict
 from twin.studies.paper.fig4 import fig4_score
-from twin.studies.paper.fig4_measures import WHOLE, Fig4Runs
+from twin.studies.paper.fig4_measures import MIN_DURATION, Fig4Runs
 
-PERIOD = 0.04
+CURVE_PERIOD = 0.04
 """Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
-COMPANION = 'controller.mode="position"'
+COMPANION_SETTING = 'controller.mode="position"'
 """The setting that makes the second run of a pair: the same plant, the same belief, no force loop."""
 
 
-def packed(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
-    """`curves` for JSON as they are at 0, `PERIOD`, ... up to `end` (s), on lines between their samples.
+def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
+    """`curves` for JSON as they are at 0, `CURVE_PERIOD`, ... up to `end` (s), on lines between their samples.
 
     Args:
         curves: (times (s), values), each (n,), by name; times ascend.
     """
-    t = np.arange(int(end / PERIOD + 1e-9) + 1) * PERIOD
-    return {"period_s": PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
+    t = np.arange(int(end / CURVE_PERIOD + 1e-9) + 1) * CURVE_PERIOD
+    return {"period_s": CURVE_PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
 
 
-def unpacked(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
-    """(times (s), values by name) of what `packed` made.
+def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
+    """(times (s), values by name) of what `pack_curves` made.
 
     Raises:
         ValueError: it did not make this.
@@ -47,15 +47,15 @@ def unpacked(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
     return t, values
 
 
-def refuse_unfit(experiment: Experiment) -> None:
+def require_fig4_claims(experiment: Experiment) -> None:
     """Fig. 4 can be asked of it.
 
     Raises:
         InputRefused: it is too short, has massage tasks or no force control.
     """
     end = experiment.duration_ticks * experiment.cosim.tick
-    if end < WHOLE:
-        raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {WHOLE} s')
+    if end < MIN_DURATION:
+        raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {MIN_DURATION} s')
     if experiment.tasks or experiment.values["controller"].get("mode") != "force_position":
         raise InputRefused(
             f'{experiment.name}: claims = "fig4" needs controller.mode = "force_position" and no tasks; '
@@ -64,7 +64,7 @@ def refuse_unfit(experiment: Experiment) -> None:
 
 
 def findings(runs: Fig4Runs) -> dict[str, Any]:
-    """For the row: "claims", key -> {"value", "verdict"}, and "curves", as `packed` writes them: height and
+    """For the row: "claims", key -> {"value", "verdict"}, and "curves", as `pack_curves` writes them: height and
     forces of both runs as estimated and, from `true_`, as they are (m, N)."""
     # the plant drawn is the imperfect one
     score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
@@ -72,7 +72,7 @@ def findings(runs: Fig4Runs) -> dict[str, Any]:
     return {
         "claims": {
             str(facts["claim"]): {"value": facts["measured"], "verdict": facts["verdict"]}
-            for facts in map(as_facts, judged)
+            for facts in map(finding_to_dict, judged)
         },
         "curves": _curves(runs),
     }
@@ -89,4 +89,4 @@ def _curves(runs: Fig4Runs) -> dict[str, Any]:
             f"{name}.F_x": (run.t, run.F_ee_B[:, 0]),
             f"{name}.F_y": (run.t, run.F_ee_B[:, 1]),
         }
-    return packed(curves, WHOLE)
+    return pack_curves(curves, MIN_DURATION)

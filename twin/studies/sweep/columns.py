@@ -20,7 +20,7 @@ Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, eq=False)
-class Words:
+class CategoricalColumn:
     """A column of texts, truth values, whole numbers or None: of row i it is `words[codes[i]]`.
 
     Attributes:
@@ -29,37 +29,37 @@ class Words:
     """
 
     codes: NDArray[np.int32]
-    words: Sequence[Any]
+    categories: Sequence[Any]
 
     @classmethod
-    def of(cls, values: Sequence[Any]) -> "Words":
+    def from_values(cls, values: Sequence[Any]) -> "CategoricalColumn":
         """The column of `values`."""
         typed = list(zip(map(type, values), values, strict=True))
         codes = {word: code for code, word in enumerate(dict.fromkeys(typed))}
         return cls(np.fromiter(map(codes.__getitem__, typed), np.int32, len(typed)), [word for _, word in codes])
 
     def __getitem__(self, row: int) -> Any:
-        return self.words[self.codes[row]]
+        return self.categories[self.codes[row]]
 
     def __iter__(self) -> Iterator[Any]:
-        return (self.words[code] for code in self.codes.tolist())
+        return (self.categories[code] for code in self.codes.tolist())
 
-    def at(self, rows: Positions | NDArray[np.bool_]) -> "Words":
+    def select(self, rows: Positions | NDArray[np.bool_]) -> "CategoricalColumn":
         """The column of those rows."""
-        return Words(self.codes[rows], self.words)
+        return CategoricalColumn(self.codes[rows], self.categories)
 
-    def are(self, is_so: Callable[[Any], bool]) -> NDArray[np.bool_]:
+    def mask(self, is_so: Callable[[Any], bool]) -> NDArray[np.bool_]:
         """Of which rows the word is so; each word is asked once."""
-        return np.array([is_so(word) for word in self.words], bool)[self.codes]
+        return np.array([is_so(word) for word in self.categories], bool)[self.codes]
 
     @property
     def counts(self) -> dict[Any, int]:
         """How many rows have each word that some row has, in the order of rows."""
         codes, first, counts = np.unique(self.codes, return_index=True, return_counts=True)
-        return {self.words[codes[n]]: int(counts[n]) for n in np.argsort(first)}
+        return {self.categories[codes[n]]: int(counts[n]) for n in np.argsort(first)}
 
 
-Column = Numbers | Words
+Column = Numbers | CategoricalColumn
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class Columns:
             nan, None: the row has none.
     """
 
-    of: dict[str, Column]
+    by_name: dict[str, Column]
     _found: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -81,35 +81,42 @@ class Columns:
 
     def numbers(self, name: str) -> Numbers:
         """A column of numbers, (n,)."""
-        found = self.of[name]
+        found = self.by_name[name]
         assert isinstance(found, np.ndarray)
         return found
 
-    def words(self, name: str) -> Words:
+    def categorical(self, name: str) -> CategoricalColumn:
         """A column of words, (n,)."""
-        found = self.of[name]
-        assert isinstance(found, Words)
+        found = self.by_name[name]
+        assert isinstance(found, CategoricalColumn)
         return found
 
-    def under(self, group: str) -> dict[str, str]:
+    def names_in_group(self, group: str) -> dict[str, str]:
         """Names of the columns of a group, by what follows the stroke."""
-        return {name.partition("/")[2]: name for name in self.of if name.startswith(f"{group}/")}
+        return {name.partition("/")[2]: name for name in self.by_name if name.startswith(f"{group}/")}
 
-    def run(self, row: int) -> int:
+    def run_number(self, row: int) -> int:
         """Number of the run of a row."""
         return int(self.numbers("run")[row])
 
-    def at(self, rows: Positions | NDArray[np.bool_]) -> "Columns":
+    def select(self, rows: Positions | NDArray[np.bool_]) -> "Columns":
         """Those rows."""
-        return Columns({name: one.at(rows) if isinstance(one, Words) else one[rows] for name, one in self.of.items()})
+        return Columns(
+            {
+                name: one.select(rows) if isinstance(one, CategoricalColumn) else one[rows]
+                for name, one in self.by_name.items()
+            }
+        )
 
     def by_run(self) -> "Columns":
         """In the order of runs."""
         run = self.numbers("run")
-        return self if bool(np.all(run[1:] >= run[:-1])) else self.at(np.argsort(run, kind="stable"))
+        return self if bool(np.all(run[1:] >= run[:-1])) else self.select(np.argsort(run, kind="stable"))
 
 
-def once(work: Callable[Concatenate[Columns, Asked], Answer]) -> Callable[Concatenate[Columns, Asked], Answer]:
+def cache_per_columns(
+    work: Callable[Concatenate[Columns, Asked], Answer],
+) -> Callable[Concatenate[Columns, Asked], Answer]:
     """`work` with a memory: of the same columns the same is found out once."""
 
     @wraps(work)
@@ -129,17 +136,19 @@ def columns_of(rows: Sequence[Row]) -> Columns:
         name: np.array([row[name] for row in rows], np.float64) for name in ("run", "seconds", "stepping_s")
     }
     for name in ("drive", "status", "reason", "within_limits", "key"):
-        found[name] = Words.of([row[name] for row in rows])
-    found["no_hold"] = Words.of([row.get("no_hold") for row in rows])
-    found["has_metrics"] = Words.of([bool(row["metrics"]) for row in rows])
-    found["has_curves"] = Words.of([bool(row.get("curves")) for row in rows])
+        found[name] = CategoricalColumn.from_values([row[name] for row in rows])
+    found["no_hold"] = CategoricalColumn.from_values([row.get("no_hold") for row in rows])
+    found["has_metrics"] = CategoricalColumn.from_values([bool(row["metrics"]) for row in rows])
+    found["has_curves"] = CategoricalColumn.from_values([bool(row.get("curves")) for row in rows])
     for label, values in _columns([row["parameters"] for row in rows]):
         all_floats = {*map(type, values)} <= {float, type(None)}
-        found[f"parameters/{label}"] = np.array(values, np.float64) if all_floats else Words.of(values)
+        found[f"parameters/{label}"] = (
+            np.array(values, np.float64) if all_floats else CategoricalColumn.from_values(values)
+        )
     for metric, values in _columns([row["metrics"] for row in rows]):
         found[f"metrics/{metric}"] = np.array(values, np.float64)
     for claim, answers in _columns([row.get("claims") or {} for row in rows]):
-        found[f"verdicts/{claim}"] = Words.of([answer and answer["verdict"] for answer in answers])
+        found[f"verdicts/{claim}"] = CategoricalColumn.from_values([answer and answer["verdict"] for answer in answers])
         found[f"values/{claim}"] = np.array([answer and answer["value"] for answer in answers], np.float64)
     return Columns(found)
 
@@ -150,24 +159,26 @@ def _columns(tables: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[Any]]
         yield key, [table.get(key) for table in tables]
 
 
-def joined(parts: Sequence[Columns]) -> Columns:
+def concatenate_columns(parts: Sequence[Columns]) -> Columns:
     """The rows of all `parts`, one after the other; at least one."""
-    names = dict.fromkeys(chain.from_iterable(part.of for part in parts))
-    return Columns({name: _joined([(part.of.get(name), len(part)) for part in parts]) for name in names})
+    names = dict.fromkeys(chain.from_iterable(part.by_name for part in parts))
+    return Columns(
+        {name: _concatenate_parts([(part.by_name.get(name), len(part)) for part in parts]) for name in names}
+    )
 
 
-def _joined(parts: Iterable[tuple[Column | None, int]]) -> Column:
+def _concatenate_parts(parts: Iterable[tuple[Column | None, int]]) -> Column:
     """A column out of those of parts with so many rows each, some of which have none."""
     parts = list(parts)
-    if not any(isinstance(one, Words) for one, _ in parts):
+    if not any(isinstance(one, CategoricalColumn) for one, _ in parts):
         return np.concatenate([np.full(n, np.nan) if one is None else one for one, n in parts])  # type: ignore[list-item]
     known: dict[tuple[type, Any], int] = {}
     codes = []
     for one, n in parts:
         if one is None:
-            one = Words.of([None] * n)
-        elif not isinstance(one, Words):
-            one = Words.of([None if number != number else number for number in one.tolist()])
-        lookup = [known.setdefault((type(word), word), len(known)) for word in one.words]
+            one = CategoricalColumn.from_values([None] * n)
+        elif not isinstance(one, CategoricalColumn):
+            one = CategoricalColumn.from_values([None if number != number else number for number in one.tolist()])
+        lookup = [known.setdefault((type(word), word), len(known)) for word in one.categories]
         codes.append(np.array(lookup, np.int32)[one.codes])
-    return Words(np.concatenate(codes), [word for _, word in known])
+    return CategoricalColumn(np.concatenate(codes), [word for _, word in known])

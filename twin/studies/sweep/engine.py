@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from twin.kernel.process.guard import JobEnded, JobEndedLoading
+from twin.kernel.process.guard import JobFailure, JobLoadFailure
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.warm import Pool, WarmProcess
-from twin.studies.sweep import SERVED
-from twin.studies.sweep.interrupts import raise_if_pressed
+from twin.studies.sweep import WORKER_JOB
+from twin.studies.sweep.interrupts import raise_interrupt
 from twin.studies.sweep.measures import failure
-from twin.studies.sweep.plan import Task, texts
+from twin.studies.sweep.plan import Task, text_settings
 
 Result = tuple[Task, dict[str, Any]]
 """A run and the facts of its `RunFinding`."""
@@ -43,7 +43,7 @@ class Job:
     files: Mapping[tuple[str | None, tuple[str, ...]], str] = field(default_factory=dict)
 
     def arguments(self, task: Task, record: str) -> dict[str, Any]:
-        """Arguments of `twin.studies.sweep.worker.served` for a run."""
+        """Arguments of `twin.studies.sweep.worker.run_task` for a run."""
         return {
             "here": str(self.here),
             "experiment": str(self.here / self.experiment),
@@ -53,7 +53,7 @@ class Job:
             "drive": task.drive,
             "settings": task.settings,
             "record": record,
-            "files": self.files[task.drive, texts(task.settings)] if self.files else "",
+            "files": self.files[task.drive, text_settings(task.settings)] if self.files else "",
         }
 
 
@@ -65,7 +65,7 @@ class Engine(Protocol):
 
         A run that fails, crashes or hangs is a result like any other; a result never depends on where, in which order
         or after which others its run was made. Closing the generator ends everything it started; runs in progress are
-        lost. Ctrl-C is raised within 0.1 s, see `raise_if_pressed`.
+        lost. Ctrl-C is raised within 0.1 s, see `raise_interrupt`.
 
         Raises:
             TwinError: no run can go on, for example because the disk is full or the cluster is gone.
@@ -86,12 +86,12 @@ class LocalEngine:
                 if batch:
                     yield batch
                 else:
-                    raise_if_pressed()
+                    raise_interrupt()
 
 
 def run_pool(job: Job, processes: int) -> Pool[Task, dict[str, Any]]:
     """Return a pool of processes for runs; the answers are those of `run_facts`."""
-    return Pool(processes, SERVED, job.limits, functools.partial(run_facts, job))
+    return Pool(processes, WORKER_JOB, job.limits, functools.partial(run_facts, job))
 
 
 def run_facts(job: Job, process: WarmProcess, task: Task) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def run_facts(job: Job, process: WarmProcess, task: Task) -> dict[str, Any]:
         fresh = process.fresh
         try:
             facts: dict[str, Any] = process.answer(job.arguments(task, record))
-        except (JobEnded, JobEndedLoading) as ended:
+        except (JobFailure, JobLoadFailure) as ended:
             if fresh and record != "failures":
                 return failure(str(ended))
             record = "all" if record == "failures" else record

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from twin.kernel.process.job import INTERRUPTED
+from twin.kernel.process.job import INTERRUPT_EXIT_CODE
 
-PATIENCE = 3
+MAX_PRESSES = 3
 """Presses of Ctrl-C in one sweep that end the process at once."""
 
 
@@ -22,18 +22,18 @@ class _Presses:
 
     def note(self, number: int, frame: FrameType | None) -> None:
         self.noted.append(number)
-        if len(self.noted) >= PATIENCE:
+        if len(self.noted) >= MAX_PRESSES:
             # child processes end with this one; rows are written as they come
             os.write(2, b"\ninterrupted; finished runs are kept\n")
-            os._exit(INTERRUPTED)
+            os._exit(INTERRUPT_EXIT_CODE)
 
 
 _presses = _Presses()
 
 
 @contextmanager
-def remembered() -> Iterator[None]:
-    """Within the block Ctrl-C is noted and raised by `raise_if_pressed`; the third press ends the process.
+def defer_interrupts() -> Iterator[None]:
+    """Within the block Ctrl-C is noted and raised by `raise_interrupt`; the third press ends the process.
 
     Nothing changes outside the main thread, or where SIGINT is ignored or has a handler, such as a notebook's.
 
@@ -48,13 +48,13 @@ def remembered() -> Iterator[None]:
     signal.signal(signal.SIGINT, _presses.note)
     try:
         yield
-        raise_if_pressed()
+        raise_interrupt()
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         _presses = _Presses()
 
 
-def raise_if_pressed() -> None:
+def raise_interrupt() -> None:
     """Raise KeyboardInterrupt if Ctrl-C was pressed; once in a sweep, so that nothing disturbs its end."""
     if _in_main_thread() and _presses.noted and not _presses.raised:
         _presses.raised = True

@@ -7,19 +7,19 @@ from contextlib import closing
 from itertools import chain
 from pathlib import Path
 
+from twin.kernel.atomic_write import write_json
 from twin.kernel.process.job import JobLimits
-from twin.kernel.writing import write_json
 from twin.robot.assembly.load import load_experiment
 from twin.studies.analyse.stability import force_loop_margins
 from twin.studies.command import Say
 from twin.studies.sweep.engine import Engine, Job
-from twin.studies.sweep.interrupts import remembered
+from twin.studies.sweep.interrupts import defer_interrupts
 from twin.studies.sweep.measures import HOLD_ERROR, RunFinding
 from twin.studies.sweep.plan import SweepPlan
-from twin.studies.sweep.show.parts import Asked, best_rows
-from twin.studies.sweep.stored import MARGINS, SweepRows
+from twin.studies.sweep.show.parts import SweepQuery, best_rows
+from twin.studies.sweep.stored import MARGINS_FILE, SweepRows
 
-MOST = 12
+MAX_MARGIN_RUNS = 12
 """Maximum number of runs, each of which takes about half a second."""
 
 
@@ -34,16 +34,16 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
     Raises:
         KeyboardInterrupt, TwinError: see `run_sweep`.
     """
-    keys = {*found.columns.words("key").at(best_rows(found, Asked(HOLD_ERROR, "", MOST)))}
+    keys = {*found.columns.categorical("key").select(best_rows(found, SweepQuery(HOLD_ERROR, "", MAX_MARGIN_RUNS)))}
     if plan.definition.claims or keys <= found.margins.keys():
         return
     say("margins of the best runs")
     job = Job(plan.experiment, folder, "none", limits, "", f"{__name__}:trial")
     tasks = [task for task in plan.tasks if task.key in keys]
-    with remembered(), closing(engine.results(job, tasks)) as batches:
+    with defer_interrupts(), closing(engine.results(job, tasks)) as batches:
         results = sorted(chain.from_iterable(batches), key=lambda result: result[0].run)
     none = {"gain": None, "phase_rad": None}
-    write_json(folder / MARGINS, {
+    write_json(folder / MARGINS_FILE, {
         task.key: {"run": task.run, **none, **facts["metrics"], "reason": facts["reason"]} for task, facts in results
     })  # fmt: skip
 

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.serialise import to_dict
-from twin.robot.run.measures import HEADLINE, MEASURES, TABLE
+from twin.robot.run.measures import HEADLINE_KEYS, MEASURE_ROWS, ROWS_BY_KEY
 
 if TYPE_CHECKING:
     from twin.robot.experiment.measure import Measure
     from twin.robot.run.outcome import RunOutcome
 
-BY_COLUMN = {measure.column: measure for measure in TABLE}
+BY_COLUMN = {measure.column: measure for measure in MEASURE_ROWS}
 """The measures of `twin.robot.run.measures` by the columns of a sweep."""
 METRICS = tuple(BY_COLUMN)
-HOLD_ERROR, OVERSHOOT, SETTLING, CHATTER = (MEASURES[key].column for key in HEADLINE)
+HOLD_ERROR, HOLD_OVERSHOOT, SETTLING_TIME, CHATTER_AMPLITUDE = (ROWS_BY_KEY[key].column for key in HEADLINE_KEYS)
 """Columns of the first measures."""
-FELT_STIFFNESS = MEASURES["felt_stiffness"].column
-SINCE_TOUCH = MEASURES["force_error"].column
+FELT_STIFFNESS = ROWS_BY_KEY["felt_stiffness"].column
+SINCE_TOUCH = ROWS_BY_KEY["force_error"].column
 BY_KIND: dict[str, tuple[str, ...]] = {
     "step": (
         "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",
@@ -62,7 +62,7 @@ class RunFinding:
     no_hold: str = ""
 
     @property
-    def facts(self) -> dict[str, Any]:
+    def row_fields(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "status": self.status,
@@ -77,12 +77,12 @@ class RunFinding:
 
 def failure(reason: str) -> dict[str, Any]:
     """Facts of the `RunFinding` of a run whose process died."""
-    return RunFinding("failed", reason, {}, math.nan, math.nan).facts
+    return RunFinding("failed", reason, {}, math.nan, math.nan).row_fields
 
 
 def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
     """`outcome` by the names of `METRICS`, in their units."""
-    found = ((measure, outcome.measures[measure.key].value) for measure in TABLE)
+    found = ((measure, outcome.measures[measure.key].value) for measure in MEASURE_ROWS)
     return {measure.column: None if value is None else measure.unit.per_SI * value for measure, value in found}
 
 
@@ -91,7 +91,7 @@ def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
     return METRICS + tuple(f"{measure.name}.{metric}" for measure in measures for metric in BY_KIND[measure.kind])
 
 
-def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
+def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
     """`metric` as it was given at `place`.
 
     Raises:
@@ -102,11 +102,11 @@ def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
     return metric
 
 
-def within(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:
+def meets_limits(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:
     """Whether a run keeps every limit. A missing number keeps none, except a held force without chatter. None: there
     are no limits."""
     if not limits:
         return None
-    calm = metrics.get(CHATTER) is None and metrics.get(HOLD_ERROR) is not None
-    values = {name: metrics.get(name) for name in limits if not (name == CHATTER and calm)}
+    calm = metrics.get(CHATTER_AMPLITUDE) is None and metrics.get(HOLD_ERROR) is not None
+    values = {name: metrics.get(name) for name in limits if not (name == CHATTER_AMPLITUDE and calm)}
     return all(value is not None and value <= limits[name] for name, value in values.items())

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from twin.kernel.atomic_write import atomic_write
+
 # pydantic takes no other before Python 3.12
 from twin.kernel.errors import InputRefused
-from twin.kernel.writing import written
-from twin.studies.sweep.columns import Column, Words
+from twin.studies.sweep.columns import CategoricalColumn, Column
 from twin.studies.sweep.stored import SweepRows
 
 
@@ -32,17 +33,17 @@ def write_parquet(sweep: SweepRows, path: Path) -> None:
     named = [("drive", "drive"), *((label, f"parameters/{label}") for label in sweep.labels)]
     named += [(metric, f"metrics/{metric}") for metric in sweep.metrics]
     named += [(name, name) for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key")]
-    table |= {title: _array(pa, columns.of.get(name), len(columns)) for title, name in named}
-    with written(path) as beside:
+    table |= {title: _array(pa, columns.by_name.get(name), len(columns)) for title, name in named}
+    with atomic_write(path) as beside:
         pq.write_table(pa.table(table), beside)
 
 
 def _array(pa: Any, column: Column | None, rows: int) -> Any:
-    if isinstance(column, Words):
-        kinds = {type(word) for word in column.words if word is not None}
+    if isinstance(column, CategoricalColumn):
+        kinds = {type(word) for word in column.categories if word is not None}
         # a column has one type: numbers stay numbers, anything mixed becomes text
         one = float if kinds == {int, float} else str if len(kinds) > 1 else None
-        words = [word if word is None or one is None else one(word) for word in column.words]
+        words = [word if word is None or one is None else one(word) for word in column.categories]
         # a file's name that is no text in UTF-8 may be in a reason
         words = [word.encode(errors="backslashreplace").decode() if isinstance(word, str) else word for word in words]
         return pa.array(words).take(pa.array(column.codes))

@@ -18,17 +18,17 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
-from twin.robot.experiment.mistakes import sentences
-from twin.robot.experiment.source import NAMING
-from twin.robot.places import located
-from twin.studies.sweep.measures import checked_metric, metric_names
+from twin.robot.experiment.mistakes import error_messages
+from twin.robot.experiment.source import FILE_KEYS
+from twin.robot.paths import locate_file
+from twin.studies.sweep.measures import metric_names, require_metric
 
 if TYPE_CHECKING:
     from twin.robot.experiment.experiment import Experiment
 
 Value = bool | int | float | str
-_SHAPES = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}
-_KEYS = {"low": "from", "high": "to"}
+_DISTRIBUTION_KEYS = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}
+_TOML_KEYS = {"low": "from", "high": "to"}
 
 
 class _SweepTable(BaseModel):
@@ -91,11 +91,11 @@ class Vary(_SweepTable):
         space = np.geomspace if self.scale == "log" else np.linspace
         return tuple(space(self.low, self.high, self.count).tolist())
 
-    def drawn(self, u: float) -> Value:
+    def quantile(self, u: float) -> Value:
         """The value whose cumulative probability is `u`, 0 < u < 1: the inverse of the distribution function."""
         if self.values is not None:
             return self.values[min(int(u * len(self.values)), len(self.values) - 1)]
-        if self.distribution in _SHAPES:
+        if self.distribution in _DISTRIBUTION_KEYS:
             # scipy takes a while to import, and a grid does not need it
             from scipy.special import ndtri
 
@@ -117,8 +117,8 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
         sampled: whether the design draws; a grid has levels.
         known: labels that a condition may name.
     """
-    mistakes = _of_names(vary)
-    needed: tuple[str, ...] = _SHAPES.get(vary.distribution or "", ("low", "high"))
+    mistakes = _name_mistakes(vary)
+    needed: tuple[str, ...] = _DISTRIBUTION_KEYS.get(vary.distribution or "", ("low", "high"))
     if vary.values is not None:
         needed = ()
         if len({(type(value) is bool, value) for value in vary.values}) < len(vary.values):
@@ -126,8 +126,8 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
     allowed = {*needed, *(("count",) if not sampled and needed else ())}
     numbers = ("low", "high", "count", "mean", "std", "median", "sigma")
     given = {name for name in numbers if getattr(vary, name) is not None}
-    mistakes += [f"missing key '{_KEYS.get(name, name)}'" for name in sorted(allowed - given)]
-    mistakes += [f"{_KEYS.get(name, name)}: {_why_not(vary, name, sampled)}" for name in sorted(given - allowed)]
+    mistakes += [f"missing key '{_TOML_KEYS.get(name, name)}'" for name in sorted(allowed - given)]
+    mistakes += [f"{_TOML_KEYS.get(name, name)}: {_why_not(vary, name, sampled)}" for name in sorted(given - allowed)]
     if vary.distribution and (vary.values is not None or not sampled):
         why = "values are drawn evenly" if vary.values is not None else "a grid has levels"
         mistakes.append(f"distribution: {why}; remove it" + ("" if sampled else ", or choose another design"))
@@ -144,7 +144,7 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
     return mistakes
 
 
-def _of_names(vary: Vary) -> list[str]:
+def _name_mistakes(vary: Vary) -> list[str]:
     if (vary.key is None) == (vary.keys is None):
         return ["expected either key or keys"]
     if len(set(vary.names)) < len(vary.names):
@@ -160,7 +160,7 @@ def _why_not(vary: Vary, name: str, sampled: bool) -> str:
     return "values say everything; remove it" if vary.values is not None else "does not belong here; remove it"
 
 
-DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
+DesignName = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
 class SweepFile(BaseModel):
@@ -179,7 +179,7 @@ class SweepFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     experiment: str
-    design: DESIGNS = "grid"
+    design: DesignName = "grid"
     runs: int | None = Field(None, ge=1)
     seed: int = Field(0, ge=0, lt=2**63)
     claims: Literal["fig4"] | None = None
@@ -194,8 +194,8 @@ def read_definition(path: Path) -> tuple[SweepFile, Path]:
     Raises:
         InputRefused: no such file, not TOML, or with every mistake in it, one sentence each.
     """
-    definition = _checked(read_toml(path, "sweep file"), str(path))
-    return definition, located(definition.experiment, path.resolve().parent)
+    definition = _validate_definition(read_toml(path, "sweep file"), str(path))
+    return definition, locate_file(definition.experiment, path.resolve().parent)
 
 
 def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> SweepFile:
@@ -215,15 +215,15 @@ def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None)
                 f"--sweep {text}: expected key=from:to:count, for example contact.stiffness_N_per_m=500:5000:10"
             ) from None
     table = {"experiment": str(experiment), "drives": [drive] if drive else [], "vary": tables}
-    return _checked(table, f"--sweep {' '.join(ranges)}")
+    return _validate_definition(table, f"--sweep {' '.join(ranges)}")
 
 
-def _checked(table: dict[str, Any], place: str) -> SweepFile:
+def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
     try:
         definition = SweepFile.model_validate(table)
         mistakes = _disagreements(definition)
     except ValidationError as error:
-        mistakes = [_placed(sentence) for sentence in sentences(error, SweepFile, "")]
+        mistakes = [_name_vary_tables(sentence) for sentence in error_messages(error, SweepFile, "")]
     if mistakes:
         raise InputRefused("\n".join(f"{place}: {mistake}" for mistake in mistakes))
     return definition
@@ -270,14 +270,14 @@ def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
     ]
 
 
-def _placed(sentence: str) -> str:
+def _name_vary_tables(sentence: str) -> str:
     """The sentence without the brackets of the nameless table that the file is."""
     return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
 
 
-MOST = 10_000_000
+MAX_PLANNED_RUNS = 10_000_000
 """Points that are planned in memory at most."""
-_TINY = 2.0**-53
+_END_MARGIN = 2.0**-53
 """Half a unit in the last place of 1: keeps a draw off the ends, where distributions reach to infinity."""
 
 
@@ -306,14 +306,16 @@ def points(definition: SweepFile) -> list[DesignPoint]:
     Raises:
         InputRefused: more than fit in memory.
     """
-    if (count := largest_count(definition)) > MOST:
-        raise InputRefused(f"{count:,} runs: more than {MOST:,} cannot be planned; take fewer levels, or draw")
+    if (count := largest_count(definition)) > MAX_PLANNED_RUNS:
+        raise InputRefused(
+            f"{count:,} runs: more than {MAX_PLANNED_RUNS:,} cannot be planned; take fewer levels, or draw"
+        )
     cube = None if definition.design == "grid" else unit_cube(definition)
     found: dict[tuple[object, ...], DesignPoint] = {}
     drives: list[str | None] = [*definition.drives] or [None]
     for drive in drives:
         start: dict[str, Value] = {} if drive is None else {"drive": drive}
-        rows = grid(definition.vary, start) if cube is None else (_drawn(definition.vary, start, u) for u in cube)
+        rows = grid(definition.vary, start) if cube is None else (_draw_point(definition.vary, start, u) for u in cube)
         for chosen in rows:
             chosen.pop("drive", None)
             # without the keys that a condition left out, two draws can be the same run
@@ -350,14 +352,14 @@ def unit_cube(definition: SweepFile) -> NDArray[np.float64]:
 
         engine = (qmc.Sobol if definition.design == "sobol" else qmc.LatinHypercube)(dimensions, seed=rng)
         draws = engine.random(runs)
-    return np.clip(draws, _TINY, 1.0 - _TINY)
+    return np.clip(draws, _END_MARGIN, 1.0 - _END_MARGIN)
 
 
-def _drawn(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.float64]) -> dict[str, Value]:
+def _draw_point(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.float64]) -> dict[str, Value]:
     chosen = dict(chosen)
     for vary, share in zip(tables, u, strict=True):
         if vary.applies(chosen):
-            chosen[vary.label] = vary.drawn(float(share))
+            chosen[vary.label] = vary.quantile(float(share))
     return chosen
 
 
@@ -428,7 +430,7 @@ class SweepPlan:
     configuration: dict[str, str]
 
 
-def planned(path: Path) -> SweepPlan:
+def read_plan(path: Path) -> SweepPlan:
     """The sweep file at `path` as a plan.
 
     Raises:
@@ -452,11 +454,11 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
     drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
         raise InputRefused(f"{source}: makes no run; no condition holds")
-    files = _Files(source, experiment, definition.claims is not None)
+    files = _RunFiles(source, experiment, definition.claims is not None)
     loaded = [files.load(point.drive, draft)[0] for point, draft in _extremes(drafts)]
     metrics = metric_names(loaded[0].measures)
     for metric in definition.limits:
-        checked_metric(f"{source}: [limits]", metric, metrics)
+        require_metric(f"{source}: [limits]", metric, metrics)
     tasks = tuple(
         Task(number, files.key(point, draft), point.drive, point.parameters, (*draft, *files.pins(point, draft)))
         for number, (point, draft) in enumerate(drafts, start=1)
@@ -496,7 +498,7 @@ def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
     return [drafts[number] for number in dict.fromkeys(number for _, number in ends.values())]
 
 
-def texts(settings: Sequence[str]) -> tuple[str, ...]:
+def text_settings(settings: Sequence[str]) -> tuple[str, ...]:
     """Those of `settings` that are no numbers.
 
     A number cannot name a file, a text can: a body, an FMU. So runs that share drive and texts share their files.
@@ -508,15 +510,15 @@ def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...])
     """Return the hash of the files that a run reads, and of the values in them.
 
     Args:
-        drive, settings: of the run; of the settings only `texts` count.
+        drive, settings: of the run; of the settings only `text_settings` count.
 
     Raises:
         InputRefused: they make no experiment.
     """
-    return _Files(str(experiment), experiment, False).load(drive, texts(settings))[1]
+    return _RunFiles(str(experiment), experiment, False).load(drive, text_settings(settings))[1]
 
 
-class _Files:
+class _RunFiles:
     """What runs stand on besides their numbers, read once per drive and choice of texts: digests by these."""
 
     def __init__(self, source: str, experiment: Path, judged: bool):
@@ -526,15 +528,15 @@ class _Files:
         self._found: dict[tuple[str | None, tuple[str, ...]], tuple[str, tuple[str, ...]]] = {}
 
     def key(self, point: DesignPoint, settings: tuple[str, ...]) -> str:
-        return _hash([self._version, self._known(point, settings)[0], point.drive, settings])[:16]
+        return _hash([self._version, self._digest_and_pins(point, settings)[0], point.drive, settings])[:16]
 
     def pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, ...]:
         """Settings by which a run takes no other file for a third-party part than the one that was planned with."""
-        return self._known(point, settings)[1]
+        return self._digest_and_pins(point, settings)[1]
 
-    def _known(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    def _digest_and_pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
         """Digest and pins of the files of a run, found out once."""
-        files = point.drive, texts(settings)
+        files = point.drive, text_settings(settings)
         if files not in self._found:
             _, digest, parts = self.load(*files)
             self.digests[files] = digest
@@ -549,19 +551,19 @@ class _Files:
             InputRefused: it is none.
         """
         # the FMU tool chain takes a while to import
-        from twin.robot.assembly.drives import planned as planned_drive
+        from twin.robot.assembly.drives import plan_drive as planned_drive
         from twin.robot.assembly.load import load_experiment
-        from twin.robot.assembly.roles import digest
-        from twin.studies.sweep.claims import refuse_unfit
+        from twin.robot.assembly.roles import part_sha256
+        from twin.studies.sweep.claims import require_fig4_claims
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
         try:
             loaded = load_experiment(self._experiment, settings, drive)
             if self._judged:
-                refuse_unfit(loaded)
+                require_fig4_claims(loaded)
             tables = {table.model_dump_json(): table for table in loaded.drives}
             plans = [planned_drive(table) for table in tables.values()]
-            parts = {role: digest(role, table) for role, table in loaded.stand_ins.items()}
+            parts = {role: part_sha256(role, table) for role, table in loaded.stand_ins.items()}
         except InputRefused as refusal:
             raise InputRefused(f"{self._source}: the run with {where} cannot be made:\n{refusal}") from None
         fmus = [fmu.sha256 for plan in plans for fmu in plan.parts.values()]
@@ -572,7 +574,9 @@ class _Files:
 def _without_paths(values: Any) -> Any:
     """`values` with FMUs by their file's name: where they lie decides nothing, and their hash says what they are."""
     if isinstance(values, dict):
-        return {k: Path(v).name if k in NAMING and isinstance(v, str) else _without_paths(v) for k, v in values.items()}
+        return {
+            k: Path(v).name if k in FILE_KEYS and isinstance(v, str) else _without_paths(v) for k, v in values.items()
+        }
     return values
 
 

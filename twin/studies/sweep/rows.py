@@ -13,18 +13,18 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_confi
 # pydantic takes no other before Python 3.12
 from typing_extensions import TypedDict
 
-from twin.kernel.errors import ComponentFailed, InputRefused, disk_refusals
+from twin.kernel.errors import ComponentFailed, InputRefused, translate_disk_errors
 from twin.kernel.files import open_regular
-from twin.studies.sweep.columns import Columns, Row, columns_of, joined
+from twin.studies.sweep.columns import Columns, Row, columns_of, concatenate_columns
 
-ROWS = "rows.jsonl"
-LARGEST = 2**32
+ROWS_FILE = "rows.jsonl"
+MAX_FILE_SIZE = 2**32
 """Bytes; a hundred thousand rows with curves take a quarter of it."""
-MOST_RUNS = 20_000_000
+MAX_RUNS = 20_000_000
 """Of a sweep; statistics have an entry for each of them."""
-AT_ONCE = 1_000
+ROWS_PER_BATCH = 1_000
 """Rows that are in memory as they are written, which takes ten times as much as their columns."""
-Whole = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+WholeNumber = Annotated[int, Field(ge=-(2**63), lt=2**64)]
 LOOSE_SHAPE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 """Of files that another version, which may write more, or somebody else has written."""
 
@@ -39,7 +39,7 @@ class ClaimShape(TypedDict):
 
 @with_config(LOOSE_SHAPE)
 class CurvesShape(TypedDict):
-    """What `twin.studies.sweep.claims.packed` makes; a run without any has an empty table."""
+    """What `twin.studies.sweep.claims.pack_curves` makes; a run without any has an empty table."""
 
     period_s: NotRequired[Annotated[float, Field(gt=0, le=1e6)]]
     of: NotRequired[dict[str, str]]
@@ -49,10 +49,10 @@ class CurvesShape(TypedDict):
 class RowShape(TypedDict):
     """A line of rows.jsonl."""
 
-    run: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    run: Annotated[int, Field(ge=1, le=MAX_RUNS)]
     key: str
     drive: str | None
-    parameters: dict[str, bool | Whole | float | str]
+    parameters: dict[str, bool | WholeNumber | float | str]
     status: str
     reason: str
     metrics: dict[str, float | None]
@@ -64,10 +64,10 @@ class RowShape(TypedDict):
     curves: NotRequired[CurvesShape | None]
 
 
-_ROW: TypeAdapter[Any] = TypeAdapter(RowShape)
+_ROW_ADAPTER: TypeAdapter[Any] = TypeAdapter(RowShape)
 
 
-def checked_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
+def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
     try:
         found = json.loads(text)
         shape.validate_python(found)
@@ -80,13 +80,13 @@ def checked_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] |
 def _row(line: bytes) -> Row | None:
     """The row in `line`; half of what the standard library takes, which knows texts that no other parser does."""
     try:
-        found: Row = _ROW.validate_json(line)
+        found: Row = _ROW_ADAPTER.validate_json(line)
     except ValidationError:
-        return checked_json(line, _ROW)
+        return load_json(line, _ROW_ADAPTER)
     return found
 
 
-class DiskFailed(ComponentFailed):
+class DiskError(ComponentFailed):
     """A row could not be written; those before are kept."""
 
 
@@ -97,7 +97,7 @@ def read_rows(path: Path) -> list[Row]:
         InputRefused: as `read_columns`.
     """
     rows: dict[str, Row] = {}
-    for row, line, _ in _each(path):
+    for row, line, _ in _whole_lines(path):
         rows.setdefault(row["key"], json.loads(line))
     return list(rows.values())
 
@@ -110,21 +110,21 @@ def read_columns(path: Path) -> tuple[Columns, int]:
     Raises:
         InputRefused: it cannot be read, or a line in it is none of ours.
     """
-    parts, end, each = [], 0, _each(path)
-    while some := list(islice(each, AT_ONCE)):
+    parts, end, each = [], 0, _whole_lines(path)
+    while some := list(islice(each, ROWS_PER_BATCH)):
         parts.append(columns_of([row for row, _, _ in some]))
         end = some[-1][-1]
-    found = joined(parts or [columns_of([])])
-    _, first = np.unique(found.words("key").codes, return_index=True)
-    return (found if len(first) == len(found) else found.at(np.sort(first))), end
+    found = concatenate_columns(parts or [columns_of([])])
+    _, first = np.unique(found.categorical("key").codes, return_index=True)
+    return (found if len(first) == len(found) else found.select(np.sort(first))), end
 
 
-def _each(path: Path) -> Iterator[tuple[Row, bytes, int]]:
+def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
     """(row, its line, bytes up to its end) of every whole line of the file at `path`; nothing if there is no file."""
     if not os.path.lexists(path):
         return
     end = 0
-    with open_regular(path, LARGEST) as file, disk_refusals(path, "cannot be read", InputRefused):
+    with open_regular(path, MAX_FILE_SIZE) as file, translate_disk_errors(path, "cannot be read", InputRefused):
         for number, line in enumerate(file, start=1):
             if not line.endswith(b"\n"):
                 return
@@ -153,7 +153,7 @@ class RowFile:
         import fcntl
 
         self.path = path
-        with disk_refusals(path, kind=InputRefused, remedy="choose another --out"):
+        with translate_disk_errors(path, kind=InputRefused, remedy="choose another --out"):
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -181,7 +181,7 @@ class RowFile:
         """
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
         remedy = f"{self.count} finished runs are kept. Make room, then give the same command to go on"
-        with disk_refusals(self.path, kind=DiskFailed, remedy=remedy):
+        with translate_disk_errors(self.path, kind=DiskError, remedy=remedy):
             try:
                 rest = memoryview(content)
                 while rest:

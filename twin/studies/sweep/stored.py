@@ -12,16 +12,16 @@ from pydantic import Field, TypeAdapter, with_config
 # pydantic takes no other before Python 3.12
 from typing_extensions import TypedDict
 
+from twin.kernel.atomic_write import make_folder, write_json
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_bytes
-from twin.kernel.writing import made_folder, write_json
 from twin.studies.sweep.columns import Columns, Row
 from twin.studies.sweep.rows import (
     LOOSE_SHAPE,
-    MOST_RUNS,
-    ROWS,
-    Whole,
-    checked_json,
+    MAX_RUNS,
+    ROWS_FILE,
+    WholeNumber,
+    load_json,
     read_columns,
     read_rows,
 )
@@ -29,17 +29,17 @@ from twin.studies.sweep.rows import (
 if TYPE_CHECKING:
     from twin.studies.sweep.plan import SweepPlan
 
-HOME = Path("results/sweeps")
-FACTS = "sweep.json"
-MARGINS = "margins.json"
+SWEEPS_FOLDER = Path("results/sweeps")
+SWEEP_FILE = "sweep.json"
+MARGINS_FILE = "margins.json"
 
 
 @with_config(LOOSE_SHAPE)
-class Facts(TypedDict):
+class SweepFacts(TypedDict):
     """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
 
     sweep: str
-    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    runs: Annotated[int, Field(ge=1, le=MAX_RUNS)]
     design: str
     drives: list[str]
     labels: list[str]
@@ -59,13 +59,13 @@ class RunMargins(TypedDict):
         reason: why there are no margins; "" if there are.
     """
 
-    run: Whole
+    run: WholeNumber
     gain: float | None
     phase_rad: float | None
     reason: str
 
 
-_FACTS, _MARGINS = TypeAdapter(Facts), TypeAdapter(dict[str, RunMargins])
+_FACTS_ADAPTER, _MARGINS_ADAPTER = TypeAdapter(SweepFacts), TypeAdapter(dict[str, RunMargins])
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
         InputRefused: it is another sweep's, or cannot be made.
         NotWritten: the disk refuses.
     """
-    facts = _read(folder / FACTS, _FACTS)
+    facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if facts:
         changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
         if changed:
@@ -127,10 +127,10 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
     }
-    made_folder(folder)
-    if (folder / ROWS).exists():
-        raise InputRefused(f"{folder}: has rows but no {FACTS}, which describes them; choose another --out")
-    write_json(folder / FACTS, content)
+    make_folder(folder)
+    if (folder / ROWS_FILE).exists():
+        raise InputRefused(f"{folder}: has rows but no {SWEEP_FILE}, which describes them; choose another --out")
+    write_json(folder / SWEEP_FILE, content)
 
 
 def stored_sweep(folder: Path) -> SweepRows:
@@ -139,26 +139,26 @@ def stored_sweep(folder: Path) -> SweepRows:
     Raises:
         InputRefused: no sweep's, or as `read_columns`.
     """
-    facts = _read(folder / FACTS, _FACTS)
+    facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if not facts:
         raise InputRefused(
-            f"{folder}: not the folder of a sweep, {FACTS} is missing; expected one that twin sweep, or twin run with "
+            f"{folder}: not the folder of a sweep, {SWEEP_FILE} is missing; expected one that twin sweep, or twin run with "
             "--sweep, wrote"
         )
-    path = folder / ROWS
+    path = folder / ROWS_FILE
     columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
     return SweepRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
-        columns=columns, read=lambda: read_rows(path), margins=_read(folder / MARGINS, _MARGINS), **lists,
+        columns=columns, read=lambda: read_rows(path), margins=_read_json(folder / MARGINS_FILE, _MARGINS_ADAPTER), **lists,
     )  # fmt: skip
 
 
-def _read(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
+def _read_json(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
     """What is in the JSON file at `path`; empty if there is none."""
     if not os.path.lexists(path):
         return {}
-    facts = checked_json(read_bytes(path), shape)
+    facts = load_json(read_bytes(path), shape)
     if facts is None:
         raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
     return facts

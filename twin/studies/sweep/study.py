@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.job import LONG, JobLimits, cores
-from twin.studies.command import Answer, Argument, AsJson, Interrupted, LimitStep, Option, Say, confirmed, study
+from twin.kernel.process.job import LONG_RUN_DURATION, JobLimits, core_count
+from twin.studies.command import Answer, Argument, AsJson, LimitStep, Option, Say, StudyInterrupt, confirm, study
 
 if TYPE_CHECKING:
     from twin.studies.sweep.engine import Engine
     from twin.studies.sweep.plan import SweepFile, SweepPlan
     from twin.studies.sweep.stored import SweepRows
 
-MANY = 100_000
+MAX_UNASKED_RUNS = 100_000
 """Runs from which on a sweep starts only after a question."""
 
 
@@ -41,7 +41,7 @@ def sweep_run(
     record: Annotated[Record, Option("Runs that are recorded in full.")] = "none",
     limit_step: LimitStep = JobLimits.step,
     parquet: Annotated[bool, Option("Also write rows.parquet at the end.")] = False,
-    yes: Annotated[bool, Option(f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
+    yes: Annotated[bool, Option(f"Do not ask before {MAX_UNASKED_RUNS:,} runs, or runs of an hour.")] = False,
     engine: Annotated[EngineName, Option("Local processes, or the workers of a Dask cluster.")] = "local",
     scheduler: Annotated[str | None, Option("With --engine dask: address of its scheduler.", "ADDRESS")] = None,
     by: By = None,
@@ -58,13 +58,13 @@ def sweep_run(
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
 
     Raises:
-        InputRefused: see `check_start` and `planned`; or options do not go together.
+        InputRefused: see `check_start` and `read_plan`; or options do not go together.
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
     from twin.robot.experiment.experiment_files import sweep_file
-    from twin.studies.sweep.plan import planned, read_definition
-    from twin.studies.sweep.stored import HOME
+    from twin.studies.sweep.plan import read_definition, read_plan
+    from twin.studies.sweep.stored import SWEEPS_FOLDER
 
     sweep = sweep_file(sweep)
     definition, _ = read_definition(sweep)
@@ -78,14 +78,14 @@ def sweep_run(
         raise InputRefused(f"--scheduler {scheduler}: belongs to --engine dask; add that, or leave the address out")
     if scheduler and processes:
         raise InputRefused(f"--processes {processes}: the cluster of {scheduler} has the workers it has; leave it out")
-    folder, processes = out or HOME / sweep.stem, processes or cores()
+    folder, processes = out or SWEEPS_FOLDER / sweep.stem, processes or core_count()
     limits = JobLimits(step=limit_step)
     say("making the runs")
-    plan = _checked(planned(sweep), by, yes)
+    plan = _check_plan(read_plan(sweep), by, yes)
     if dry:
-        yield _estimated(plan, record, processes, limits, say)
+        yield _estimate_answer(plan, record, processes, limits, say)
         return
-    yield carried_out(plan, folder, _engine(scheduler, processes), limits, say, record, parquet, by, as_json)
+    yield complete_sweep(plan, folder, _engine(scheduler, processes), limits, say, record, parquet, by, as_json)
 
 
 def short_sweep(
@@ -106,7 +106,7 @@ def short_sweep(
     """
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
-    from twin.studies.sweep.stored import HOME
+    from twin.studies.sweep.stored import SWEEPS_FOLDER
 
     experiment = experiment_file(experiment)
     definition = short_definition(experiment, ranges, drive)
@@ -115,9 +115,9 @@ def short_sweep(
     say("making the runs")
     plan = plan_of(definition, experiment, experiment.stem, place, settings)
     # other ranges are another sweep; the same command goes on with its own
-    folder = out or HOME / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
-    engine, limits = _engine(None, cores()), JobLimits(step=limit_step)
-    return carried_out(_checked(plan, None, yes), folder, engine, limits, say, as_json=as_json)
+    folder = out or SWEEPS_FOLDER / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
+    engine, limits = _engine(None, core_count()), JobLimits(step=limit_step)
+    return complete_sweep(_check_plan(plan, None, yes), folder, engine, limits, say, as_json=as_json)
 
 
 def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
@@ -131,21 +131,21 @@ def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
     if os.name != "posix":
         raise InputRefused("twin sweep: needs Linux or macOS, where a drive that crashes can be kept apart")
     count = largest_count(definition)
-    if count < MANY or sure:
+    if count < MAX_UNASKED_RUNS or sure:
         return
     question = f"{place}: makes up to {count:,} runs"
     if not sys.stdin.isatty():
         raise InputRefused(f"{question}; add --yes if that is intended, --dry-run shows what it takes")
-    if not confirmed(f"{question}. Go on?"):
+    if not confirm(f"{question}. Go on?"):
         raise InputRefused(f"{question}; nothing was run")
 
 
-def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
+def _check_plan(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     """The plan, if there is such a metric, and its runs do not take hours each; also the estimate makes two of them."""
-    from twin.studies.sweep.statistics.ranking import checked_rank
+    from twin.studies.sweep.statistics.ranking import require_rank
 
     if by:
-        checked_rank("--by", by, plan.metrics)
+        require_rank("--by", by, plan.metrics)
     if sure:
         return plan
     from twin.robot.assembly.load import load_experiment
@@ -153,7 +153,7 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
-    if seconds > LONG:
+    if seconds > LONG_RUN_DURATION:
         raise InputRefused(
             f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or say --yes if that "
             "is meant"
@@ -175,18 +175,18 @@ def _engine(scheduler: str | None, processes: int) -> "Engine":
     return DaskEngine(scheduler)
 
 
-def _estimated(plan: "SweepPlan", record: Record, processes: int, limits: JobLimits, say: Say) -> Answer:
-    from twin.studies.sweep.sweep import estimate_text, estimated
+def _estimate_answer(plan: "SweepPlan", record: Record, processes: int, limits: JobLimits, say: Say) -> Answer:
+    from twin.studies.sweep.sweep import estimate_text, measure_cost
 
     say("trying the first one")
-    estimate, first = estimated(plan, record, limits)
+    estimate, first = measure_cost(plan, record, limits)
     runs = len(plan.tasks)
     seconds, size = estimate.total(runs, processes)
     facts = {"runs": runs, "processes": processes, "seconds": seconds, "MB": size / 1e6, "first": first}
     return Answer(estimate_text(plan.name, runs, processes, estimate, first), facts)
 
 
-def carried_out(
+def complete_sweep(
     plan: "SweepPlan",
     folder: Path,
     engine: "Engine",
@@ -214,7 +214,7 @@ def carried_out(
     """
     from twin.studies.sweep.engine import LocalEngine
     from twin.studies.sweep.parquet import write_parquet
-    from twin.studies.sweep.rows import ROWS
+    from twin.studies.sweep.rows import ROWS_FILE
     from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics.ranking import usual_metric
     from twin.studies.sweep.stored import stored_sweep
@@ -223,10 +223,10 @@ def carried_out(
     try:
         run_sweep(plan, folder, engine, record, limits, lambda state: say(state_text(state)))
     except KeyboardInterrupt:
-        if not (folder / ROWS).exists():
+        if not (folder / ROWS_FILE).exists():
             raise
         found = stored_sweep(folder)
-        raise Interrupted(
+        raise StudyInterrupt(
             f"interrupted; {len(found.columns)} of {found.runs} runs are kept in {folder}; "
             "the same command runs the others"
         ) from None
@@ -238,15 +238,15 @@ def carried_out(
         write_margins(plan, found, folder, engine, limits, say)
     if parquet:
         write_parquet(found, folder / "rows.parquet")
-    code = 0 if True in found.columns.words("has_metrics").counts else 1
+    code = 0 if True in found.columns.categorical("has_metrics").counts else 1
     if as_json:
-        return Answer("", rows_facts(found), code)
+        return Answer("", rows_to_dict(found), code)
     text = headline_text(found, by or usual_metric(found.columns))
     next_ = shlex.join(["twin", "sweep", "show", str(folder)])
-    return Answer(f"{text}\n  rows  {folder / ROWS}\n  next  {next_}", {}, code)
+    return Answer(f"{text}\n  rows  {folder / ROWS_FILE}\n  next  {next_}", {}, code)
 
 
-def rows_facts(found: "SweepRows") -> dict[str, Any]:
+def rows_to_dict(found: "SweepRows") -> dict[str, Any]:
     """For JSON: rows without their curves, which no one reads there."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

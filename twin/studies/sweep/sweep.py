@@ -8,24 +8,24 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.process.job import JobLimits
-from twin.studies.left_behind import held_folder
+from twin.studies.stale_files import held_folder
 from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.engine import Engine, Job, LocalEngine
-from twin.studies.sweep.interrupts import raise_if_pressed, remembered
-from twin.studies.sweep.measures import within
+from twin.studies.sweep.interrupts import defer_interrupts, raise_interrupt
+from twin.studies.sweep.measures import meets_limits
 from twin.studies.sweep.plan import SweepPlan, Task
-from twin.studies.sweep.rows import ROWS, RowFile
-from twin.studies.sweep.statistics.ranking import USUAL_METRICS, best, value
+from twin.studies.sweep.rows import ROWS_FILE, RowFile
+from twin.studies.sweep.statistics.ranking import USUAL_METRICS, ranked_rows, value
 from twin.studies.sweep.stored import claim
 
-RECORDINGS = "runs"
-PAUSE = 0.05
+RECORDINGS_FOLDER = "runs"
+BATCH_PAUSE = 0.05
 """s. Rows that come meanwhile are written and looked at together; one by one they take from the runs a tenth of the
 processor's time."""
 
 
 @dataclass(frozen=True)
-class State:
+class SweepState:
     """How far a sweep is.
 
     Attributes:
@@ -60,7 +60,7 @@ def run_sweep(
     engine: Engine,
     record: str = "none",
     limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
-    show: Callable[[State], None] = lambda state: None,
+    show: Callable[[SweepState], None] = lambda state: None,
 ) -> None:
     """Run what of `plan` has no row in `folder` yet.
 
@@ -76,24 +76,24 @@ def run_sweep(
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
     claim(folder, plan)
-    with RowFile(folder / ROWS) as rows:
-        finished = {*rows.before.words("key").words}
+    with RowFile(folder / ROWS_FILE) as rows:
+        finished = {*rows.before.categorical("key").categories}
         tasks = [task for task in plan.tasks if task.key not in finished]
         tally = _Tally(len(plan.tasks), rows.before)
         show(tally.state)
         if tasks:
             job = _job(plan, folder, record, limits)
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
-            with remembered(), closing(engine.results(job, tasks)) as batches:
+            with defer_interrupts(), closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
                     fresh = [_row(plan, task, facts) for task, facts in batch]
                     rows.add(fresh)
-                    tally.take(columns_of(fresh))
+                    tally.add(columns_of(fresh))
                     state = tally.state
                     show(state)
-                    raise_if_pressed()
+                    raise_interrupt()
                     if state.done < state.total:
-                        time.sleep(PAUSE)
+                        time.sleep(BATCH_PAUSE)
 
 
 class _Tally:
@@ -103,23 +103,23 @@ class _Tally:
         self._total, self._before, self._began = total, len(before), time.monotonic()
         self._done = self._failed = 0
         self._best: dict[str, tuple[float, int]] = {}
-        self.take(before)
+        self.add(before)
 
-    def take(self, columns: Columns) -> None:
+    def add(self, columns: Columns) -> None:
         self._done += len(columns)
-        self._failed += columns.words("has_metrics").counts.get(False, 0)
+        self._failed += columns.categorical("has_metrics").counts.get(False, 0)
         # of the same value the first run
         columns = columns.by_run()
         for metric in USUAL_METRICS:
-            for row in best(columns, metric)[:1]:
-                found = float(value(columns, metric)[row]), columns.run(row)
+            for row in ranked_rows(columns, metric)[:1]:
+                found = float(value(columns, metric)[row]), columns.run_number(row)
                 self._best[metric] = min(found, self._best.get(metric, found))
 
     @property
-    def state(self) -> State:
+    def state(self) -> SweepState:
         found = next(((metric, *self._best[metric]) for metric in USUAL_METRICS if metric in self._best), None)
         elapsed = time.monotonic() - self._began
-        return State(self._done, self._total, self._failed, self._before, elapsed, found)
+        return SweepState(self._done, self._total, self._failed, self._before, elapsed, found)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class SweepEstimate:
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
-def estimated(plan: SweepPlan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
+def measure_cost(plan: SweepPlan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with held_folder() as scratch:
         began = time.monotonic()
@@ -156,7 +156,7 @@ def estimated(plan: SweepPlan, record: str, limits: JobLimits = JobLimits()) -> 
 
 
 def _job(plan: SweepPlan, folder: Path, record: str, limits: JobLimits) -> Job:
-    return Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
+    return Job(plan.experiment, folder / RECORDINGS_FOLDER, record, limits, plan.definition.claims or "")
 
 
 def _row(plan: SweepPlan, task: Task, facts: dict[str, Any]) -> Row:
@@ -166,11 +166,11 @@ def _row(plan: SweepPlan, task: Task, facts: dict[str, Any]) -> Row:
         "drive": task.drive,
         "parameters": task.parameters,
         **facts,
-        "within_limits": within(facts["metrics"], plan.definition.limits),
+        "within_limits": meets_limits(facts["metrics"], plan.definition.limits),
     }
 
 
-def state_text(state: State) -> str:
+def state_text(state: SweepState) -> str:
     """`12 of 64 runs  9.1/s  6 s left  1 failed  force_error_N 0.31 (run 7)`."""
     parts = [f"{state.done} of {state.total} runs"]
     if state.remaining is not None:

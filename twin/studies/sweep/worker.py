@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.kernel.atomic_write import make_folder
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.process.job import function_called
+from twin.kernel.process.job import load_function
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.writing import made_folder
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
@@ -21,19 +21,19 @@ from twin.robot.run.run import execute
 from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
-from twin.studies.sweep.claims import COMPANION, findings
+from twin.studies.sweep.claims import COMPANION_SETTING, findings
 from twin.studies.sweep.measures import RunFinding, metrics_of
-from twin.studies.sweep.plan import files_digest, texts
+from twin.studies.sweep.plan import files_digest, text_settings
 
-AFTER = 2
+RUNS_BEFORE_SHARING = 2
 """Runs in a row with the same past that are made from the start: the past takes about as long as two of them."""
-NUMBERS, WHOLE_RUN = RunRequest(tally=True), RunRequest(signals=None, tally=True, check=refuse_unknown)
+NUMBERS_REQUEST, SIGNALS_REQUEST = RunRequest(tally=True), RunRequest(signals=None, tally=True, check=refuse_unknown)
 
-_runs = Runs(NUMBERS, AFTER, most=1)
+_runs = Runs(NUMBERS_REQUEST, RUNS_BEFORE_SHARING, most=1)
 """Of this process; runs whose keys act from the start have no past in common."""
 
 
-def served(
+def run_task(
     reporter: Reporter,
     here: str,
     experiment: str,
@@ -65,12 +65,12 @@ def served(
     reporter.loading()
     os.chdir(here)
     what, own = (Path(experiment), drive, settings), Path(folder)
-    if files and files_here(Path(experiment), drive, texts(settings)) != files:
+    if files and files_here(Path(experiment), drive, text_settings(settings)) != files:
         raise InputRefused(f"{experiment}: reads other files here than where the sweep was started; install the same")
     if record != "none":
         # files of an interrupted attempt
         shutil.rmtree(own, ignore_errors=True)
-    judge = function_called(trial)
+    judge = load_function(trial)
     if record == "all":
         record_run(*what, own)
         reporter.loading()
@@ -78,15 +78,15 @@ def served(
     if record == "failures" and finding.status != "done":
         reporter.loading()
         record_run(*what, own)
-    _keep_loaded()
-    return finding.facts
+    _freeze_objects()
+    return finding.row_fields
 
 
 files_here = functools.cache(files_digest)
 
 
 @functools.cache
-def _keep_loaded() -> None:
+def _freeze_objects() -> None:
     """Exclude the objects of the first run, which stay for all others, from garbage collection."""
     gc.collect()
     gc.freeze()
@@ -101,10 +101,10 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     """
     began = time.perf_counter()
     try:
-        done, metrics, no_hold = _simulated(load_experiment(path, settings, drive), bool(claims))
+        done, metrics, no_hold = _simulate(load_experiment(path, settings, drive), bool(claims))
         paper = {}
         if claims and not done.reason:
-            companion, *_ = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
+            companion, *_ = _simulate(load_experiment(path, [*settings, COMPANION_SETTING], drive), True)
             if companion.reason:
                 raise ComponentFailed(f"without force control: {companion.reason}")
             assert done.trace is not None and companion.trace is not None
@@ -126,7 +126,7 @@ def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: P
         experiment = load_experiment(path, settings, drive)
     except InputRefused:
         return
-    made_folder(folder)
+    make_folder(folder)
     with contextlib.suppress(InputRefused, ComponentFailed):
         execute(experiment, folder)
 
@@ -141,13 +141,13 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
     return "failed", f"{type(problem).__name__}: {problem}"
 
 
-def _simulated(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
+def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
     """(outcome, metrics, why it has no hold error) of a run; all its signals if it is `whole` or they are measured."""
     if not (experiment.measures or whole):
-        done = _runs.run(experiment).completed()
-        return done, *_measured(done)
-    done = Runs(WHOLE_RUN, most=0).run(experiment).completed()
-    metrics, no_hold = _measured(done)
+        done = _runs.run(experiment).require_success()
+        return done, *_metrics_and_reason(done)
+    done = Runs(SIGNALS_REQUEST, most=0).run(experiment).require_success()
+    metrics, no_hold = _metrics_and_reason(done)
     assert done.trace is not None
     signals = Signals(done.trace, geometry_of(experiment.controller.model))
     for measure in experiment.measures:
@@ -157,7 +157,7 @@ def _simulated(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, 
     return done, metrics, no_hold
 
 
-def _measured(done: Outcome) -> tuple[dict[str, float | None], str]:
+def _metrics_and_reason(done: Outcome) -> tuple[dict[str, float | None], str]:
     """(metrics of a run, why it has no hold error; "" if it has one)."""
     assert done.numbers is not None
     hold = done.numbers.measures["hold_error"]

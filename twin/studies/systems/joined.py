@@ -8,13 +8,13 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import described
 from twin.kernel.ssp.package import Package, loose_package
 from twin.kernel.ssp.structure import Connection, Endpoint, SspComponent, SspSystem, Structure
-from twin.kernel.systems.naming import distinct, word
-from twin.robot.drive.mapping import Join, joins, objection, part_of
+from twin.kernel.systems.naming import identifier, unique_names
+from twin.robot.drive.mapping import WireProposal, part_name, propose_wires, wire_error
 
-FORM = "FMUs"
+FMUS_FORM = "FMUs"
 
 
-def joined(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[Join]]:
+def join_fmus(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[WireProposal]]:
     """Return the system of several FMUs, and the wires that may be meant and are left out.
 
     An input is wired to the output of another FMU that has its name; failing that, to the only one that states the same
@@ -26,20 +26,20 @@ def joined(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[J
     for fmu in fmus:
         if fmu.suffix.lower() != ".fmu":
             raise InputRefused(f"{fmu}: of several files each has to be an FMU; give one system, or FMUs")
-    names = distinct(word(fmu.stem) for fmu in fmus)
+    names = unique_names(identifier(fmu.stem) for fmu in fmus)
     variables = {
         f"{name}.{v.name}": v
         for name, fmu in zip(names, fmus, strict=True)
         for v in described(fmu, lenient=lenient).variables.values()
     }
-    found = joins(variables)
+    found = propose_wires(variables)
     targets, sources = Counter(one.target for one in found), Counter(one.source for one in found)
     sure = [one for one in found if one.sure or (targets[one.target] == 1 and sources[one.source] == 1)]
     for target in [n for n, v in variables.items() if v.causality == "input" and n not in targets]:
-        before = names[: names.index(part_of(target))]
-        able = [n for n, v in variables.items() if v.causality == "output" and part_of(n) in before
-                and not objection(variables, n, target) and v.size == variables[target].size]  # fmt: skip
-        sure += [Join(able[0], target)] if len(able) == 1 and able[0] not in sources else []
+        before = names[: names.index(part_name(target))]
+        able = [n for n, v in variables.items() if v.causality == "output" and part_name(n) in before
+                and not wire_error(variables, n, target) and v.size == variables[target].size]  # fmt: skip
+        sure += [WireProposal(able[0], target)] if len(able) == 1 and able[0] not in sources else []
     if not sure:
         inputs = ", ".join(name for name, v in variables.items() if v.causality == "input") or "none"
         listed = " and ".join(fmu.name for fmu in fmus)
@@ -52,7 +52,7 @@ def joined(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[J
     whole = "_".join(names)
     structure = Structure(whole, SspSystem(whole, parts, wires))
     files = {f"{name}.fmu": fmu for name, fmu in zip(names, fmus, strict=True)}
-    return loose_package(Path(f"{whole}.ssp"), structure, files, FORM), [one for one in found if one not in sure]
+    return loose_package(Path(f"{whole}.ssp"), structure, files, FMUS_FORM), [one for one in found if one not in sure]
 
 
 def _end(name: str) -> Endpoint:

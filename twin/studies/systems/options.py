@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.systems.choice import KINDS, MasterChoice
+from twin.kernel.systems.choice import FMU_KINDS, MasterChoice
 from twin.studies.command import Option
 
 if TYPE_CHECKING:
@@ -144,12 +144,12 @@ def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
         InputRefused: no kind, or two for one name.
     """
     found: dict[str, Kind] = {}
-    known = {str(kind): kind for kind in KINDS}
+    known = {str(kind): kind for kind in FMU_KINDS}
     for text in texts:
         name, _, value = text.rpartition("=")
         if value not in known:
             raise InputRefused(f"--kind {text}: {nearest(value, known, 'expected {}')}")
-        _once(found, name, "--kind")
+        _refuse_repeat(found, name, "--kind")
         found[name] = known[value]
     return found
 
@@ -169,7 +169,7 @@ def steps(texts: Sequence[str]) -> dict[str, float]:
             milliseconds = math.nan
         if not name or not 0.0 < milliseconds < math.inf:
             raise InputRefused(f"--step {text}: expected COMPONENT=MS with a number above 0")
-        _once(found, name, "--step")
+        _refuse_repeat(found, name, "--step")
         found[name] = milliseconds / 1000.0
     return found
 
@@ -184,12 +184,12 @@ def order(text: str) -> list[str]:
     for name in (part.strip() for part in text.split(",") if text):
         if not name:
             raise InputRefused(f"--order {text}: expected names of components with commas between them")
-        _once(found, name, "--order")
+        _refuse_repeat(found, name, "--order")
         found[name] = None
     return list(found)
 
 
-def _once(found: Iterable[str], name: str, option: str) -> None:
+def _refuse_repeat(found: Iterable[str], name: str, option: str) -> None:
     if name in found:
         raise InputRefused(f"{option}: '{name}' is given twice; expected it once" if name else f"{option} is given "
                            "twice without a component; expected it once")  # fmt: skip

@@ -8,50 +8,50 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
-from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
+from twin.kernel.atomic_write import make_folder, write_bytes, write_json
+from twin.kernel.cosim.observers import MessageObserver, ProgressObserver, SimulationResult, TickEvent
+from twin.kernel.errors import ComponentFailed, EndRequest, InputRefused
 from twin.kernel.fmi.variable import Variable, to_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
     RunStates,
     StoredState,
-    asked_ticks,
-    continues,
+    continuation_metadata,
     identity,
     refuse_other_run,
     simulate_saving,
     split_time,
+    state_ticks,
     stored_state,
 )
-from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
+from twin.kernel.recording.folder import RECORDING_FILE, claim_run_folder, create_run_folder, recording_in
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.package import Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem
-from twin.kernel.systems.opening import drawn_up, opened
+from twin.kernel.systems.opening import open_plan, open_system
 from twin.kernel.systems.plan import SystemPart, SystemPlan
 from twin.kernel.systems.reading import read_system
 from twin.kernel.systems.topics import streams
-from twin.kernel.writing import made_folder, write_bytes, write_json
-from twin.studies.result import Note, Result, counted, note, some
+from twin.studies.result import Note, Result, count_text, join_names, note
 
-MOST = 6
+MAX_ROWS = 6
 """The most rows of a list in the text; JSON has all."""
-MOST_EVENTS = 20
-UNSETTLED = "the initial values never agree: inputs at the start follow from each other in a circle"
-SCHEMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
-SUMMARY = "summary.json"
+MAX_EVENTS = 20
+UNSETTLED_NOTE = "the initial values never agree: inputs at the start follow from each other in a circle"
+SCHEME_NAMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
+SUMMARY_FILE = "summary.json"
 """What took how long, beside the recording, in which nothing depends on that."""
-HOME = Path("results/cosim")
+COSIM_FOLDER = Path("results/cosim")
 """Apart from runs of the robot: a system is often called as the experiment that it was built from."""
 
 
-def facts(
+def run_summary(
     plan: SystemPlan,
     made: PreparedSystem,
-    done: Simulated,
+    done: SimulationResult,
     events: Sequence[TickEvent],
     writing: float,
     recording: Path,
@@ -89,10 +89,10 @@ def facts(
             }
             for part in plan.parts
         },
-        "connections": len(plan.wires) - len(plan.beside.feeds),
-        "inputs": plan.beside.about,
-        "unsaid": list(plan.package.unsaid),
-        "late": [f"{source}->{target}" for source, target in plan.late],
+        "connections": len(plan.wires) - len(plan.extras.feeds),
+        "inputs": plan.extras.about,
+        "unsaid": list(plan.package.omissions),
+        "late": [f"{source}->{target}" for source, target in plan.delayed_connections],
         "not_fed": (unfed := {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed}),
         # the name of 1.0
         "kept": unfed,
@@ -138,31 +138,40 @@ def _start(part: SystemPart, variable: Variable) -> Any:
 
 
 def system_result(came: Mapping[str, Any]) -> Result:
-    """For people, at most 80 columns but for paths; for programs what `facts` gave."""
+    """For people, at most 80 columns but for paths; for programs what `run_summary` gave."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
-    ignored, more = f"values that get to no variable: {some(came['ignored'], MOST)}", len(came["events"]) - MOST_EVENTS
-    late = f"{counted(len(came['late']), 'connection')} with values of {when}: {some(came['late'], MOST)}"
+    ignored, more = (
+        f"values that get to no variable: {join_names(came['ignored'], MAX_ROWS)}",
+        len(came["events"]) - MAX_EVENTS,
+    )
+    late = f"{count_text(len(came['late']), 'connection')} with values of {when}: {join_names(came['late'], MAX_ROWS)}"
     start = f" from {came['start_s']:g} s on" if came["start_s"] else ""
     parts = [
-        note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
-        note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
+        note("system", f"{_form(came)}{count_text(came['connections'], 'connection')}", True),
+        note(
+            "coupling", f"{SCHEME_NAMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"
+        ),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
         *(note("loop", _loop(one), True) for one in came["loops"]),
-        *([note("not fed", some(unfed, MOST), True)] if unfed else []),
+        *([note("not fed", join_names(unfed, MAX_ROWS), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
-        *([note("overruled", f"{some(came['overruled'], MOST)}, by connections", True)] if came["overruled"] else []),
-        *([note("unreadable", some(came["unreadable"], MOST), True)] if came["unreadable"] else []),
+        *(
+            [note("overruled", f"{join_names(came['overruled'], MAX_ROWS)}, by connections", True)]
+            if came["overruled"]
+            else []
+        ),
+        *([note("unreadable", join_names(came["unreadable"], MAX_ROWS), True)] if came["unreadable"] else []),
         *(note("no effect", sentence, True) for sentence in came["without_effect"]),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
-        *([] if came["settled"] else [note("start", UNSETTLED)]),
+        *([] if came["settled"] else [note("start", UNSETTLED_NOTE)]),
         *(note("forgiven", one, True) for one in came["forgiven"]),
         *([note("end", f"regular, before its time: {came['ended']}", True)] if came["ended"] else []),
-        *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
+        *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MAX_EVENTS]),
         *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
     ]
     headline = (
@@ -177,7 +186,7 @@ def _loop(one: Mapping[str, Any]) -> str:
         if one["solved"]
         else "not solved, one value late by a step; --loops solve"
     )
-    unstated = some(one["unstated"], MOST)
+    unstated = join_names(one["unstated"], MAX_ROWS)
     why = f" (perhaps: {unstated} does not state what its outputs depend on)" if unstated else ""
     return f"{one['path']}, {done}{why}"
 
@@ -198,7 +207,7 @@ def _duration(own: float | None) -> str:
     return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
 
 
-def recorded_system(
+def record_system(
     reporter: Reporter,
     system: Path,
     choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
@@ -230,24 +239,24 @@ def recorded_system(
     # before an FMU is loaded, which may change the working directory
     here = Path.cwd()
     package, state = read_system(system), _state(start_from)
-    with opened(package, choice, compiled, additions) as (plan, made):
+    with open_system(package, choice, compiled, additions) as (plan, made):
         folder = _folder(package.file, here, out)
-        path = here / folder / RECORDING
+        path = here / folder / RECORDING_FILE
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
-        done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
-        came = facts(plan, made, done, events, writing, folder / RECORDING, state_every)
-    write_json(here / folder / SUMMARY, came)
+        done, events, writing = _record_run(plan, made, path, reporter, state_every, state)
+        came = run_summary(plan, made, done, events, writing, folder / RECORDING_FILE, state_every)
+    write_json(here / folder / SUMMARY_FILE, came)
     return system_result(came)
 
 
-def written_system(
+def write_system(
     system: Path,
     choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
     out: Path | None = None,
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, likewise
 ) -> Result:
-    """Write a system as an SSP archive, and run nothing; arguments as of `recorded_system`.
+    """Write a system as an SSP archive, and run nothing; arguments as of `record_system`.
 
     Args:
         out: the file; None: NAME.ssp here.
@@ -268,31 +277,31 @@ def written_system(
     rows = [
         note(
             "system",
-            f"{_form({'form': package.form, 'ssp': package.structure.version})}{counted(len(plan.parts), 'FMU')}",
+            f"{_form({'form': package.form, 'ssp': package.structure.version})}{count_text(len(plan.parts), 'FMU')}",
         )
     ]
-    rows += [note("unsaid", sentence) for sentence in package.unsaid]
-    found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
+    rows += [note("unsaid", sentence) for sentence in package.omissions]
+    found = {"system": str(package.file), "unsaid": list(package.omissions), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
 
 
 def write_ssp(
     package: Package, choice: MasterChoice, out: Path | None, compiled: bool, additions: Additions
 ) -> tuple[SystemPlan, Path]:
-    """Write a system as an SSP archive and return its plan and the file; see `written_system`."""
-    from twin.kernel.systems.to_ssp import ssp_of
+    """Write a system as an SSP archive and return its plan and the file; see `write_system`."""
+    from twin.kernel.systems.to_ssp import ssp_archive
 
     file = out or Path(f"{package.structure.system.name}.ssp")
     if os.path.exists(file):
         raise InputRefused(f"{file}: is there already; run it, or name another file with --out")
-    with drawn_up(package, choice, compiled, additions) as plan:
-        content = ssp_of(plan)
-    made_folder(file.parent)
+    with open_plan(package, choice, compiled, additions) as plan:
+        content = ssp_archive(plan)
+    make_folder(file.parent)
     write_bytes(file, content)
     return plan, file
 
 
-def joined_system(
+def write_joined_system(
     fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
 ) -> tuple[Path, list[Note]]:
     """Write the system of several FMUs, with guessed wires, as an SSP archive in this folder, or at `out`.
@@ -301,18 +310,18 @@ def joined_system(
         The archive, and what there is to say of its wires.
 
     Raises:
-        InputRefused: see `joined` and `written_system`.
+        InputRefused: see `join_fmus` and `write_system`.
     """
     # wires are guessed as those of a drive, which systems do without
-    from twin.studies.systems.joined import joined
+    from twin.studies.systems.joined import join_fmus
 
-    package, doubtful = joined(fmus, choice.lenient)
+    package, doubtful = join_fmus(fmus, choice.lenient)
     _, file = write_ssp(package, choice, out, compiled, Additions())
     wires = [f"{'.'.join(one.start)} -> {'.'.join(one.end)}" for one in package.structure.system.connections]
     left = [f"{one.source} -> {one.target}" for one in doubtful]
     return file, [
         note("wires", f"guessed from names and units: {', '.join(wires)}", True),
-        *([note("in doubt", f"left out: {some(left, MOST)}", True)] if left else []),
+        *([note("in doubt", f"left out: {join_names(left, MAX_ROWS)}", True)] if left else []),
     ]
 
 
@@ -321,7 +330,7 @@ def _folder(file: Path, here: Path, out: Path | None) -> Path:
     if out:
         claim_run_folder(here / out)
         return out
-    return create_run_folder(here / HOME, file.stem, datetime.now()).relative_to(here)
+    return create_run_folder(here / COSIM_FOLDER, file.stem, datetime.now()).relative_to(here)
 
 
 def _state(start_from: str | None) -> StoredState | None:
@@ -336,14 +345,14 @@ def _state(start_from: str | None) -> StoredState | None:
     return found
 
 
-def _recorded(
+def _record_run(
     plan: SystemPlan,
     made: PreparedSystem,
     path: Path,
     reporter: Reporter,
     state_every: float | None,
     state: StoredState | None,
-) -> tuple[Simulated, list[TickEvent], float]:
+) -> tuple[SimulationResult, list[TickEvent], float]:
     rows, last, tick, described = streams(plan, made), plan.timing.ticks, plan.timing.tick, _provenance(plan, made)
     files = {part.path: part.description.sha256 for part in plan.parts}
     # what the archive is called, or when it was packed, changes no bit
@@ -351,21 +360,21 @@ def _recorded(
     # kept as it was where nothing is fed
     fed = [described["inputs"]] if "inputs" in described else []
     about = identity(made.system, described["versions"], files, [made_of, described["components"], last, *fed])
-    saved = state.saved if state else None
+    saved = state.saved_state if state else None
     if state and saved:
         refuse_other_run(saved, about, str(state.recording))
-        described |= continues(state)
+        described |= continuation_metadata(state)
     with Writer(path, [stream.topic for stream in rows], tick, described) as writer:
         recorder = Recorder(writer, rows)
         lasting = {"recorder": recorder}
-        states = RunStates(asked_ticks((), state_every, tick, last), last, tick, about, lasting)
-        observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, last + 1)]
+        states = RunStates(state_ticks((), state_every, tick, last), last, tick, about, lasting)
+        observers = [MessageObserver(made.system), recorder, ProgressObserver(reporter.progress, last + 1)]
         try:
             done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
         except ComponentFailed as failure:
             # its state was asked for between two steps
             raise ComponentFailed(recorder.abandon(failure)) from None
-        if isinstance(done.failure, EndRequested):
+        if isinstance(done.failure, EndRequest):
             recorder.end(done.failure)
         elif done.failure:
             raise ComponentFailed(recorder.abandon(done.failure))
@@ -412,4 +421,4 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
             for part in plan.parts
         },
         "versions": versions(),
-    } | ({"inputs": plan.beside.about} if plan.beside.about else {})
+    } | ({"inputs": plan.extras.about} if plan.extras.about else {})

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, Asked, Compile, Option, options_of, study
+from twin.studies.command import Argument, ArgumentValues, Compile, Option, options_of, study
 from twin.studies.result import Result
 from twin.studies.systems.options import AdditionOptions, MasterOptions, SystemForm
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter
 
 
-def _check_master(asked: Asked) -> None:
+def _check_master(asked: ArgumentValues) -> None:
     options_of(MasterOptions, asked).choice()
 
 
-def _check_times(asked: Asked) -> None:
+def _check_times(asked: ArgumentValues) -> None:
     for option in ("tick_ms", "stop_s", "state_every_s"):
         value = asked[option]
         if value is not None and not 0.0 < value < math.inf:
             raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
 
 
-def _check_writing(asked: Asked) -> None:
+def _check_writing(asked: ArgumentValues) -> None:
     for option, value in (("--from", asked["start_from"]), ("--state-every-s", asked["state_every_s"])):
         if asked["to"] is not None and value is not None:
             raise InputRefused(f"--to runs nothing, and does not go with {option}; leave one of them out")
@@ -67,18 +67,18 @@ def cosim(
     Example: twin cosim system.ssp --input 'shaft.omega_ref=step(0.05)'
 
     Raises:
-        InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
+        InputRefused, ComponentFailed, NotWritten: see `record_system`.
     """
     from twin.studies.result import Note
-    from twin.studies.systems.recorded import joined_system, recorded_system, written_system
+    from twin.studies.systems.recorded import record_system, write_joined_system, write_system
 
     choice, additions = master.choice(), added.additions()
     (whole, *others), wires = system, list[Note]()
     if others:
-        whole, wires = joined_system(system, choice, out if to is not None else None, compiled)
+        whole, wires = write_joined_system(system, choice, out if to is not None else None, compiled)
         if to is not None:
             return Result(f"{whole.stem} written as SSP 1.0", wires, {"ssp": str(whole)}, {"ssp": str(whole)})
     if to is not None:
-        return written_system(whole, choice, out, compiled, additions)
-    done = recorded_system(reporter, whole, choice, out, compiled, state_every_s, start_from, additions)
+        return write_system(whole, choice, out, compiled, additions)
+    done = record_system(reporter, whole, choice, out, compiled, state_every_s, start_from, additions)
     return replace(done, body=[*wires, *done.body], files={"system": whole, **done.files}) if others else done

@@ -22,10 +22,15 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE, Matrix
-from twin.studies.analyse.linear.margins import LOWEST, Complex, response
-from twin.studies.analyse.linearised import Linearised
-from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points, undisturbed
+from twin.studies.analyse.linear.loops import ESTIMATED_SIGNALS, LOOPS, TRUE_SIGNALS, Matrix
+from twin.studies.analyse.linear.margins import MIN_FREQUENCY, Complex, response
+from twin.studies.analyse.linearised import Linearisation
+from twin.studies.analyse.operating_point import (
+    OperatingPoint,
+    operating_points,
+    point_on_stiffness,
+    undisturbed_experiment,
+)
 from twin.studies.metrics.response import overshoot, settling_time
 
 
@@ -108,7 +113,7 @@ class LawGains(NamedTuple):
     force_ki: float
 
 
-def rounded(gains: LawGains) -> LawGains:
+def round_gains(gains: LawGains) -> LawGains:
     """`gains` with three digits, as they are shown and written."""
     return LawGains(*(float(f"{gain:.2e}") for gain in gains))
 
@@ -142,11 +147,11 @@ def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
     return replace(experiment, controller=c.model_copy(update={"position": position, "force": force}))
 
 
-STIFFNESSES = 3
+STIFFNESS_COUNT = 3
 """Of a range: both ends and the geometric mean."""
-FREQUENCIES = 500
-"""From `LOWEST` to half the sampling rate: 2 % apart, closer than the platform's swings are wide."""
-UNITY = LawGains(1.0, 1.0, 0.0)
+FREQUENCY_COUNT = 500
+"""From `MIN_FREQUENCY` to half the sampling rate: 2 % apart, closer than the platform's swings are wide."""
+UNITY_GAINS = LawGains(1.0, 1.0, 0.0)
 """With these the analysis is asked for a robot whose laws are then opened."""
 
 
@@ -197,12 +202,12 @@ class Corner:
 def stiffnesses(span: tuple[float, float]) -> list[float]:
     """Return the stiffnesses (N/m) that stand for a range."""
     low, high = span
-    return [float(K) for K in np.geomspace(low, high, STIFFNESSES)] if high > low else [low]
+    return [float(K) for K in np.geomspace(low, high, STIFFNESS_COUNT)] if high > low else [low]
 
 
 def corners(
     experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
-) -> tuple[list[Corner], list[str], list[Linearised]]:
+) -> tuple[list[Corner], list[str], list[Linearisation]]:
     """(corners, sentences about points without a linear model, the drives as identified), one experiment per drive.
 
     Raises:
@@ -215,48 +220,48 @@ def corners(
         each = stiffnesses(stiffness)
         air = [point for point in points if not point.in_contact]
         try:
-            points = air + [on_stiffness(point, K) for point in points if point.in_contact for K in each]
+            points = air + [point_on_stiffness(point, K) for point in points if point.in_contact for K in each]
         except InputRefused as refusal:
             raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: {refusal}; raise the lower end") from None
     found, drives = [], []
     for experiment in experiments:
-        shared = Linearised(with_gains(experiment, UNITY), points)
+        shared = Linearisation(with_gains(experiment, UNITY_GAINS), points)
         drives.append(shared)
-        found += [opened(experiment, shared, point) for point in points]
+        found += [open_corner(experiment, shared, point) for point in points]
     return found, problems, drives
 
 
-def opened(experiment: Experiment, shared: Linearised, point: OperatingPoint) -> Corner:
+def open_corner(experiment: Experiment, shared: Linearisation, point: OperatingPoint) -> Corner:
     """The corner of `experiment` at `point`, with what all points of it share."""
-    loops = shared.at(point).loops
-    outputs = [loops.output_labels.index(name) for name in (*ESTIMATED, *TRUE)]
+    loops = shared.linear_point(point).loops
+    outputs = [loops.output_labels.index(name) for name in (*ESTIMATED_SIGNALS, *TRUE_SIGNALS)]
     rows = loops.C[outputs]
     # the pressing force is -F_ee_B_z
     rows[-1] *= -1.0
     system = loops[outputs[:4], : len(LOOPS[:3])]
-    omega = np.geomspace(LOWEST, 0.999 * np.pi / loops.dt, FREQUENCIES)
+    omega = np.geomspace(MIN_FREQUENCY, 0.999 * np.pi / loops.dt, FREQUENCY_COUNT)
     P = response(system, omega)
     return Corner(experiment, shared.labels[0], point, loops.A, loops.B[:, :3], rows, loops.dt, omega, P)
 
 
 def at_stiffness(corner: Corner) -> Experiment:
-    """The corner's experiment with its contact, `undisturbed`."""
+    """The corner's experiment with its contact, `undisturbed_experiment`."""
     p = corner.point.parameters
-    return undisturbed(corner.experiment, stiffness=p.K, height=p.z_s)
+    return undisturbed_experiment(corner.experiment, stiffness=p.K, height=p.z_s)
 
 
-HORIZON = 8.0
+STEP_HORIZON = 8.0
 """Of a step response (s)."""
-SETTLED = 0.05
+SETTLED_BAND = 0.05
 """Band around the final value (share of the step)."""
-BLOCK = 64
+BLOCK_SAMPLES = 64
 """Samples; a power of two."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
-ALONE = (1.0, 1.0, 1.0, 1.0)
+UNIT_FACTORS = (1.0, 1.0, 1.0, 1.0)
 """Factors on the loops x, y, z and force that leave them as they are."""
-BETWEEN = 1.02
+GRID_TOLERANCE = 1.02
 """What M_s may be larger by between two of the frequencies at which it is looked for."""
-LARGEST_FACTOR = 1000.0
+MAX_FACTOR = 1000.0
 
 
 @dataclass(frozen=True)
@@ -265,8 +270,8 @@ class StepAnswer:
 
     Attributes:
         overshoot: share of the step.
-        settling: time from which it stays within `SETTLED` (s); infinity: not in `HORIZON`.
-        error: integrated absolute error over `HORIZON`, of a unit step (s).
+        settling: time from which it stays within `SETTLED_BAND` (s); infinity: not in `STEP_HORIZON`.
+        error: integrated absolute error over `STEP_HORIZON`, of a unit step (s).
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
 
@@ -297,9 +302,9 @@ class Prediction:
         return self.radius < 1.0
 
 
-def predicted(corner: Corner, gains: LawGains) -> Prediction:
+def predict(corner: Corner, gains: LawGains) -> Prediction:
     """Judge `gains` at `corner`."""
-    A, _, _ = closed(corner, gains)
+    A, _, _ = close_loops(corner, gains)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
         return Prediction(corner, radius, np.inf, {})
@@ -309,7 +314,9 @@ def predicted(corner: Corner, gains: LawGains) -> Prediction:
     return Prediction(corner, radius, float(np.abs(S).max()), answers)
 
 
-def closed(corner: Corner, gains: LawGains, factors: Sequence[float] = ALONE) -> tuple[Matrix, Matrix, Matrix]:
+def close_loops(
+    corner: Corner, gains: LawGains, factors: Sequence[float] = UNIT_FACTORS
+) -> tuple[Matrix, Matrix, Matrix]:
     """(A, B, C) with the laws closed: p_ref (3,) and F_z_ref in, true position (3,) and pressing force out.
 
     The force law's integral is a state only where that law acts with an integral gain.
@@ -353,35 +360,35 @@ def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
     return np.diagonal(S, axis1=1, axis2=2)
 
 
-def confirmed(corner: Corner, gains: LawGains, sensitivity: float) -> bool:
-    """Whether the eigenvalues bear out that M_s is no larger than `sensitivity`, but for what is `BETWEEN`.
+def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) -> bool:
+    """Whether the eigenvalues bear out that M_s is no larger than `sensitivity`, but for what is `GRID_TOLERANCE`.
 
     A loop with M_s stays stable with any one factor from M_s / (M_s + 1) to M_s / (M_s - 1) (Astrom and Hagglund 2006,
     Advanced PID Control, Sec. 4.6).
     """
-    M_s = BETWEEN * sensitivity
+    M_s = GRID_TOLERANCE * sensitivity
     for i in range(4 if corner.point.force_on else 3):
-        for factor in (M_s / (M_s + 1.0), min(M_s / (M_s - 1.0), LARGEST_FACTOR)):
+        for factor in (M_s / (M_s + 1.0), min(M_s / (M_s - 1.0), MAX_FACTOR)):
             factors = [factor if loop == i else 1.0 for loop in range(4)]
-            if np.abs(np.linalg.eigvals(closed(corner, gains, factors)[0])).max() >= 1.0:
+            if np.abs(np.linalg.eigvals(close_loops(corner, gains, factors)[0])).max() >= 1.0:
                 return False
     return True
 
 
 def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
     """(t in s, response (n,), its final value) of the true position in axis `i`, or of the true pressing force (3), to
-    a unit step of its reference at t = 0, over `HORIZON`.
+    a unit step of its reference at t = 0, over `STEP_HORIZON`.
 
     Args:
         gains: with which the corner is stable.
     """
-    A, B, C = closed(corner, gains)
+    A, B, C = close_loops(corner, gains)
     rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i]).astype(np.float64, copy=False)
     final = float(C[i] @ rest)
     # x(k) = rest - A^k rest; C A^(64 a + b) rest is the product of a few rows C A^b and columns A^(64 a) rest
-    samples = round(HORIZON / corner.period)
-    rows, power = _powers(C[[i]], A, BLOCK)
-    columns, _ = _powers(rest[None], power.T, -(-samples // BLOCK))
+    samples = round(STEP_HORIZON / corner.period)
+    rows, power = _powers(C[[i]], A, BLOCK_SAMPLES)
+    columns, _ = _powers(rest[None], power.T, -(-samples // BLOCK_SAMPLES))
     y = final - (columns @ rows.T).ravel()[:samples]
     return corner.period * np.arange(samples, dtype=np.float64), y, final
 
@@ -395,11 +402,11 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> StepAnswer:
-    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `HORIZON` (s)."""
+    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `STEP_HORIZON` (s)."""
     return StepAnswer(
         overshoot(share, 1.0),
-        settling_time(t, share, 1.0, SETTLED),
-        float(np.mean(np.abs(1.0 - share)) * HORIZON),
+        settling_time(t, share, 1.0, SETTLED_BAND),
+        float(np.mean(np.abs(1.0 - share)) * STEP_HORIZON),
         bandwidth,
     )
 

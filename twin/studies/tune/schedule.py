@@ -14,26 +14,26 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.checks.adaptive_loop import believed_loop, radius
+from twin.robot.assembly.checks.adaptive_loop import believed_loop, spectral_radius
 from twin.robot.controller.pid import ScheduledGains
-from twin.robot.controller.schedule import SchedulePoint, gains_at, table_of
+from twin.robot.controller.schedule import SchedulePoint, gains_at, schedule_table
 from twin.robot.controller.tissue import Tissue
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.measures import with_units
-from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
+from twin.studies.analyse.operating_point import OperatingPoint, point_on_stiffness
 from twin.studies.result import Block, Column, Row, Table
 from twin.studies.tune import tuned
-from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, opened, predicted, with_gains
+from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, open_corner, predict, with_gains
 from twin.studies.tune.text import goals_sentence, missed_note
-from twin.studies.tune.touchdown import HOLD, OVERSHOOT, Whole, price, shortfalls, whole_runs
+from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, WholeRun, price, shortfalls, whole_runs
 
-RANGE = (300.0, 5000.0)
+STIFFNESS_RANGE = (300.0, 5000.0)
 """Stiffness (N/m) by default."""
-STRIDE = 2.0
+MAX_STIFFNESS_RATIO = 2.0
 """Largest ratio of the stiffness of two neighbours."""
-DOUBT = 1.3
+STIFFNESS_ERROR_FACTOR = 1.3
 """Factor by which the estimate may be wrong either way: the tolerance of [controller.tissue]."""
-WORSE = 1.05
+MAX_ERROR_RATIO = 1.05
 """Error since the first touch with the schedule over that with one set from which on it is reported."""
 ONE_SET = "with one set"
 """What a schedule is compared with."""
@@ -57,7 +57,7 @@ class DesignedPoint:
     predictions: list[Prediction]
     misses: list[tuned.Miss]
     trials: dict[int, tuned.StepTrial | None]
-    wholes: list[tuple[Whole, Whole]]
+    wholes: list[tuple[WholeRun, WholeRun]]
 
     def ratio(self, drive: int) -> float:
         """Error since the first touch with the schedule over that with one set; NaN where one of them failed."""
@@ -66,7 +66,7 @@ class DesignedPoint:
 
 
 @dataclass(frozen=True)
-class Scheduled:
+class GainSchedule:
     """What scheduling came to.
 
     Attributes:
@@ -76,17 +76,17 @@ class Scheduled:
         between: predictions half-way between two points.
     """
 
-    base: tuned.Tuned
+    base: tuned.TuningResult
     goals: Goals
     points: list[DesignedPoint]
-    between: list[Prediction]
+    midpoint_predictions: list[Prediction]
 
     @property
     def contradictions(self) -> list[str]:
         """What the co-simulation does not confirm, and where the gains between two points are not stable."""
         doubts = [
             f"between the points, {prediction.corner.name}: unstable"
-            for prediction in self.between
+            for prediction in self.midpoint_predictions
             if not prediction.stable
         ]
         for point in self.points:
@@ -97,19 +97,19 @@ class Scheduled:
                 doubts += [f"{name}: {doubt}"] if doubt else []
             for drive, (fixed, scheduled) in enumerate(point.wholes):
                 doubts += [one.text for one in shortfalls(fixed, scheduled, self.goals.overshoot, ONE_SET)]
-                if point.ratio(drive) > WORSE:
+                if point.ratio(drive) > MAX_ERROR_RATIO:
                     share = f"{100 * point.ratio(drive):.0f} %"
                     doubts.append(f"{scheduled.name}: the error since the first touch is {share} of that {ONE_SET}")
         return doubts
 
     @property
-    def met(self) -> bool:
+    def meets_goals(self) -> bool:
         return not self.contradictions and not any(point.misses for point in self.points)
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON, SI."""
         return {
-            "met": self.met,
+            "met": self.meets_goals,
             "contradictions": self.contradictions,
             "points": [
                 {
@@ -136,13 +136,13 @@ class Scheduled:
         }
 
 
-def ladder(low: float, high: float) -> list[float]:
-    """Stiffnesses (N/m) from `low` to `high`, with one ratio from each to the next, of at most `STRIDE`."""
-    steps = max(1, int(np.ceil(np.log(high / low) / np.log(STRIDE) - 1e-9)))
+def geometric_grid(low: float, high: float) -> list[float]:
+    """Stiffnesses (N/m) from `low` to `high`, with one ratio from each to the next, of at most `MAX_STIFFNESS_RATIO`."""
+    steps = max(1, int(np.ceil(np.log(high / low) / np.log(MAX_STIFFNESS_RATIO) - 1e-9)))
     return [float(f"{K:.3g}") for K in np.geomspace(low, high, steps + 1)]
 
 
-def scheduled(base: tuned.Tuned) -> Scheduled:
+def design_schedule(base: tuned.TuningResult) -> GainSchedule:
     """A schedule for the experiment of `base`, over the stiffness that its gains were found for.
 
     Raises:
@@ -152,24 +152,29 @@ def scheduled(base: tuned.Tuned) -> Scheduled:
     places = _places(base)
     if not places:
         raise InputRefused(f"{name}: there is no force control in contact, so there is no stiffness to schedule over")
-    low, high = base.stiffness or RANGE
+    low, high = base.stiffness or STIFFNESS_RANGE
     if low == high:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")
     found, fixed = [], []
     labels = [shared.labels[0] for shared in base.drives]
-    for K in ladder(low, high):
+    for K in geometric_grid(low, high):
         one_set = list(whole_runs(base.experiments, labels, base.after.gains, (K,)))
         fixed.append(one_set)
-        mistaken = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K * DOUBT)]
+        mistaken = [
+            *_corners(base, places, K / STIFFNESS_ERROR_FACTOR, True),
+            *_corners(base, places, K * STIFFNESS_ERROR_FACTOR),
+        ]
         designed_for = [*mistaken, *_corners(base, places, K)]
 
-        def simulated(gains: LawGains, K: float = K, one_set: Sequence[Whole] = one_set) -> float:
+        def simulated(gains: LawGains, K: float = K, one_set: Sequence[WholeRun] = one_set) -> float:
             return price(one_set, whole_runs(base.experiments, labels, gains, (K,)), goals.overshoot)
 
-        gains = tuned.best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K), simulated)
-        misses = tuned.worst_misses([predicted(corner, gains) for corner in designed_for], goals)
-        predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
-        tried = [i for i, corner in enumerate(predictions) if corner.stable and tuned.can_be_tried(corner.corner)]
+        gains = tuned.best_gains(
+            designed_for, goals, base.after.gains, "force", partial(_is_stable, base, K), simulated
+        )
+        misses = tuned.worst_misses([predict(corner, gains) for corner in designed_for], goals)
+        predictions = [predict(corner, gains) for corner in _corners(base, places, K)]
+        tried = [i for i, corner in enumerate(predictions) if corner.stable and tuned.can_simulate_step(corner.corner)]
         trials = {i: tuned.step_trial(predictions[i].corner, gains) for i in tried}
         found.append(DesignedPoint(K, gains, predictions, misses, trials, []))
     # the gains of each experiment itself are the safe set already
@@ -178,14 +183,14 @@ def scheduled(base: tuned.Tuned) -> Scheduled:
     for point, one_set in zip(found, fixed, strict=True):
         runs = whole_runs(followed, labels, base.after.gains, (point.stiffness,))
         points.append(replace(point, wholes=list(zip(one_set, runs, strict=True))))
-    return Scheduled(base, goals, points, list(_between(base, places, found)))
+    return GainSchedule(base, goals, points, list(_midpoint_predictions(base, places, found)))
 
 
-def _is_taken(base: tuned.Tuned, K: float, gains: LawGains) -> bool:
+def _is_stable(base: tuned.TuningResult, K: float, gains: LawGains) -> bool:
     """Whether an experiment with these gains for the stiffness `K` is not refused."""
     first = with_schedule(base.experiments[0], gains, ())
     loop = believed_loop(first.controller, first.plant, first.start)
-    return radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
+    return spectral_radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
@@ -202,7 +207,7 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Desi
     )
 
 
-def _places(base: tuned.Tuned) -> list[OperatingPoint]:
+def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
     """Where the force law acts, once each, whatever the stiffness."""
     found: dict[tuple[float, ...], OperatingPoint] = {}
     for prediction in base.after.predictions:
@@ -212,41 +217,51 @@ def _places(base: tuned.Tuned) -> list[OperatingPoint]:
     return list(found.values())
 
 
-def _corners(base: tuned.Tuned, places: Sequence[OperatingPoint], K: float, undamped: bool = False) -> list[Corner]:
+def _corners(
+    base: tuned.TuningResult, places: Sequence[OperatingPoint], K: float, undamped: bool = False
+) -> list[Corner]:
     """Of each place with each drive; `undamped`: on a tissue that is a spring and nothing else."""
-    there = [on_stiffness(place, K) for place in places]
+    there = [point_on_stiffness(place, K) for place in places]
     if undamped:
         there = [replace(point, parameters=point.parameters._replace(damping=0.0, damper=0.0)) for point in there]
     return [
-        opened(experiment, shared, point)
+        open_corner(experiment, shared, point)
         for experiment, shared in zip(base.experiments, base.drives, strict=True)
         for point in there
     ]
 
 
-def _between(base: tuned.Tuned, places: Sequence[OperatingPoint], points: Sequence[DesignedPoint]) -> list[Prediction]:
-    table = table_of([SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points])
+def _midpoint_predictions(
+    base: tuned.TuningResult, places: Sequence[OperatingPoint], points: Sequence[DesignedPoint]
+) -> list[Prediction]:
+    table = schedule_table(
+        [SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points]
+    )
     table = table.view(np.recarray)
     found = []
     for below, above in pairwise(points):
         K = float(np.sqrt(below.stiffness * above.stiffness))
         gains = LawGains(base.after.gains.kp, *map(float, gains_at(table, 0, K)[:2]))
-        found += [predicted(corner, gains) for corner in _corners(base, places, K)]
+        found += [predict(corner, gains) for corner in _corners(base, places, K)]
     return found
 
 
-def schedule_parts(done: Scheduled) -> list[Block]:
+def schedule_parts(done: GainSchedule) -> list[Block]:
     """For people: the verdict, then each point."""
-    return [*_verdict(done), "", Table(COLUMNS, [row for point in done.points for row in _rows(point)], indent=0)]
+    return [
+        *_verdict(done),
+        "",
+        Table(SCHEDULE_COLUMNS, [row for point in done.points for row in _rows(point)], indent=0),
+    ]
 
 
-def schedule_lines(done: Scheduled, own_tissue: bool) -> str:
+def schedule_lines(done: GainSchedule, own_tissue: bool) -> str:
     """TOML that goes below the one set of gains, which is the safe one.
 
     Args:
         own_tissue: whether the experiment has a [controller.tissue] of its own.
     """
-    source = f"twin tune --schedule: {goals_sentence(done.base)}" + ("" if done.met else "; GOALS NOT MET")
+    source = f"twin tune --schedule: {goals_sentence(done.base)}" + ("" if done.meets_goals else "; GOALS NOT MET")
     lines = ["", f"# {source}"]
     for point in done.points:
         lines += [
@@ -259,9 +274,9 @@ def schedule_lines(done: Scheduled, own_tissue: bool) -> str:
     return "\n".join(lines if own_tissue else [*lines, "[controller.tissue]", ""])
 
 
-def _verdict(done: Scheduled) -> list[Block]:
+def _verdict(done: GainSchedule) -> list[Block]:
     name, points = done.base.experiments[0].name, len(done.points)
-    if done.met:
+    if done.meets_goals:
         return [f"{name}  SCHEDULE of {points} points, goals met at each, and the co-simulation agrees"]
     missed = [
         f"{miss.goal} for {point.stiffness:.4g} N/m: {miss.at.corner.name}"
@@ -290,12 +305,12 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
         yield f"    {Path(fixed.drive).stem}", *6 * ("",), _pair(fixed, scheduled)
 
 
-def _pair(*runs: Whole) -> str:
+def _pair(*runs: WholeRun) -> str:
     """Overshoot and hold error of each run."""
-    return " ".join(f"{whole.shown(OVERSHOOT):>6} {whole.shown(HOLD):>7}" for whole in runs)
+    return " ".join(f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_ERROR):>7}" for whole in runs)
 
 
-COLUMNS = (
+SCHEDULE_COLUMNS = (
     Column("", 12, unit="on", left=True),
     Column("kp", 6, ".3g", "mm/N", gap=2),
     Column("ki", 9, ".3g", "mm/(N s)"),

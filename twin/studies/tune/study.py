@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.studies.command import BodyName, ExperimentName, Option, Say, Settings, study
-from twin.studies.first_look import load_experiments
+from twin.studies.precheck import load_experiments
 from twin.studies.result import Result
 
-HOME = Path("results") / "tuning"
+TUNING_FOLDER = Path("results") / "tuning"
 NO_SCHEDULE = "controller.force.schedule=[]"
-FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
+FACTS_FILE, PICTURE_FILE, GAINS_FILE = "tuning.json", "tuning.png", "tuned.toml"
 
 
 @study(draws=True, isolated=True, before=[load_experiments])
@@ -49,18 +49,18 @@ def tune(
     Example: twin tune experiments/fig4_force_position.toml
 
     Raises:
-        InputRefused, ComponentFailed: see `tuned`; or the folder cannot be used.
+        InputRefused, ComponentFailed: see `tune_gains`; or the folder cannot be used.
     """
-    from twin.kernel.writing import made_folder, write_json, write_text
+    from twin.kernel.atomic_write import make_folder, write_json, write_text
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.tune.prediction import Goals, stiffness_range
-    from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_parts, scheduled
+    from twin.studies.tune.schedule import STIFFNESS_RANGE, design_schedule, schedule_lines, schedule_parts
     from twin.studies.tune.text import draw_tuning, fragment, tuning_parts
-    from twin.studies.tune.tuned import tuned
+    from twin.studies.tune.tuned import tune_gains
 
     goals = Goals(margin, overshoot / 100.0, None if bandwidth is None else 2.0 * math.pi * bandwidth)
-    folder = made_folder(out or HOME / experiment.stem)
+    folder = make_folder(out or TUNING_FOLDER / experiment.stem)
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     file = experiment_file(experiment)
@@ -70,25 +70,25 @@ def tune(
     given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
     options = [word for option, value in given if value is not None for word in (option, value)]
     if schedule:
-        span = span or RANGE
+        span = span or STIFFNESS_RANGE
         # one set first, which is then the safe one
         settings = [*settings, NO_SCHEDULE]
     models = [load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives or (None,))]
-    done = tuned(models, goals, span, say)
+    done = tune_gains(models, goals, span, say)
     if schedule:
         say("designing the schedule")
-    over = scheduled(done) if schedule else None
-    files = [str(folder / name) for name in (GAINS, PICTURE, FACTS)]
-    again = shlex.join(["twin", "run", str(folder / GAINS), *options])
-    facts = done.facts() | {"files": files, "again": again}
+    over = design_schedule(done) if schedule else None
+    files = [str(folder / name) for name in (GAINS_FILE, PICTURE_FILE, FACTS_FILE)]
+    again = shlex.join(["twin", "run", str(folder / GAINS_FILE), *options])
+    facts = done.to_dict() | {"files": files, "again": again}
     lines, (first, *parts) = fragment(done, file, folder, options), tuning_parts(done)
     if over is not None:
         lines += schedule_lines(over, done.experiments[0].controller.tissue is not None)
         parts += ["", *schedule_parts(over), ""]
-        facts["schedule"] = over.facts()
-    write_text(home / GAINS, lines)
-    draw_tuning(done, home / PICTURE)
-    write_json(home / FACTS, facts)
-    met = done.met and (over is None or over.met)
+        facts["schedule"] = over.to_dict()
+    write_text(home / GAINS_FILE, lines)
+    draw_tuning(done, home / PICTURE_FILE)
+    write_json(home / FACTS_FILE, facts)
+    met = done.meets_goals and (over is None or over.meets_goals)
     shown = {file: file for file in files}
     return Result(first, [*parts, f"next  {again}", ""], facts, shown, label=0, exit_code=0 if met else 1)

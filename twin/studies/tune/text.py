@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin.kernel.writing import inline_table
-from twin.robot.run.measures import MEASURES
-from twin.studies.figure import BARE, BLUE, GREY, Axes, picture
+from twin.kernel.atomic_write import inline_table
+from twin.robot.run.measures import ROWS_BY_KEY
+from twin.studies.figure import BARE_STYLE, BLUE, GREY, Axes, picture
 from twin.studies.result import Block, Column, Note, Row, Table
-from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivities, step_response
-from twin.studies.tune.touchdown import HOLD, JUDGED, NONE, OVERSHOOT, SETTLING, Whole
-from twin.studies.tune.tuned import Judged, Miss, Tuned, worst_places
+from twin.studies.tune.prediction import SETTLED_BAND, STEP_HORIZON, StepAnswer, sensitivities, step_response
+from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, HOLD_SETTLING, JUDGED_MEASURES, NONE_TEXT, WholeRun
+from twin.studies.tune.tuned import GainAssessment, Miss, TuningResult, worst_places
 
-DOUBT = 0.03
+MAX_MODEL_ERROR = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
-UNTRIED = "no step is simulated: tasks lead this robot, and damping that only they have acts"
-HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
+UNTRIED_NOTE = "no step is simulated: tasks lead this robot, and damping that only they have acts"
+STEP_HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
 RUN_HEAD = f"{'over':>6} {'5 % in':>7} {'hold error':>11}"
-BEFORE, AFTER, PALE = GREY, BLUE, "#d9d9d9"
-COLUMNS = 4
-LOOKED_AT = (0.02, 200.0)
+BEFORE_COLOR, AFTER_COLOR, PALE_COLOR = GREY, BLUE, "#d9d9d9"
+MAX_PANEL_COLUMNS = 4
+FREQUENCY_RANGE = (0.02, 200.0)
 """Frequencies (Hz) of the sensitivities."""
 
 
-def goals_sentence(done: Tuned) -> str:
+def goals_sentence(done: TuningResult) -> str:
     """`M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
     goals = done.goals
     parts = [f"M_s at most {goals.sensitivity:g}", f"steps overshoot at most {100.0 * goals.overshoot:g} %"]
@@ -42,14 +42,14 @@ def goals_sentence(done: Tuned) -> str:
     return ", ".join(parts)
 
 
-def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]) -> str:
+def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequence[str]) -> str:
     """TOML: `extends` the file `experiment`, and all gains of the laws with where they come from.
 
     Args:
         folder: where it will stand.
         options: of the command line, with which the experiment is as it was tuned.
     """
-    source = f"twin tune: {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
+    source = f"twin tune: {goals_sentence(done)}" + ("" if done.meets_goals else "; GOALS NOT MET")
 
     def found(value: float, before: float) -> Any:
         # six digits are more than a search knows
@@ -64,10 +64,10 @@ def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]
             "kd_mm_s_per_N": 0,
         }
     head = f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}\n"
-    return head + tomlkit.dumps({"extends": str(findable(experiment, folder)), "controller": laws})
+    return head + tomlkit.dumps({"extends": str(findable_path(experiment, folder)), "controller": laws})
 
 
-def findable(experiment: Path, folder: Path) -> Path:
+def findable_path(experiment: Path, folder: Path) -> Path:
     """`experiment` as it was typed if it is found so from `folder` or a folder around it, else absolute."""
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
@@ -79,47 +79,47 @@ def _columns(name: str, head: str) -> tuple[Column, ...]:
     return Column("", 23, unit=name, left=True), *two
 
 
-def tuning_parts(done: Tuned) -> list[Block]:
+def tuning_parts(done: TuningResult) -> list[Block]:
     """For people."""
     doubtful = [
         f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response; "
         "trust what is simulated"
         for drive in done.drives
-        if (model := drive.drives[0]).turning or model.residual > DOUBT
+        if (model := drive.drives[0]).turning or model.residual > MAX_MODEL_ERROR
     ]
-    untried = [] if done.after.trials else [UNTRIED]
+    untried = [] if done.after.trials else [UNTRIED_NOTE]
     return [
         *_verdict(done),
         "",
         _gains(done),
         Note(goals_sentence(done), "  goals     "),
         "",
-        Table(_columns("a step of", HEAD), list(_steps(done)), indent=0),
+        Table(_columns("a step of", STEP_HEAD), list(_steps(done)), indent=0),
         "",
         *_runs(done),
         *(Note(text, "note  ") for text in (*doubtful, *untried, *(f"left out: {one}" for one in done.problems))),
     ]
 
 
-def _verdict(done: Tuned) -> list[Block]:
+def _verdict(done: TuningResult) -> list[Block]:
     name, corners = done.experiments[0].name, len(done.after.predictions)
-    if done.met:
+    if done.meets_goals:
         confirmed = ", and the co-simulation agrees" if done.after.trials else ""
         where = "the one corner" if corners == 1 else f"all {corners} corners"
         remark = (
             ["  no better gains were found than those of the file"] if done.after.gains == done.before.gains else []
         )
-        return [f"{name}  GOALS MET at {where}{confirmed}", *remark, *_beyond(done)]
+        return [f"{name}  GOALS MET at {where}{confirmed}", *remark, *_overshoot_notes(done)]
     missed = [*(_miss(done, miss) for miss in done.after.misses), *done.contradictions]
     return [f"{name}  GOALS NOT MET; this is the best that was found", *map(missed_note, missed)]
 
 
-def _beyond(done: Tuned) -> Iterator[Note]:
+def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
     """Touch-downs that overshoot by more than the experiment itself may."""
     for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
-        was, now = (one.measures[OVERSHOOT].value for one in (before, after))
+        was, now = (one.measures[HOLD_OVERSHOOT].value for one in (before, after))
         if now is not None and was is not None and now > done.goals.overshoot:
-            shown = MEASURES[OVERSHOOT].shown
+            shown = ROWS_BY_KEY[HOLD_OVERSHOOT].format_value
             yield Note(f"{after.name} overshoots by {shown(now)}; it was {shown(was)}", "  but       ")
 
 
@@ -128,7 +128,7 @@ def missed_note(text: str) -> Note:
     return Note(text, "  missed    ")
 
 
-def _miss(done: Tuned, miss: Miss) -> str:
+def _miss(done: TuningResult, miss: Miss) -> str:
     where = f"{miss.at.corner.name} with {Path(miss.at.corner.drive).stem}"
     goals = done.goals
     if miss.goal == "stability":
@@ -141,7 +141,7 @@ def _miss(done: Tuned, miss: Miss) -> str:
     return f"bandwidth at least {goals.bandwidth_hertz:g} Hz: it is {reached:.3g} Hz, {where}; margin goes first"
 
 
-def _gains(done: Tuned) -> Table:
+def _gains(done: TuningResult) -> Table:
     before, after = done.before.gains, done.after.gains
     rows = [("position", f"kp = {after.kp:.3g} 1/s", f"was {before.kp:.3g}")]
     if done.goals.law == "force":
@@ -152,19 +152,19 @@ def _gains(done: Tuned) -> Table:
     return Table((Column("", 8, left=True), Column("", 24, left=True, gap=2), Column(left=True)), rows)
 
 
-def _steps(done: Tuned) -> Iterator[Row]:
+def _steps(done: TuningResult) -> Iterator[Row]:
     drive = ""
     for i in worst_places(done.after.predictions):
         corner = done.after.predictions[i].corner
         if corner.drive != drive:
             drive = corner.drive
             yield Path(drive).stem
-        yield f"  {corner.name}", _predicted(done.before, i), _predicted(done.after, i)
+        yield f"  {corner.name}", _prediction_text(done.before, i), _prediction_text(done.after, i)
         if i in done.after.trials:
-            yield "    simulated", _simulated(done.before, i), _simulated(done.after, i)
+            yield "    simulated", _trial_text(done.before, i), _trial_text(done.after, i)
 
 
-def _predicted(judged: Judged, i: int) -> str:
+def _prediction_text(judged: GainAssessment, i: int) -> str:
     prediction = judged.predictions[i]
     if not prediction.stable:
         return f"{'UNSTABLE':^26}"
@@ -172,7 +172,7 @@ def _predicted(judged: Judged, i: int) -> str:
     return f"{prediction.sensitivity:#4.3g} {_answer(found)} {_bandwidth(found.bandwidth)}"
 
 
-def _simulated(judged: Judged, i: int) -> str:
+def _trial_text(judged: GainAssessment, i: int) -> str:
     trial = judged.trials.get(i)
     if trial is None:
         return f"{'failed' if i in judged.trials else 'not tried':^26}"
@@ -186,13 +186,13 @@ def _bandwidth(omega: float) -> str:
 
 
 def _answer(found: StepAnswer) -> str:
-    settling = f"{found.settling:.2f} s" if math.isfinite(found.settling) else f"> {HORIZON:g} s"
+    settling = f"{found.settling:.2f} s" if math.isfinite(found.settling) else f"> {STEP_HORIZON:g} s"
     return f"{100.0 * found.overshoot:3.0f} % {settling:>7}"
 
 
-def _runs(done: Tuned) -> Iterator[Block]:
+def _runs(done: TuningResult) -> Iterator[Block]:
     pairs = list(zip(done.before.wholes, done.after.wholes, strict=True))
-    if all(one.measures[HOLD].value is None for pair in pairs for one in pair):
+    if all(one.measures[HOLD_ERROR].value is None for pair in pairs for one in pair):
         for before, after in pairs:
             if after.stiffness is None:
                 text = f"z off by {_z_error(before)} before, {_z_error(after)} after (rms)"
@@ -204,31 +204,31 @@ def _runs(done: Tuned) -> Iterator[Block]:
         rows += [Path(after.drive).stem] if after.stiffness is None else []
         rows.append((where, _touch_down(before), _touch_down(after)))
     yield from (Table(_columns("the experiment", RUN_HEAD), rows, indent=0), "")
-    missing = (key for key in JUDGED if after.outcome and after.shown(key) == NONE)
-    yield from (Note(f"no {MEASURES[key].text}: {after.measures[key].reason}", "note  ") for key in missing)
+    missing = (key for key in JUDGED_MEASURES if after.outcome and after.measure_text(key) == NONE_TEXT)
+    yield from (Note(f"no {ROWS_BY_KEY[key].text}: {after.measures[key].reason}", "note  ") for key in missing)
 
 
-def _touch_down(whole: Whole) -> str:
+def _touch_down(whole: WholeRun) -> str:
     """Overshoot, settling time and hold error."""
     if whole.outcome is None or whole.trip:
         return f"{'safety trip' if whole.trip else 'failed':^26}"
-    return f"{whole.shown(OVERSHOOT):>6} {whole.shown(SETTLING):>7} {whole.shown(HOLD):>11}"
+    return f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_SETTLING):>7} {whole.measure_text(HOLD_ERROR):>11}"
 
 
-def _z_error(whole: Whole) -> str:
+def _z_error(whole: WholeRun) -> str:
     if whole.outcome is None:
         return "it failed"
     assert whole.outcome.z_error is not None, "twin's own controller has a reference"
     return f"{1e3 * whole.outcome.z_error:.2g} mm" + (" and a safety trip" if whole.trip else "")
 
 
-def draw_tuning(done: Tuned, path: Path) -> None:
+def draw_tuning(done: TuningResult, path: Path) -> None:
     """Write the picture to `path` (PNG): of each drive, law and stiffness the step and, below it, the sensitivity."""
     shown = worst_places(done.after.predictions)
-    columns = min(COLUMNS, len(shown))
+    columns = min(MAX_PANEL_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    title = f"{done.experiments[0].name}, tuned: {'goals met' if done.met else 'GOALS NOT MET'}"
-    with picture(path, 3.4 * max(columns, 2), 4.6 * rows + 0.9, title, look=BARE) as figure:
+    title = f"{done.experiments[0].name}, tuned: {'goals met' if done.meets_goals else 'GOALS NOT MET'}"
+    with picture(path, 3.4 * max(columns, 2), 4.6 * rows + 0.9, title, look=BARE_STYLE) as figure:
         grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[1.3, 1.0] * rows)
         for axes in grid.flat:
             axes.set_axis_off()
@@ -243,37 +243,37 @@ def draw_tuning(done: Tuned, path: Path) -> None:
         figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
 
 
-def _draw_steps(axes: Axes, done: Tuned, i: int) -> None:
+def _draw_steps(axes: Axes, done: TuningResult, i: int) -> None:
     corner, top = done.after.predictions[i].corner, 1.0 + done.goals.overshoot
-    _draw(axes, done.before, i, BEFORE, "before")
-    _draw(axes, done.after, i, AFTER, "after")
-    axes.axhspan(1.0 - SETTLED, 1.0 + SETTLED, color=PALE, lw=0, zorder=0)
-    axes.axhline(top, color=PALE, lw=0.8)
+    _draw(axes, done.before, i, BEFORE_COLOR, "before")
+    _draw(axes, done.after, i, AFTER_COLOR, "after")
+    axes.axhspan(1.0 - SETTLED_BAND, 1.0 + SETTLED_BAND, color=PALE_COLOR, lw=0, zorder=0)
+    axes.axhline(top, color=PALE_COLOR, lw=0.8)
     axes.set(xlim=(0.0, _span(done.after, i)), ylim=(-0.1, max(1.3, top + 0.1)))
     axes.set_title(f"{corner.name}\n{Path(corner.drive).stem}", loc="left", fontsize=9)
-    _dressed(axes, "time since the step (s)")
+    _label_axes(axes, "time since the step (s)")
 
 
-def _draw_sensitivity(axes: Axes, done: Tuned, i: int) -> None:
+def _draw_sensitivity(axes: Axes, done: TuningResult, i: int) -> None:
     """Of all loops at the corner the largest, predicted, and what it may be at most."""
-    for judged, color in ((done.before, BEFORE), (done.after, AFTER)):
+    for judged, color in ((done.before, BEFORE_COLOR), (done.after, AFTER_COLOR)):
         prediction = judged.predictions[i]
         if prediction.stable:
             S = np.abs(sensitivities(prediction.corner, judged.gains)).max(axis=1)
             axes.semilogx(prediction.corner.omega / (2.0 * np.pi), S, color=color, lw=1.3, ls="--")
-    axes.axhline(done.goals.sensitivity, color=PALE, lw=0.8)
-    axes.text(LOOKED_AT[0], done.goals.sensitivity, " asked", fontsize=7, color=BEFORE, va="bottom")
-    axes.set(xlim=LOOKED_AT, ylim=(0.0, max(2.0, 1.2 * done.goals.sensitivity)))
-    _dressed(axes, "frequency (Hz)")
+    axes.axhline(done.goals.sensitivity, color=PALE_COLOR, lw=0.8)
+    axes.text(FREQUENCY_RANGE[0], done.goals.sensitivity, " asked", fontsize=7, color=BEFORE_COLOR, va="bottom")
+    axes.set(xlim=FREQUENCY_RANGE, ylim=(0.0, max(2.0, 1.2 * done.goals.sensitivity)))
+    _label_axes(axes, "frequency (Hz)")
 
 
-def _dressed(axes: Axes, label: str) -> None:
+def _label_axes(axes: Axes, label: str) -> None:
     axes.set_axis_on()
     axes.set_xlabel(label, fontsize=8)
     axes.tick_params(labelsize=8)
 
 
-def _draw(axes: Axes, judged: Judged, i: int, color: str, name: str) -> None:
+def _draw(axes: Axes, judged: GainAssessment, i: int, color: str, name: str) -> None:
     prediction, trial = judged.predictions[i], judged.trials.get(i)
     if trial is not None:
         axes.plot(trial.t, trial.share, color=color, lw=0.9, alpha=0.6, label=f"{name}, simulated")
@@ -283,7 +283,7 @@ def _draw(axes: Axes, judged: Judged, i: int, color: str, name: str) -> None:
         axes.plot(t, y / final, color=color, lw=1.3, ls="--", label=f"{name}, predicted")
 
 
-def _span(judged: Judged, i: int) -> float:
+def _span(judged: GainAssessment, i: int) -> float:
     """Time (s) that shows the step and some of the rest after it."""
-    settling = max((found.settling for found in judged.predictions[i].answers.values()), default=HORIZON)
-    return float(np.clip(4.0 * settling, 0.5, HORIZON)) if math.isfinite(settling) else HORIZON
+    settling = max((found.settling for found in judged.predictions[i].answers.values()), default=STEP_HORIZON)
+    return float(np.clip(4.0 * settling, 0.5, STEP_HORIZON)) if math.isfinite(settling) else STEP_HORIZON

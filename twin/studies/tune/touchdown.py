@@ -6,20 +6,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.measures import MEASURES, RunOutcome, Values, unmeasured
+from twin.robot.run.measures import ROWS_BY_KEY, RunOutcome, Values, missing_measures
 from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.tune.prediction import LawGains, with_gains
 
-OVERSHOOT, SETTLING, HOLD = JUDGED = "hold_overshoot", "hold_settling_time", "hold_error"
+HOLD_OVERSHOOT, HOLD_SETTLING, HOLD_ERROR = JUDGED_MEASURES = "hold_overshoot", "hold_settling_time", "hold_error"
 """Measures that goals are set for."""
-NEVER, NONE = "never", "none"
+NEVER_TEXT, NONE_TEXT = "never", "none"
 """A force that does not settle; a measure that does not exist."""
-FAILED = 10.0
+FAILURE_MISS = 10.0
 """How far a run that fails or trips misses its goals: farther than measures do."""
 
 
 @dataclass(frozen=True)
-class Whole:
+class WholeRun:
     """A run of the experiment from beginning to end.
 
     Attributes:
@@ -36,15 +36,15 @@ class Whole:
 
     @property
     def measures(self) -> Values:
-        """Its measures, by their keys in `MEASURES`."""
-        return self.outcome.measures if self.outcome else unmeasured("the run failed")
+        """Its measures, by their keys in `ROWS_BY_KEY`."""
+        return self.outcome.measures if self.outcome else missing_measures("the run failed")
 
-    def shown(self, key: str) -> str:
+    def measure_text(self, key: str) -> str:
         """A measure for people: `0.094 N`, "none", or "never" for a settling time."""
         value, reason = self.measures[key].value, self.measures[key].reason
         if value is None:
-            return NEVER if reason == MEASURES[SETTLING].missing else NONE
-        return MEASURES[key].shown(value)
+            return NEVER_TEXT if reason == ROWS_BY_KEY[HOLD_SETTLING].missing else NONE_TEXT
+        return ROWS_BY_KEY[key].format_value(value)
 
     @property
     def name(self) -> str:
@@ -53,7 +53,7 @@ class Whole:
         return f"{where} with {Path(self.drive).stem}"
 
 
-def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: float | None = None) -> Whole:
+def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: float | None = None) -> WholeRun:
     """Simulate `experiment` from beginning to end with `gains`; nothing is recorded.
 
     Args:
@@ -64,12 +64,12 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
         contact = experiment.contact.model_copy(update={"stiffness": stiffness})
         experiment = replace(experiment, contact=contact, monitor=None)
     done = Runs(RunRequest(tally=True), most=0).run(with_gains(experiment, gains))
-    return Whole(drive, done.numbers, "" if done.failure else done.reason, stiffness)
+    return WholeRun(drive, done.numbers, "" if done.failure else done.reason, stiffness)
 
 
 def whole_runs(
     experiments: Sequence[Experiment], drives: Sequence[str], gains: LawGains, surfaces: Sequence[float | None]
-) -> Iterator[Whole]:
+) -> Iterator[WholeRun]:
     """Yield `whole_run` of each drive on each surface (stiffness in N/m, None for the one of the file), lazily."""
     for experiment, drive in zip(experiments, drives, strict=True):
         for stiffness in surfaces:
@@ -83,7 +83,7 @@ class Shortfall(NamedTuple):
     text: str
 
 
-def shortfalls(before: Whole, after: Whole, overshoot: float, than: str = "before") -> Iterator[Shortfall]:
+def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = "before") -> Iterator[Shortfall]:
     """Yield each goal that the run `after` misses. Differences below the floors of the measures do not count.
 
     The experiment as its file has it settles and overshoots by at most `overshoot` (share of the force); on another
@@ -94,26 +94,26 @@ def shortfalls(before: Whole, after: Whole, overshoot: float, than: str = "befor
 
     def grown(key: str) -> bool:
         old, new = was[key].value, now[key].value
-        return old is not None and (new is None or (new > old and MEASURES[key].differs(old, new)))
+        return old is not None and (new is None or (new > old and ROWS_BY_KEY[key].differs(old, new)))
 
     if after.outcome is None:
-        yield Shortfall(FAILED, f"{after.name} fails")
+        yield Shortfall(FAILURE_MISS, f"{after.name} fails")
         return
     if after.trip:
-        yield Shortfall(FAILED, f"the safety monitor trips in {after.name}: {after.trip}")
-    over, held = now[OVERSHOOT].value, now[HOLD].value
-    its_own = after.stiffness is None or was[OVERSHOOT].value is None
-    if over is not None and over > overshoot and (its_own or grown(OVERSHOOT)):
-        text = f"overshoots by {after.shown(OVERSHOOT)} ({before.shown(OVERSHOOT)} {than})"
+        yield Shortfall(FAILURE_MISS, f"the safety monitor trips in {after.name}: {after.trip}")
+    over, held = now[HOLD_OVERSHOOT].value, now[HOLD_ERROR].value
+    its_own = after.stiffness is None or was[HOLD_OVERSHOOT].value is None
+    if over is not None and over > overshoot and (its_own or grown(HOLD_OVERSHOOT)):
+        text = f"overshoots by {after.measure_text(HOLD_OVERSHOOT)} ({before.measure_text(HOLD_OVERSHOOT)} {than})"
         yield Shortfall(over - overshoot, f"{after.name} {text}")
-    if after.stiffness is None and after.shown(SETTLING) == NEVER:
+    if after.stiffness is None and after.measure_text(HOLD_SETTLING) == NEVER_TEXT:
         yield Shortfall(1.0, f"{after.name} never settles within 5 %")
-    if grown(HOLD):
-        text = f"hold error {after.shown(HOLD)} ({before.shown(HOLD)} {than})"
-        yield Shortfall(FAILED if held is None else held, f"{after.name}: {text}")
+    if grown(HOLD_ERROR):
+        text = f"hold error {after.measure_text(HOLD_ERROR)} ({before.measure_text(HOLD_ERROR)} {than})"
+        yield Shortfall(FAILURE_MISS if held is None else held, f"{after.name}: {text}")
 
 
-def price(before: Sequence[Whole], after: Iterator[Whole], overshoot: float) -> float:
+def price(before: Sequence[WholeRun], after: Iterator[WholeRun], overshoot: float) -> float:
     """Return how far runs miss their goals, 0 .. 1; 0 if they meet all. No run follows the first that misses one."""
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
         by = sum(one.by for one in shortfalls(old, new, overshoot))

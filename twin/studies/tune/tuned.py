@@ -22,20 +22,20 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.serialise import to_dict
 from twin.robot.assembly.assemble import FORCE_REFERENCE, assemble
-from twin.robot.assembly.declared import PLACES
-from twin.robot.assembly.roles import refuse_other_parts
-from twin.robot.controller.task_controller import hold_at
+from twin.robot.assembly.declared import TUNABLE_PLACES
+from twin.robot.assembly.roles import refuse_third_party_parts
+from twin.robot.controller.task_controller import set_hold_point
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.run.measures import with_units
-from twin.robot.run.past import forked
+from twin.robot.run.shared_prefix import simulate_variants
 from twin.studies.analyse.linear.loops import Matrix
-from twin.studies.analyse.linearised import Linearised
-from twin.studies.command import Say, silent
+from twin.studies.analyse.linearised import Linearisation
+from twin.studies.command import Say, ignore_progress
 from twin.studies.tune.prediction import (
     HALF_POWER,
-    HORIZON,
-    SETTLED,
+    SETTLED_BAND,
+    STEP_HORIZON,
     Corner,
     Goals,
     LawGains,
@@ -43,25 +43,25 @@ from twin.studies.tune.prediction import (
     StepAnswer,
     answer,
     at_stiffness,
-    confirmed,
+    confirms_sensitivity,
     corners,
     gains_of,
-    predicted,
-    rounded,
+    predict,
+    round_gains,
     step_response,
     stiffnesses,
     with_gains,
 )
-from twin.studies.tune.touchdown import Whole, price, shortfalls, whole_runs
+from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
 
-SEED = 1
-POPULATION, GENERATIONS = 8, 40
+SEARCH_SEED = 1
+POPULATION_PER_GAIN, MAX_GENERATIONS = 8, 40
 """Population per gain; most generations. On Fig. 4's experiment 25 end up to 15 % slower, and 60 are no faster."""
-BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
+GAIN_BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
 """Searched range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
-ROUNDING = 1e-3
+GOAL_TOLERANCE = 1e-3
 """By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
-PRICES = {"bandwidth": 1e2, "run": 5e3, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
+MISS_PRICES = {"bandwidth": 1e2, "run": 5e3, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
 """A missed goal costs more than any slowness; what keeps people safe comes before bandwidth. A run of the experiment is
 made only where the linear model meets its goals, so it costs less than those: else the search would avoid runs."""
 
@@ -91,12 +91,12 @@ def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
         yield Miss("stability", prediction.radius - 1.0, prediction.radius, prediction)
         return
     over = prediction.sensitivity / goals.sensitivity - 1.0
-    if over > ROUNDING:
+    if over > GOAL_TOLERANCE:
         yield Miss("margin", over, prediction.sensitivity, prediction)
     for law, found in prediction.answers.items():
-        if found.overshoot > goals.overshoot + ROUNDING:
+        if found.overshoot > goals.overshoot + GOAL_TOLERANCE:
             yield Miss("overshoot", found.overshoot - goals.overshoot, found.overshoot, prediction)
-        if goals.bandwidth and law == goals.law and found.bandwidth < (1.0 - ROUNDING) * goals.bandwidth:
+        if goals.bandwidth and law == goals.law and found.bandwidth < (1.0 - GOAL_TOLERANCE) * goals.bandwidth:
             yield Miss("bandwidth", 1.0 - found.bandwidth / goals.bandwidth, found.bandwidth, prediction)
 
 
@@ -115,7 +115,7 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
 
     Not the settling time: that rewards a P law which jumps into its band and never gets to the end.
     """
-    price = sum(PRICES[miss.goal] * (1.0 + miss.by) for miss in worst_misses(predictions, goals))
+    price = sum(MISS_PRICES[miss.goal] * (1.0 + miss.by) for miss in worst_misses(predictions, goals))
     largest: dict[str, float] = {}
     for prediction in predictions:
         for law, found in prediction.answers.items():
@@ -143,26 +143,26 @@ def best_gains(
         progress: called after each generation with the finished share of the longest search, 0 .. 1.
     """
     force = any(corner.point.force_on for corner in corners)
-    first, last = (1 if laws == "force" else 0), (len(BOUNDS) if force else 1)
-    bounds = [(math.log10(low), math.log10(high)) for low, high in BOUNDS[first:last]]
+    first, last = (1 if laws == "force" else 0), (len(GAIN_BOUNDS) if force else 1)
+    bounds = [(math.log10(low), math.log10(high)) for low, high in GAIN_BOUNDS[first:last]]
 
     def gains(logarithms: np.ndarray) -> LawGains:
-        return rounded(LawGains(*start[:first], *(float(10.0**x) for x in logarithms), *start[last:]))
+        return round_gains(LawGains(*start[:first], *(float(10.0**x) for x in logarithms), *start[last:]))
 
-    best = PRICES["overshoot"]
+    best = MISS_PRICES["overshoot"]
 
     def judged(tried: LawGains) -> float:
         nonlocal best
         predictions = []
         if not allowed(tried):
-            return 2.0 * PRICES["stability"]
+            return 2.0 * MISS_PRICES["stability"]
         for corner in corners:
-            predictions.append(predicted(corner, tried))
+            predictions.append(predict(corner, tried))
             if not predictions[-1].stable:
                 break
         total = cost(predictions, goals)
         if total < best:
-            total += PRICES["run"] * simulated(tried)
+            total += MISS_PRICES["run"] * simulated(tried)
             best = min(best, total)
         return total
 
@@ -170,35 +170,35 @@ def best_gains(
     found = differential_evolution(
         lambda logarithms: judged(gains(logarithms)),
         bounds,
-        seed=SEED,
-        popsize=POPULATION,
-        maxiter=GENERATIONS,
+        seed=SEARCH_SEED,
+        popsize=POPULATION_PER_GAIN,
+        maxiter=MAX_GENERATIONS,
         tol=1e-3,
         polish=False,
         init="sobol",
-        callback=lambda intermediate_result: progress(next(generations) / GENERATIONS),
+        callback=lambda intermediate_result: progress(next(generations) / MAX_GENERATIONS),
     )
     return start if judged(start) <= found.fun else gains(found.x)
 
 
-REST = 3.0
+REST_TIME = 3.0
 """Time (s) before the step, in which the platform sags under the drives' droop."""
 FORCE_STEP = 0.4
 """Step of the force, as a share of the force at the corner: well above what counts and backlash make of it (0.05 N)."""
 HEIGHT_STEP = 1e-3
 """Step of z (m), upwards."""
-ENDING = 0.25
+END_SHARE = 0.25
 """Share of the samples after the step in which a swing that lasts is looked for."""
-SPECTRUM = 2**18
+SPECTRUM_SAMPLES = 2**18
 """Samples to which the step is continued before its spectrum is taken: frequencies 0.01 Hz apart."""
 
-DOUBT = 0.05
+OVERSHOOT_TOLERANCE = 0.05
 """Share of a step by which a simulated overshoot may exceed its goal: backlash and counts are not linear."""
-SWING = 0.1
+MAX_SWING = 0.1
 """Peak to peak (share of the step) from which a simulated swing that lasts is reported."""
-LATER = 4.0 / 3.0
-"""Factor by which backlash and counts delay the settling of a step: a predicted time is to be seen within `HORIZON`."""
-SLOWER = 0.1
+SETTLING_FACTOR = 4.0 / 3.0
+"""Factor by which backlash and counts delay the settling of a step: a predicted time is to be seen within `STEP_HORIZON`."""
+BANDWIDTH_TOLERANCE = 0.1
 """Share of the bandwidth asked for that the simulated one may lack."""
 
 
@@ -210,7 +210,7 @@ class StepTrial:
         corner: where.
         law: whose reference was stepped.
         t, share: s (n,) since the step, and what came of it (n,), 1 where the linear model ends.
-        answer: its bandwidth is NaN if the step is not over in `HORIZON`.
+        answer: its bandwidth is NaN if the step is not over in `STEP_HORIZON`.
         swing: of the run with the step, in the end: peak to peak about a straight line (share of the step).
     """
 
@@ -222,7 +222,7 @@ class StepTrial:
     swing: float
 
 
-def can_be_tried(corner: Corner) -> bool:
+def can_simulate_step(corner: Corner) -> bool:
     """Whether a step can be simulated: the position law's in air, the force law's pressing.
 
     Where [controller.damping] acts there is none: only tasks have it, and tasks make no steps.
@@ -240,7 +240,7 @@ def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
         gains: with which the linear model is stable.
     """
     try:
-        still, moved = still_and_moved(corner, gains)
+        still, moved = paired_step_runs(corner, gains)
     except ComponentFailed:
         return None
     i = 3 if corner.point.force_on else 2
@@ -262,17 +262,17 @@ def step_bandwidth(share: Matrix, tick: float) -> float:
         share: answer to a unit step (n,), 1 at its end.
         tick: between its samples (s).
     """
-    spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM))
-    return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM * tick))
+    spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM_SAMPLES))
+    return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM_SAMPLES * tick))
 
 
 def lasting_swing(t: Matrix, y: Matrix) -> float:
-    """Peak to peak of the last `ENDING` of `y` (n,) about a straight line, which is what is left of creeping."""
-    last = slice(-round(ENDING * len(y)), None)
+    """Peak to peak of the last `END_SHARE` of `y` (n,) about a straight line, which is what is left of creeping."""
+    last = slice(-round(END_SHARE * len(y)), None)
     return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
-def still_and_moved(corner: Corner, gains: LawGains) -> list[Matrix]:
+def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
     """The true pressing force (N) or height (m) at each tick from the step on (n,), without the step and with it."""
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
     period = experiment.controller.period
@@ -285,49 +285,49 @@ def still_and_moved(corner: Corner, gains: LawGains) -> list[Matrix]:
         tasks=(),
         approach=None,
         # the last call of the controller before REST still has the old reference
-        reference=WayPoints((0.0, REST - period, REST), (point.p_B,) * 3),
+        reference=WayPoints((0.0, REST_TIME - period, REST_TIME), (point.p_B,) * 3),
         controller=c.model_copy(update={"mode": mode, "force": force, "tissue": None, "breath": None}),
     )
 
     def step(system: System) -> None:
         if point.force_on:
-            memory = PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
+            memory = TUNABLE_PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
             assert memory is not None
             memory[...] = high
         else:
-            hold_at(system, [*point.p_B[:2], point.p_B[2] + HEIGHT_STEP])
+            set_hold_point(system, [*point.p_B[:2], point.p_B[2] + HEIGHT_STEP])
 
-    rest, over = (round(time / experiment.cosim.tick) for time in (REST, HORIZON))
+    rest, over = (round(time / experiment.cosim.tick) for time in (REST_TIME, STEP_HORIZON))
     pressed, risen = "plant.F_ee_B", "plant.p_B"
-    runs = forked(partial(assemble, held), rest, rest + over, (pressed, risen), [lambda system: None, step])
-    traces = [trace for done, trace in runs if done.completed()]
+    runs = simulate_variants(partial(assemble, held), rest, rest + over, (pressed, risen), [lambda system: None, step])
+    traces = [trace for done, trace in runs if done.require_success()]
     return [-run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2] for run in traces]
 
 
 def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
     """What the co-simulation does that the linear model does not and that the goals forbid; "" if nothing."""
     simulated, linear = trial.answer, prediction.answers[trial.law]
-    if trial.swing > SWING:
+    if trial.swing > MAX_SWING:
         return f"the co-simulation never comes to rest, it swings by {100.0 * trial.swing:.0f} % of the step"
-    if simulated.overshoot > goals.overshoot + DOUBT:
+    if simulated.overshoot > goals.overshoot + OVERSHOOT_TOLERANCE:
         return f"the co-simulation overshoots by {100.0 * simulated.overshoot:.0f} %"
-    if math.isinf(simulated.settling) and LATER * linear.settling < HORIZON:
-        within = f"within {100.0 * SETTLED:g} % of its end"
-        return f"the co-simulation is not {within} after {HORIZON:g} s; predicted are {linear.settling:.2g} s"
+    if math.isinf(simulated.settling) and SETTLING_FACTOR * linear.settling < STEP_HORIZON:
+        within = f"within {100.0 * SETTLED_BAND:g} % of its end"
+        return f"the co-simulation is not {within} after {STEP_HORIZON:g} s; predicted are {linear.settling:.2g} s"
     if goals.bandwidth and trial.law == goals.law:
         # a goal that is predicted to be missed is reported as such
         expected = min(goals.bandwidth, linear.bandwidth)
-        if simulated.bandwidth < (1.0 - SLOWER) * expected:
+        if simulated.bandwidth < (1.0 - BANDWIDTH_TOLERANCE) * expected:
             return f"the co-simulation has a bandwidth of {simulated.bandwidth / (2.0 * math.pi):.3g} Hz only"
     return ""
 
 
-SEARCH = 0.8
+SEARCH_SHARE = 0.8
 """Share of the time that the search takes; the rest is tried in the co-simulation."""
 
 
 @dataclass(frozen=True)
-class Judged:
+class GainAssessment:
     """Gains, judged at every corner.
 
     Attributes:
@@ -343,11 +343,11 @@ class Judged:
     predictions: list[Prediction]
     misses: list[Miss]
     trials: dict[int, StepTrial | None]
-    wholes: list[Whole]
+    wholes: list[WholeRun]
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TuningResult:
     """What tuning came to.
 
     Attributes:
@@ -362,10 +362,10 @@ class Tuned:
     experiments: list[Experiment]
     goals: Goals
     stiffness: tuple[float, float] | None
-    drives: list[Linearised]
+    drives: list[Linearisation]
     problems: list[str]
-    before: Judged
-    after: Judged
+    before: GainAssessment
+    after: GainAssessment
 
     @property
     def contradictions(self) -> list[str]:
@@ -373,41 +373,41 @@ class Tuned:
         doubts = []
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity
-            if prediction.stable and not confirmed(prediction.corner, self.after.gains, M_s):
-                doubts.append(f"{_where(prediction)}: the eigenvalues do not confirm its M_s of {M_s:.3g}")
+            if prediction.stable and not confirms_sensitivity(prediction.corner, self.after.gains, M_s):
+                doubts.append(f"{_place_text(prediction)}: the eigenvalues do not confirm its M_s of {M_s:.3g}")
         for i, trial in self.after.trials.items():
             prediction = self.after.predictions[i]
             doubt = "the co-simulation failed" if trial is None else contradiction(trial, prediction, self.goals)
             if doubt:
-                doubts.append(f"{_where(prediction)}: {doubt}")
+                doubts.append(f"{_place_text(prediction)}: {doubt}")
         for before, after in zip(self.before.wholes, self.after.wholes, strict=True):
             doubts += [missed.text for missed in shortfalls(before, after, self.goals.overshoot)]
         return doubts
 
     @property
-    def met(self) -> bool:
+    def meets_goals(self) -> bool:
         return not self.after.misses and not self.contradictions
 
-    def facts(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON, SI."""
         return {
             "experiment": self.experiments[0].name,
-            "met": self.met,
+            "met": self.meets_goals,
             "goals": {**asdict(self.goals), "stiffness": self.stiffness},
             "missed": [miss.goal for miss in self.after.misses],
             "contradictions": self.contradictions,
             "without_linear_model": self.problems,
-            "before": _facts(self.before),
-            "after": _facts(self.after),
+            "before": _assessment_facts(self.before),
+            "after": _assessment_facts(self.after),
         }
 
 
-def tuned(
+def tune_gains(
     experiments: Sequence[Experiment],
     goals: Goals,
     stiffness: tuple[float, float] | None = None,
-    say: Say = silent,
-) -> Tuned:
+    say: Say = ignore_progress,
+) -> TuningResult:
     """The fastest gains of the laws of `experiments` that meet `goals` at every corner, and what they were.
 
     Args:
@@ -421,7 +421,7 @@ def tuned(
         ComponentFailed: a drive failed while it was measured.
     """
     first = experiments[0]
-    refuse_other_parts(first, "twin tune", ("controller", "estimator"))
+    refuse_third_party_parts(first, "twin tune", ("controller", "estimator"))
     if first.controller.force.schedule:
         raise InputRefused(
             f"{first.name}: its gains come from [controller.force] schedule; twin tune finds one set, so "
@@ -441,7 +441,7 @@ def tuned(
     surfaces = (None, *(stiffnesses(stiffness) if stiffness else ()))
     labels = [drive.labels[0] for drive in drives]
 
-    def wholes(gains: LawGains) -> Iterator[Whole]:
+    def wholes(gains: LawGains) -> Iterator[WholeRun]:
         return whole_runs(experiments, labels, gains, surfaces)
 
     before = list(wholes(start))
@@ -450,18 +450,18 @@ def tuned(
         return price(before, wholes(gains), goals.overshoot) if law == "force" else 0.0
 
     after = best_gains(
-        found, goals, start, simulated=simulated, progress=lambda done: say("searching gains", SEARCH * done)
+        found, goals, start, simulated=simulated, progress=lambda done: say("searching gains", SEARCH_SHARE * done)
     )
-    predictions = [predicted(corner, after) for corner in found]
-    tried = [i for i in worst_places(predictions) if can_be_tried(found[i])]
-    say("trying them in the co-simulation", SEARCH)
+    predictions = [predict(corner, after) for corner in found]
+    tried = [i for i in worst_places(predictions) if can_simulate_step(found[i])]
+    say("trying them in the co-simulation", SEARCH_SHARE)
     judged = [
-        _judged(found, goals, gains, tried, runs) for gains, runs in ((start, before), (after, list(wholes(after))))
+        _assess(found, goals, gains, tried, runs) for gains, runs in ((start, before), (after, list(wholes(after))))
     ]
-    return Tuned(list(experiments), goals, stiffness, drives, problems, *judged)
+    return TuningResult(list(experiments), goals, stiffness, drives, problems, *judged)
 
 
-def _where(prediction: Prediction) -> str:
+def _place_text(prediction: Prediction) -> str:
     return f"{prediction.corner.name} with {Path(prediction.corner.drive).stem}"
 
 
@@ -480,13 +480,15 @@ def worst_places(predictions: Sequence[Prediction]) -> list[int]:
     return [worst[key] for key in sorted(worst, key=lambda key: (drives.index(key[0]), *key[2:], key[1]))]
 
 
-def _judged(found: list[Corner], goals: Goals, gains: LawGains, tried: list[int], wholes: list[Whole]) -> Judged:
-    predictions = [predicted(corner, gains) for corner in found]
+def _assess(
+    found: list[Corner], goals: Goals, gains: LawGains, tried: list[int], wholes: list[WholeRun]
+) -> GainAssessment:
+    predictions = [predict(corner, gains) for corner in found]
     trials = {i: step_trial(found[i], gains) for i in tried if predictions[i].stable}
-    return Judged(gains, predictions, worst_misses(predictions, goals), trials, wholes)
+    return GainAssessment(gains, predictions, worst_misses(predictions, goals), trials, wholes)
 
 
-def _facts(judged: Judged) -> dict[str, Any]:
+def _assessment_facts(judged: GainAssessment) -> dict[str, Any]:
     return {
         "gains": judged.gains._asdict(),
         "corners": [_corner_facts(prediction, judged.trials.get(i)) for i, prediction in enumerate(judged.predictions)],
@@ -499,7 +501,7 @@ def _facts(judged: Judged) -> dict[str, Any]:
     }
 
 
-def _run_facts(whole: Whole) -> dict[str, Any]:
+def _run_facts(whole: WholeRun) -> dict[str, Any]:
     return {
         "drive": whole.drive,
         "force_error": whole.outcome and whole.outcome.force_error,

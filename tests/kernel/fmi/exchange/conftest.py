@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
-from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.assembly.drives import DrivePlan, plan_drive
 from twin.robot.experiment.schema import Drive
 
 Planner = Callable[..., DrivePlan]
@@ -33,6 +33,6 @@ def motor(exchange_folder: Path) -> Planner:
     def plan(fmi: int = 2, **given: Any) -> DrivePlan:
         keys = {key: given.pop(key) for key in set(given) & {"solver", "solver_step_ms", "tolerance", "substeps"}}
         fmu = str(exchange_fmu(exchange_folder, "motor", fmi))
-        return planned(Drive.model_validate({"fmu": fmu, "parameters": given, **keys}))
+        return plan_drive(Drive.model_validate({"fmu": fmu, "parameters": given, **keys}))
 
     return plan

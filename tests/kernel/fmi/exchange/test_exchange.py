@@ -19,27 +19,27 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.solvers import Solver
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.drives import drive, planned
+from twin.robot.assembly.drives import drive, plan_drive
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.experiment.recorded import recorded_fmus
 from twin.robot.experiment.schema import Drive
 from twin.robot.run.run import execute
 from twin.studies.qualify.bench import response
-from twin.studies.qualify.qualification import qualified
+from twin.studies.qualify.qualification import qualify_drive
 
 
 def modelica(root: Path, **keys: Any) -> Drive:
     """The drive that comes as both kinds."""
-    return lone_drive(str(root / "fmus/modelica_dc"), root).model_copy(update=keys)
+    return load_drive(str(root / "fmus/modelica_dc"), root).model_copy(update=keys)
 
 
 def test_an_fmu_of_both_kinds_is_for_co_simulation_unless_the_experiment_says_otherwise(root: Path):
-    usual, other = planned(modelica(root)), planned(modelica(root, kind="model_exchange"))
+    usual, other = plan_drive(modelica(root)), plan_drive(modelica(root, kind="model_exchange"))
     assert usual.parts[""].kind == "co_simulation" and usual.solver("") is None and usual.tolerance("") is None
     assert other.parts[""].kind == "model_exchange" and other.solver("") == Solver("cvode")
     assert other.tolerance("") == 1e-6
-    assert planned(modelica(root, kind="model_exchange", solver="rk4")).tolerance("") is None
+    assert plan_drive(modelica(root, kind="model_exchange", solver="rk4")).tolerance("") is None
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_an_fmu_of_both_kinds_is_for_co_simulation_unless_the_experiment_says_ot
 )
 def test_a_kind_or_solver_that_does_not_fit_is_refused(root: Path, name: str, keys: dict[str, str], said: str):
     with pytest.raises(InputRefused, match=said):
-        planned(lone_drive(str(root / "fmus" / name), root).model_copy(update=keys))
+        plan_drive(load_drive(str(root / "fmus" / name), root).model_copy(update=keys))
 
 
 def test_a_step_without_the_solver_that_makes_it_is_refused():
@@ -70,7 +70,7 @@ def test_a_recording_tells_kind_solver_and_tolerance(root: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_bench_qualifies_a_motor_and_finds_reset_and_state_bit_for_bit(motor: Planner, fmi: int):
-    facts = qualified(motor(fmi, i_max=0.5).table).facts()
+    facts = qualify_drive(motor(fmi, i_max=0.5).table).to_dict()
     assert facts["qualified"] and facts["fmus"][0]["solver"] == "cvode"
     assert {name: facts["checks"][name]["verdict"] for name in ("repeats", "reset", "state")} == {
         "repeats": "ok", "reset": "ok", "state": "ok",
@@ -79,7 +79,7 @@ def test_the_bench_qualifies_a_motor_and_finds_reset_and_state_bit_for_bit(motor
 
 def test_the_bench_tells_of_a_runge_kutta_step_that_is_too_long(motor: Planner):
     # at a time constant of 2 ms a step of 4 ms is close to where it diverges
-    measures = qualified(motor(solver="rk4", L=2e-4, solver_step_ms=0.25, kp=20.0).table).facts()["measures"]
+    measures = qualify_drive(motor(solver="rk4", L=2e-4, solver_step_ms=0.25, kp=20.0).table).to_dict()["measures"]
     assert measures["step_error"]["value"] > 0.0
 
 
@@ -94,14 +94,14 @@ def test_parts_have_solvers_of_their_own(root: Path, exchange_folder: Path):
             "outputs": {"theta_m": "servo.theta_m", "omega_m": "servo.omega_m"},
         }
     )
-    plan = planned(table)
+    plan = plan_drive(table)
     assert plan.solver("motor") == Solver("rk4") and plan.solver("servo") is None
 
 
 @pytest.mark.parametrize("solver", ["cvode", "rk4"])
 def test_the_equations_of_a_model_are_what_is_called(motor: Planner, solver: str):
     component = drive("drive_1", motor(solver=solver), 1e-3, 0.0, 0.0)
-    assert isinstance(component, FmuComponent) and component.called == "its equations of model exchange"
+    assert isinstance(component, FmuComponent) and component.step_call == "its equations of model exchange"
     component.close()
     component.close()
 
@@ -177,7 +177,7 @@ def test_what_is_wrong_at_the_start_is_refused(motor: Planner, fault: str, fmi: 
     ],
 )
 def test_a_number_of_states_that_is_not_the_binarys_is_refused(exchange_folder: Path, fmi: int, states: int, said: str):
-    plan = planned(Drive.model_validate({"fmu": str(exchange_fmu(exchange_folder, "motor", fmi, states))}))
+    plan = plan_drive(Drive.model_validate({"fmu": str(exchange_fmu(exchange_folder, "motor", fmi, states))}))
     with pytest.raises(InputRefused, match=said):
         drive("drive_1", plan, 1e-3, 0.0, 0.0)
 

@@ -13,8 +13,8 @@ from tests.kernel.fmi.exchange.fmus import exchange_fmu
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.fmi.component import FmuComponent
-from twin.robot.assembly.drives import DrivePlan, drive, planned
-from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.assembly.drives import DrivePlan, drive, plan_drive
+from twin.robot.experiment.drive_files import load_drive
 from twin.robot.experiment.schema import Drive
 from twin.studies.qualify.bench import Response, playback, response
 
@@ -98,7 +98,7 @@ def test_an_fmu_that_asks_for_an_event_after_a_step_gets_it(motor: Planner, fmi:
         wires = [(f"signals.{port.name}", f"drive_1.{port.name}") for port in component.inputs]
         try:
             Simulation(System([signals, component], wires, TICK), 10).run()
-            return float(component.instance.read([component.instance.description.variables["updates"]])[0])
+            return float(component.instance.read_floats([component.instance.description.variables["updates"]])[0])
         finally:
             component.close()
 
@@ -113,18 +113,18 @@ def test_the_equations_of_velocity_servo_come_to_what_its_closed_form_does(
     fmu = exchange_fmu(exchange_folder, "servo", 2)
     # without limits: where those bend the equations no Runge-Kutta step sees it
     inputs = np.where(T < 0.05, 0.3, -0.2), np.where(T > 0.02, 0.05, 0.0)
-    own = response(planned(lone_drive(str(root / "fmus/velocity_servo"), root)), *inputs)
-    found = response(planned(Drive.model_validate({"fmu": str(fmu), **keys})), *inputs)
+    own = response(plan_drive(load_drive(str(root / "fmus/velocity_servo"), root)), *inputs)
+    found = response(plan_drive(Drive.model_validate({"fmu": str(fmu), **keys})), *inputs)
     assert np.max(np.abs(found.theta_m - own.theta_m)) < 1e-8
 
 
 def test_a_drive_of_both_kinds_moves_as_its_own_solver_says_that_steps_finely(root: Path):
     # forward Euler with ten steps per step: its error falls as its step does, and what is left is ours
-    table = lone_drive(str(root / "fmus/modelica_dc"), root)
+    table = load_drive(str(root / "fmus/modelica_dc"), root)
     inputs = 0.5 * np.sin(40.0 * T), 0.05 * np.sin(70.0 * T)
-    exact = response(planned(table.model_copy(update={"kind": "model_exchange", "tolerance": 1e-10})), *inputs)
+    exact = response(plan_drive(table.model_copy(update={"kind": "model_exchange", "tolerance": 1e-10})), *inputs)
     apart = [
-        np.max(np.abs(response(planned(table.model_copy(update={"substeps": n})), *inputs).theta_m - exact.theta_m))
+        np.max(np.abs(response(plan_drive(table.model_copy(update={"substeps": n})), *inputs).theta_m - exact.theta_m))
         for n in (4, 40, 400)
     ]
     assert apart[1] < 0.2 * apart[0] and apart[2] < 0.2 * apart[1] and apart[2] < 1e-6

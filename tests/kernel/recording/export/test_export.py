@@ -10,7 +10,7 @@ from tests.kernel.recording import samples
 from tests.kernel.recording.export.readers import csv_columns
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.kernel.recording.export.export import export_recording
-from twin.kernel.recording.export.table import NANOSECONDS, SignalColumn, SignalTable, row_times, write_csv
+from twin.kernel.recording.export.table import NS_PER_S, SignalColumn, SignalTable, row_times, write_csv
 from twin.kernel.recording.reader import read
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -139,7 +139,7 @@ def test_a_rate_that_only_repeats_samples_is_refused():
     # 101 samples, a wrong time in the last: 10 Hz would make 5 million rows of them
     times = 1_000_000 * np.arange(101)
     assert len(row_times([times], 100_000.0)) == 10_001
-    times[-1] = 500_000 * NANOSECONDS
+    times[-1] = 500_000 * NS_PER_S
     with pytest.raises(
         InputRefused, match=r"^rate 10 Hz: makes 5000001 rows out of 101 samples, over 500000 s; choose"
     ):
@@ -160,7 +160,7 @@ def test_rows_are_written_in_blocks_as_in_one(tmp_path: Path, monkeypatch: pytes
         np.arange(7.0), (SignalColumn("a", "1", "", np.arange(7) > 3), SignalColumn("b", "m", "", np.arange(7) / 3))
     )
     write_csv(tmp_path / "whole.csv", table)
-    monkeypatch.setattr("twin.kernel.recording.export.table.ROWS_AT_ONCE", 3)
+    monkeypatch.setattr("twin.kernel.recording.export.table.BLOCK_ROWS", 3)
     write_csv(tmp_path / "blocks.csv", table)
     assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 

@@ -13,11 +13,11 @@ from twin.kernel.recording.export.export import export_recording
 from twin.kernel.recording.export.table import SignalColumn, SignalTable, write_csv
 from twin.kernel.recording.logs.column_map import TIME_NAMES, column_map, split_unit
 from twin.kernel.recording.logs.csv_file import heading, read_csv
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
-from twin.studies.compare.comparison import both
+from twin.studies.compare.comparison import read_logs
 from twin.studies.compare.study import compare
 from twin.studies.replay.map_proposal import propose
 
@@ -64,7 +64,7 @@ def test_outputs_named_like_units_are_all_compared(tmp_path: Path):
         answer = compare(lambda *_: None, [one, other], out=tmp_path / "out")
         assert answer.exit_code == 0 and "in common" not in answer.text
         assert len(answer.facts["rows"]) == 4
-    assert {name.partition(".")[2] for name in both(file, run)[0].series} == {"i_A", "x_mm", "T_s", "F_z_N"}
+    assert {name.partition(".")[2] for name in read_logs(file, run)[0].series} == {"i_A", "x_mm", "T_s", "F_z_N"}
     # alone it has the names of 1.0
     assert set(read_log(file).series) == {"model.i", "model.x", "model.T", "model.F_z"}
 
@@ -102,7 +102,7 @@ def test_the_map_that_is_proposed_reads_the_file_it_was_made_for(
     (folder / "robot.csv").write_text("\n".join([quoted, *rows, ""]), encoding="utf-8")
     try:
         path, _ = propose(folder / "robot.csv")
-    except LogRefused:
+    except LogError:
         # a byte that no text file has, or nothing but numbers
         assert head[0].startswith("#") or all(name.isnumeric() for name in head)
         return
@@ -122,7 +122,7 @@ def test_the_map_that_is_proposed_reads_the_file_it_was_made_for(
 def test_a_map_means_the_column_of_that_whole_name_first(tmp_path: Path, entry: str, value: float):
     (tmp_path / "a.csv").write_text("t_s,x[2],-x,y[rpm],z_mm,k[lbs]\n0,1,2,3,4,5\n1,1,2,3,4,5\n")
     if entry == "a=k[lbs]":
-        with pytest.raises(LogRefused, match="unknown unit 'lbs'"):
+        with pytest.raises(LogError, match="unknown unit 'lbs'"):
             read_log(tmp_path / "a.csv", column_map([entry]))
         return
     scale = 2.0 * np.pi / 60.0 if "rpm" in entry else 1.0
@@ -131,5 +131,5 @@ def test_a_map_means_the_column_of_that_whole_name_first(tmp_path: Path, entry: 
 
 def test_a_name_that_two_columns_could_mean_is_refused_with_both(tmp_path: Path):
     (tmp_path / "a.csv").write_text("t_s,F_N,F_mN\n0,1,2\n1,1,2\n")
-    with pytest.raises(LogRefused, match="column 'F' for a could be F_N or F_mN; expected one of them"):
+    with pytest.raises(LogError, match="column 'F' for a could be F_N or F_mN; expected one of them"):
         read_log(tmp_path / "a.csv", column_map(["a=F"]))

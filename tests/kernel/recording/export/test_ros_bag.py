@@ -12,12 +12,12 @@ from tests.kernel.recording import samples
 from tests.kernel.recording.logs.bags import bag, joints, wrench
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.export.export import export_recording
-from twin.kernel.recording.export.ros_bag import _MADE_OF, definition
+from twin.kernel.recording.export.ros_bag import _TYPE_DEFINITIONS, type_definition
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import is_recording, read_log
 from twin.kernel.recording.reader import read
-from twin.studies.export import JOINTS
+from twin.studies.export import JOINT_FIELDS
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def folder(run: Path) -> Path:
     """It as a bag."""
-    return export_recording(run, "ros2", joints=JOINTS).path
+    return export_recording(run, "ros2", joints=JOINT_FIELDS).path
 
 
 def elements(run: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -97,9 +97,9 @@ def numbers_in(message: Any) -> list:
     return [number for name, one in inner.items() if not name.startswith("_") for number in numbers_in(one)]
 
 
-@pytest.mark.parametrize("kind", _MADE_OF)
+@pytest.mark.parametrize("kind", _TYPE_DEFINITIONS)
 def test_the_definitions_are_those_of_ros_2(kind: str):
-    ours = get_types_from_msg(definition(kind), kind)
+    ours = get_types_from_msg(type_definition(kind), kind)
     theirs = get_typestore(Stores.ROS2_HUMBLE).fielddefs
     for name, (_, fields) in ours.items():
         assert fields == theirs[name][1]
@@ -170,7 +170,7 @@ def test_a_log_whose_signals_make_no_topics_is_refused(tmp_path: Path, maps: lis
             "/ft": [(0.02 * k, wrench(0.02 * k, 1.0)) for k in range(1, 10)],
         },
     )
-    with pytest.raises(LogRefused, match=said):
+    with pytest.raises(LogError, match=said):
         export_recording(lab, "csv", maps=maps)
 
 

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.kernel.recording.logs.reader import read_log
 
 OWN = "robot_msgs/msg/Tool"
@@ -111,7 +111,7 @@ def logged(path: Path, *maps: str) -> Log:
 
 
 def refusal(path: Path, *maps: str) -> str:
-    with pytest.raises(LogRefused) as refused:
+    with pytest.raises(LogError) as refused:
         logged(path, *maps)
     return str(refused.value)
 

@@ -27,7 +27,7 @@ from tests.kernel.recording.logs.bags import (
     twist,
     wrench,
 )
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import is_recording
 
 LATER = 0.001
@@ -273,7 +273,7 @@ def test_a_folder_without_files_of_a_bag_is_refused(tmp_path: Path):
 def test_a_folder_with_bags_in_it_is_refused_with_their_names(lab: Path):
     folder = lab.parent
     assert refusal(folder, "F=/tool.F_N") == f"{folder}: no recording, but the bag {lab}; name it"
-    with pytest.raises(LogRefused, match="name it"):
+    with pytest.raises(LogError, match="name it"):
         is_recording(folder)
 
 
@@ -441,7 +441,7 @@ def test_no_damaged_byte_of_a_bag_gives_anything_but_a_sentence(tmp_path: Path):
         path.write_bytes(content[:position] + bytes([content[position] ^ 0x41]) + content[position + 1 :])
         try:
             logged(path, "F=/tool.F_N")
-        except LogRefused:
+        except LogError:
             continue
 
 

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.kernel.recording.logs.column_map import column_map, split_unit, unit
-from twin.kernel.recording.logs.log import LogRefused, MappedColumn
+from twin.kernel.recording.logs.column_map import column_map, require_unit, split_unit
+from twin.kernel.recording.logs.log import LogError, MappedColumn
 
 
 def test_file_and_command_line_say_the_same(tmp_path: Path):
@@ -74,18 +74,18 @@ def test_a_head_carries_its_unit_as_a_toml_key_does_or_in_brackets(header: str, 
 def test_a_wrong_entry_of_a_file_is_refused_with_its_place(tmp_path: Path, content: str, expected: str):
     file = tmp_path / "map.toml"
     file.write_text(content)
-    with pytest.raises(LogRefused) as refused:
+    with pytest.raises(LogError) as refused:
         column_map([file])
     assert str(refused.value).startswith(f"{file}: ")
     assert expected in str(refused.value)
 
 
 def test_every_wrong_text_is_told_at_once():
-    with pytest.raises(LogRefused) as refused:
+    with pytest.raises(LogError) as refused:
         column_map(["=x", "F=", "nowhere.toml"])
     assert len(str(refused.value).splitlines()) == 3
 
 
 def test_an_unknown_unit_is_refused_with_the_nearest():
-    with pytest.raises(LogRefused, match=r"a.csv: column 'F': unknown unit 'kgff'; did you mean 'kgf'\?"):
-        unit("kgff", "a.csv: column 'F'")
+    with pytest.raises(LogError, match=r"a.csv: column 'F': unknown unit 'kgff'; did you mean 'kgf'\?"):
+        require_unit("kgff", "a.csv: column 'F'")

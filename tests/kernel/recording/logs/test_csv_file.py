@@ -10,7 +10,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs import csv_table
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.csv_table import CsvTable, read_table
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused
+from twin.kernel.recording.logs.log import MAX_QUANTITY, Log, LogError
 from twin.kernel.recording.logs.reader import read_log
 
 
@@ -21,7 +21,7 @@ def log_of(tmp_path: Path, text: str | bytes, *maps: str) -> Log:
 
 
 def refusal(tmp_path: Path, text: str | bytes, *maps: str) -> str:
-    with pytest.raises(LogRefused) as refused:
+    with pytest.raises(LogError) as refused:
         log_of(tmp_path, text, *maps)
     return str(refused.value).replace(f"{tmp_path}/", "")
 
@@ -162,14 +162,14 @@ def table(tmp_path: Path, text: str) -> CsvTable:
         "t_s,F_N\n0,1\n\n1,2\n",
         '"t\ns",F_N\n0,1\n1,2\n',
         "t_s,F_N\n0,1_0\n1,nan\n",
-        f"t_s,F_N\n0,{LARGEST!r}\n1,-1e308\n",
+        f"t_s,F_N\n0,{MAX_QUANTITY!r}\n1,-1e308\n",
     ],
 )
 def test_the_table_is_the_same_however_many_rows_are_converted_together(
     tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
 ):
     one = table(tmp_path, text)
-    monkeypatch.setattr(csv_table, "ROWS_AT_ONCE", 1)
+    monkeypatch.setattr(csv_table, "BLOCK_ROWS", 1)
     other = table(tmp_path, text)
     assert (one.head, one.comments, one.wrong) == (other.head, other.comments, other.wrong)
     np.testing.assert_array_equal(one.values, other.values)
@@ -180,7 +180,7 @@ def test_random_numbers_come_back_to_the_last_bit(tmp_path: Path):
     rng = random.Random(7)
     rows = [
         [k, rng.gauss(0, 1), rng.uniform(-1, 1) * 10 ** rng.randint(-300, 90)]
-        for k in range(2 * csv_table.ROWS_AT_ONCE + 500)
+        for k in range(2 * csv_table.BLOCK_ROWS + 500)
     ]
     text = "t_s,a,b\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
     assert table(tmp_path, text).values.tolist() == rows
@@ -188,7 +188,7 @@ def test_random_numbers_come_back_to_the_last_bit(tmp_path: Path):
 
 @pytest.mark.parametrize("cell", ["1e308", "-1e101", "nan", "inf", "9" * 400])
 def test_a_number_that_no_quantity_has_is_none(tmp_path: Path, cell: str):
-    wrong = table(tmp_path, f"t_s,F_N\n0,1\n1,{cell}\n2,3\n").mistakes("F_N")
+    wrong = table(tmp_path, f"t_s,F_N\n0,1\n1,{cell}\n2,3\n").wrong_fields("F_N")
     assert wrong is not None and (wrong.count, wrong.line, wrong.text) == (1, 3, cell)
 
 
@@ -203,7 +203,7 @@ def test_a_number_that_no_quantity_has_is_none(tmp_path: Path, cell: str):
 )
 def test_what_is_no_log_is_told_for_what_it_is(tmp_path: Path, content: bytes, said: str):
     (tmp_path / "a.csv").write_bytes(content)
-    with pytest.raises(LogRefused, match=said):
+    with pytest.raises(LogError, match=said):
         read_table(tmp_path / "a.csv")
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap, sampling
+from twin.kernel.recording.logs.log import Log, LogError, LogSeries, in_gap, sampling
 
 
 @given(st.sets(st.integers(1, 198), max_size=40))
@@ -45,12 +45,12 @@ def test_components_make_a_vector():
     ],
 )
 def test_a_vector_needs_all_its_components_alike(log: Log, expected: str):
-    with pytest.raises(LogRefused, match=expected):
+    with pytest.raises(LogError, match=expected):
         log.vector("p")
 
 
 def test_a_name_that_is_not_there_is_refused_with_the_nearest():
-    with pytest.raises(LogRefused, match=r"'controller.Fz' is not there; did you mean 'controller.F_z'\?"):
+    with pytest.raises(LogError, match=r"'controller.Fz' is not there; did you mean 'controller.F_z'\?"):
         log_of(**{"controller.F_z": "N"})["controller.Fz"]
 
 

@@ -20,10 +20,10 @@ from mcap.writer import CompressionType, Writer
 
 from tests.memory import growth
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
-from twin.kernel.recording.logs.topics import MAGIC, topics_in
-from twin.kernel.recording.summary import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
+from twin.kernel.recording.logs.topics import MCAP_MAGIC, read_topics
+from twin.kernel.recording.summary import MAX_CHUNK_BYTES, MIN_UNPACK_ALLOWANCE, decompress_chunk, encode_record
 
 F = [4.0, 5.0, 6.5]
 # a schema whose first file imports its second: readers must not rely on the order
@@ -70,7 +70,7 @@ def wrenches(forces: Sequence[float]) -> list[dict]:
 
 
 def refusal(path: Path, *maps: str) -> str:
-    with pytest.raises(LogRefused) as refused:
+    with pytest.raises(LogError) as refused:
         read_log(path, column_map(maps))
     return str(refused.value)
 
@@ -166,7 +166,7 @@ def test_whatever_byte_is_damaged_is_refused_or_harmless(tmp_path: Path):
         path.write_bytes(content[:position] + bytes([content[position] ^ 0x41]) + content[position + 1 :])
         try:
             log = read_log(path, column_map(["F=/wrench.force.z[N]"]))
-        except LogRefused:
+        except LogError:
             continue
         assert log["F"].values.tolist() == F
 
@@ -203,7 +203,7 @@ def test_values_that_are_no_numbers_are_left_out_and_refused_if_there_are_no_oth
     assert "force.z is nan in all messages" in refusal(path, "F=/wrench.force.z[N]")
     log = read_log(path, column_map(["F=/wrench.force.z[N]", "q=/wrench.q[0]"]))
     assert list(log.series) == ["q"] and "left out: /wrench.force.z is nan in all messages" in log.notes[0]
-    with pytest.raises(LogRefused, match="is nan in all messages"):
+    with pytest.raises(LogError, match="is nan in all messages"):
         log["F"]
 
 
@@ -222,15 +222,15 @@ def test_one_message_is_no_series(tmp_path: Path):
 def one_chunk(path: Path, size: int, compression: str = "zstd") -> Path:
     """Another tool's file with a chunk of zeros that declares `size` bytes."""
     pack = {"zstd": zstandard.ZstdCompressor().compress, "lz4": lz4.frame.compress}[compression]
-    chunk = Chunk(compression, pack(bytes(FEW_BYTES + 1)), 0, 0, 0, size)
-    path.write_bytes(MAGIC + encoded(Header("", "robot's own")) + encoded(chunk))
+    chunk = Chunk(compression, pack(bytes(MIN_UNPACK_ALLOWANCE + 1)), 0, 0, 0, size)
+    path.write_bytes(MCAP_MAGIC + encode_record(Header("", "robot's own")) + encode_record(chunk))
     return path
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, compression: str):
-    for size, said in ((FEW_BYTES + 1, "would unpack to 67 MB"), (1000, "sizes disagree")):
-        with pytest.raises(LogRefused, match=said):
+    for size, said in ((MIN_UNPACK_ALLOWANCE + 1, "would unpack to 67 MB"), (1000, "sizes disagree")):
+        with pytest.raises(LogError, match=said):
             read_log(one_chunk(tmp_path / "log.mcap", size, compression), column_map(["F=/wrench.force.z[N]"]))
 
 
@@ -251,26 +251,26 @@ def test_json_that_means_harm_is_refused_in_a_sentence(tmp_path: Path, text: str
         for k in range(3):
             writer.add_message(channel, k, text.encode(), k)
         writer.finish()
-    with pytest.raises(LogRefused, match=said):
+    with pytest.raises(LogError, match=said):
         read_log(path, column_map(["F=/wrench.z[N]"]))
 
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path):
     os.mkfifo(tmp_path / "log.mcap")
-    with pytest.raises(LogRefused, match="a pipe, socket or device"):
+    with pytest.raises(LogError, match="a pipe, socket or device"):
         read_log(tmp_path / "log.mcap")
 
 
 def many_messages(path: Path, count: int, chunks: int) -> int:
     """A file of `chunks` chunks with `count` messages of three bytes each; gives what a chunk unpacks to."""
-    schema = encoded(Schema(id=1, name="W", encoding="jsonschema", data=b"{}"))
-    channel = encoded(Channel(id=1, topic="/wrench", message_encoding="json", metadata={}, schema_id=1))
-    message = encoded(Message(channel_id=1, log_time=1, publish_time=1, sequence=0, data=b"{ }"))
+    schema = encode_record(Schema(id=1, name="W", encoding="jsonschema", data=b"{}"))
+    channel = encode_record(Channel(id=1, topic="/wrench", message_encoding="json", metadata={}, schema_id=1))
+    message = encode_record(Message(channel_id=1, log_time=1, publish_time=1, sequence=0, data=b"{ }"))
     content = schema + channel + message * count
     packed = zstandard.ZstdCompressor().compress(content)
-    chunk = encoded(Chunk("zstd", packed, 1, 1, zlib.crc32(content), len(content)))
-    front = MAGIC + encoded(Header("", "robot's own"))
-    path.write_bytes(front + chunk * chunks + encoded(DataEnd(0)) + encoded(Footer(0, 0, 0)) + MAGIC)
+    chunk = encode_record(Chunk("zstd", packed, 1, 1, zlib.crc32(content), len(content)))
+    front = MCAP_MAGIC + encode_record(Header("", "robot's own"))
+    path.write_bytes(front + chunk * chunks + encode_record(DataEnd(0)) + encode_record(Footer(0, 0, 0)) + MCAP_MAGIC)
     return len(content)
 
 
@@ -281,25 +281,25 @@ def test_what_unpacks_to_many_small_messages_takes_little_more_memory_than_it_un
 ):
     chunks, columns = 4, column_map([f"F={name}.z[N]"])
     many_messages(tmp_path / "log.mcap", 10, 1)
-    topics_in(tmp_path / "log.mcap", columns)
+    read_topics(tmp_path / "log.mcap", columns)
     size = many_messages(tmp_path / "log.mcap", 150_000, chunks)
     with growth() as grown:
-        (topic,), _ = topics_in(tmp_path / "log.mcap", columns)
+        (topic,), _ = read_topics(tmp_path / "log.mcap", columns)
         assert grown() < most * chunks * size
     assert len(topic.times) == chunks * 150_000 and len(topic.data) in (0, len(topic.times))
 
 
 def test_a_chunk_that_would_not_fit_into_memory_is_refused_however_large_its_file_is(tmp_path: Path):
     packed = zstandard.ZstdCompressor().compress(b"")
-    for largest in (LARGEST_CHUNK, 2**26):
+    for largest in (MAX_CHUNK_BYTES, 2**26):
         chunk = Chunk("zstd", packed, 0, 0, 0, largest + 1)
         with pytest.raises(ValueError, match=f"expected chunks of at most {largest / 1e6:.0f} MB"):
-            unpacked(chunk, 2**40, largest)
+            decompress_chunk(chunk, 2**40, largest)
 
 
 def test_a_message_shorter_than_its_own_head_is_refused(tmp_path: Path):
     content = bytes([Opcode.MESSAGE]) + (3).to_bytes(8, "little") + bytes(60)
-    chunk = encoded(Chunk("", content, 0, 0, 0, len(content)))
-    (tmp_path / "log.mcap").write_bytes(MAGIC + encoded(Header("", "robot's own")) + chunk + MAGIC)
-    with pytest.raises(LogRefused, match="a message is cut short"):
-        topics_in(tmp_path / "log.mcap", {})
+    chunk = encode_record(Chunk("", content, 0, 0, 0, len(content)))
+    (tmp_path / "log.mcap").write_bytes(MCAP_MAGIC + encode_record(Header("", "robot's own")) + chunk + MCAP_MAGIC)
+    with pytest.raises(LogError, match="a message is cut short"):
+        read_topics(tmp_path / "log.mcap", {})

@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from tests.conftest import examples
 from tests.kernel.recording.logs.bags import bag, joints, logged, refusal, wrench
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import MAX_INVALID, Log, LogRefused, LogSeries, refuse_invalid, rows_of
+from twin.kernel.recording.logs.log import MAX_INVALID_SHARE, Log, LogError, LogSeries, join_rows, refuse_invalid
 from twin.kernel.recording.logs.reader import read_log
 
 EMPTY = ("", " ")
@@ -92,7 +92,7 @@ def test_a_last_line_that_is_cut_anywhere_costs_at_most_itself(tmp_path: Path):
         # nothing says that more digits were to come, or that a field was
         assert log.notes or len(log["b"].t) in (9, 10)
     # a row in the middle is no end
-    with pytest.raises(LogRefused, match="line 4: 2 fields, expected 3"):
+    with pytest.raises(LogError, match="line 4: 2 fields, expected 3"):
         read_text(tmp_path, whole.replace("0.2,-1.5e-3,2.25", "0.2,-1.5e-3"))
 
 
@@ -126,12 +126,12 @@ def test_what_loggers_leave_between_and_after_the_rows_costs_no_row(
 )
 @pytest.mark.parametrize("name", ["time", "t_s"])
 def test_dates_are_called_dates(tmp_path: Path, when: str, name: str):
-    with pytest.raises(LogRefused, match=f"time column '{name}' holds the date or time of day"):
+    with pytest.raises(LogError, match=f"time column '{name}' holds the date or time of day"):
         read_text(tmp_path, f"{name},F_N\n{when},1\n{when},2\n")
 
 
 def test_zeros_in_the_middle_are_no_text(tmp_path: Path):
-    with pytest.raises(LogRefused, match="not a text file"):
+    with pytest.raises(LogError, match="not a text file"):
         read_text(tmp_path, "t_s,F_N\n0,1\n\0\0\n1,2\n2,3\n")
 
 
@@ -144,9 +144,9 @@ def test_a_column_that_nobody_asks_for_never_refuses_a_log(tmp_path: Path):
     assert {"state", "x", "twice", "date", "komma"} <= set(log.left_out)
     for name in ("x", "twice", "komma"):
         assert any(name in note for note in log.notes)
-        with pytest.raises(LogRefused):
+        with pytest.raises(LogError):
             log[name]
-    with pytest.raises(LogRefused, match="two columns are named 'twice'"):
+    with pytest.raises(LogError, match="two columns are named 'twice'"):
         read_text(tmp_path, (tmp_path / "a.csv").read_text(), "q=twice")
 
 
@@ -185,7 +185,7 @@ def test_messages_without_a_value_are_no_samples_of_it(tmp_path_factory: pytest.
 
 def test_a_field_is_absent_if_no_message_has_it(tmp_path: Path):
     path = json_log(tmp_path / "a.mcap", [{"z": 1.0}, {}, {"z": 2.0}])
-    with pytest.raises(LogRefused, match="/j has no field 'y'; it has z"):
+    with pytest.raises(LogError, match="/j has no field 'y'; it has z"):
         read_log(path, column_map(["y=/j.y"]))
     names = [(1.0 + 0.01 * k, joints(1.0 + 0.01 * k, **({} if k < 3 else {"knee": 0.1 * k}))) for k in range(10)]
     folder = bag(tmp_path / "b", {"/js": names})
@@ -194,8 +194,8 @@ def test_a_field_is_absent_if_no_message_has_it(tmp_path: Path):
 
 
 def test_a_share_of_invalid_samples_up_to_the_limit_is_read():
-    refuse_invalid(Path("a"), "x", round(1000 * MAX_INVALID), 1000)
-    with pytest.raises(LogRefused, match="51 of 1000 samples of x are NaN, null or infinite, expected at most 5 %"):
+    refuse_invalid(Path("a"), "x", round(1000 * MAX_INVALID_SHARE), 1000)
+    with pytest.raises(LogError, match="51 of 1000 samples of x are NaN, null or infinite, expected at most 5 %"):
         refuse_invalid(Path("a"), "x", 51, 1000)
 
 
@@ -210,7 +210,7 @@ def test_samples_less_than_half_a_period_apart_make_one_row(late: float, jitter:
     if keep.sum() < 2:
         return
     one, two = LogSeries(t, t, "1"), LogSeries((t + 0.01 * late + noise)[keep], t[keep], "1")
-    rows = rows_of([one, two])
+    rows = join_rows([one, two])
     assert rows.t.tolist() == t[keep].tolist()
     assert rows.values.tolist() == np.column_stack([t, t])[keep].tolist()
 
@@ -221,9 +221,9 @@ def test_a_part_of_a_log_is_read_by_its_own_time(tmp_path: Path):
     log = read_log(tmp_path / "a.csv", part=(5.0, None))
     assert log["F"].values.tolist() == list(range(8, 20))
     assert len(log["F"].invalid) == 0 and not any("not a number" in note for note in log.notes)
-    with pytest.raises(LogRefused, match="no samples from 90 to inf s; it has 0 to 16 s"):
+    with pytest.raises(LogError, match="no samples from 90 to inf s; it has 0 to 16 s"):
         read_log(tmp_path / "a.csv", part=(90.0, None))
-    with pytest.raises(LogRefused, match="expected a start before the end"):
+    with pytest.raises(LogError, match="expected a start before the end"):
         read_log(tmp_path / "a.csv", part=(2.0, 1.0))
 
 

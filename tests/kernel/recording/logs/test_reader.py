@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.kernel.recording import samples
-from twin.kernel.errors import RecordingDamaged, RecordingRefused
+from twin.kernel.errors import RecordingDamageError, RecordingError
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.writer import Writer
@@ -36,16 +36,16 @@ def test_a_damaged_recording_is_refused(tmp_path: Path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    with pytest.raises(RecordingDamaged):
+    with pytest.raises(RecordingDamageError):
         read_log(path)
 
 
 def test_what_is_not_there_or_empty_is_refused(tmp_path: Path):
-    with pytest.raises(RecordingRefused, match="no recording; expected"):
+    with pytest.raises(RecordingError, match="no recording; expected"):
         read_log(tmp_path)
     with Writer(tmp_path / "run.mcap", samples.TOPICS, 1e-3, {}):
         pass
-    with pytest.raises(LogRefused, match="holds no samples"):
+    with pytest.raises(LogError, match="holds no samples"):
         read_log(tmp_path / "run.mcap")
 
 

@@ -4,14 +4,14 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from tests.kernel.recording.logs.bags import joints
-from twin.kernel.recording.sources.ros_types import MESSAGES, idl_class, ros_name
+from twin.kernel.recording.sources.ros_types import MESSAGE_TYPES, idl_class, ros_name
 
 pytest.importorskip("cyclonedds")
 
 
 def test_every_message_of_ros_2_becomes_a_type_of_dds_and_its_name_comes_back():
-    assert len(MESSAGES) > 160
-    for kind in MESSAGES:
+    assert len(MESSAGE_TYPES) > 160
+    for kind in MESSAGE_TYPES:
         made = idl_class(kind)
         made.__idl__.populate()
         package, folder, name = kind.split("/")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from twin.kernel.recording.sources.signals import Reading
-from twin.kernel.recording.sources.stamps import Aligner, Clocks, Histogram, Sample, rows_of
+from twin.kernel.recording.sources.stamps import Aligner, Clocks, Histogram, Sample, stack_samples
 
 MS = 1_000_000
 PERIOD = 2 * MS
@@ -33,7 +33,7 @@ def aligned(arrivals: list[Arrived], aligner: Aligner | None = None) -> tuple[Al
     found: list[Sample] = []
     for arrived, one in sorted(arrivals, key=lambda pair: pair[0]):
         found += aligner.add("/joints", arrived, one)
-    return aligner, found + aligner.ready(10**19, end=True)
+    return aligner, found + aligner.ready_samples(10**19, end=True)
 
 
 def numbers(samples: list[Sample]) -> list[tuple[int, float, float]]:
@@ -104,11 +104,11 @@ def test_a_sample_after_a_gap_waits_for_the_budget_and_no_longer():
     start = on_time(101)
     for arrived, one in start[:100]:
         aligner.add("/joints", arrived, one)
-    aligner.ready(start[99][0] + 50 * MS)
+    aligner.ready_samples(start[99][0] + 50 * MS)
     late = reading(105)
     assert aligner.add("/joints", late.stamp, late) == []
-    assert aligner.ready(late.stamp + 29 * MS) == []
-    assert [sample.row[0] for sample in aligner.ready(late.stamp + 30 * MS)] == [1050.0]
+    assert aligner.ready_samples(late.stamp + 29 * MS) == []
+    assert [sample.row[0] for sample in aligner.ready_samples(late.stamp + 30 * MS)] == [1050.0]
     # its place is taken
     assert aligner.add("/joints", late.stamp + 31 * MS, reading(103)) == []
     assert (aligner.counts.late, aligner.counts.missing) == (1, 5)
@@ -140,7 +140,7 @@ def test_two_publishers_of_half_the_joints_make_one_sample(apart: int):
     expected = 200 if not apart else 160
     assert len(samples) >= expected
     assert all(row[1] - row[0] == 1.0 for row in (sample.row for sample in samples))
-    times = rows_of(samples)[0]
+    times = stack_samples(samples)[0]
     assert set(np.diff(times).tolist()) == {PERIOD}
     assert aligner.counts.incomplete == 0
 
@@ -154,7 +154,7 @@ def test_what_is_measured_beside_goes_with_the_first_sample_at_or_after_it_and_w
             # between two samples, and it comes after the second of them
             found += aligner.add("/force", arrived + MS, Reading(one.stamp - MS, (2,), (float(k),)))
         found += aligner.add("/joints", arrived, one)
-    found += aligner.ready(10**19, end=True)
+    found += aligner.ready_samples(10**19, end=True)
     measured = {k: sample.row[2] for k, sample in enumerate(found) if not math.isnan(sample.row[2])}
     assert measured == {k: float(k) for k in range(5, 100, 10)}
 
@@ -164,7 +164,7 @@ def test_a_clock_that_starts_anew_goes_on_by_the_arrivals():
     pause = 700 * MS
     after = [(before[-1][0] + pause + k * PERIOD, reading(k, start=0)) for k in range(500)]
     aligner, samples = aligned(before + after)
-    times = rows_of(samples)[0]
+    times = stack_samples(samples)[0]
     assert aligner.counts.restarts == 1
     assert np.all(np.diff(times) > 0)
     assert len(samples) == 1000
@@ -213,7 +213,7 @@ def test_readings_beside_that_no_sample_takes_push_out_the_oldest_and_the_newest
     aligner, _ = aligned(on_time(100))
     for k in range(100, 1600):
         assert aligner.add("/force", reading(k).stamp, Reading(reading(k).stamp, (2,), (float(k),))) == []
-    found = aligner.add("/joints", reading(1600).stamp, reading(1600)) + aligner.ready(10**19, end=True)
+    found = aligner.add("/joints", reading(1600).stamp, reading(1600)) + aligner.ready_samples(10**19, end=True)
     assert [sample.row[2] for sample in found] == [1599.0]
 
 
@@ -257,7 +257,7 @@ def test_a_clock_that_is_set_is_a_restart_and_no_loss(step: float):
     assert aligner.counts.restarts == 1 and aligner.clock_step == pytest.approx(step, abs=1e-3)
     assert (aligner.counts.missing, aligner.counts.late, aligner.counts.duplicates) == (0, 0, 0)
     assert len(samples) == 2000
-    assert set(np.diff(rows_of(samples)[0])) == {PERIOD}
+    assert set(np.diff(stack_samples(samples)[0])) == {PERIOD}
 
 
 def test_a_burst_that_comes_too_late_is_counted_and_is_no_clock_that_was_set():
@@ -266,3 +266,21 @@ def test_a_burst_that_comes_too_late_is_counted_and_is_no_clock_that_was_set():
     assert aligner.counts.restarts == 0
     assert (len(samples), aligner.counts.missing) == (1000 - aligner.counts.late, aligner.counts.late)
     assert aligner.counts.late > 0
+
+
+def test_rows_of_two_topics_before_their_periods_are_known_are_counted():
+    later = 40_000
+    streams = {"/motors": (0,), "/joints": (1,)}
+    aligner, found = Aligner(3, NEEDED, BUDGET), list[Sample]()
+    for k in range(100):
+        for place, (topic, columns) in enumerate(streams.items()):
+            stamp = 10**18 + k * PERIOD + place * later
+            found += aligner.add(topic, stamp, Reading(stamp, columns, (float(k),)))
+    found += aligner.ready_samples(10**19, end=True)
+    assert 0 < aligner.counts.unmatched < 25
+    assert len(found) + aligner.counts.unmatched == 100
+    assert aligner.counts.incomplete == aligner.counts.missing == 0
+
+
+def test_what_is_before_the_first_sample_of_one_topic_is_not_counted():
+    assert aligned(on_time(100))[0].counts.unmatched == 0

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.checks.adaptive_loop import believed_loop, radius
+from twin.robot.assembly.checks.adaptive_loop import believed_loop, spectral_radius
 from twin.robot.assembly.load import load_experiment
-from twin.studies.tune.prediction import LawGains, corners, predicted
+from twin.studies.tune.prediction import LawGains, corners, predict
 
 TISSUE = "controller.tissue.dither_N=0.1"
 
@@ -65,6 +65,6 @@ def test_the_check_knows_about_the_gains_at_which_the_linear_model_of_the_analys
     )
     corner = next(corner for corner in corners([experiment], None)[0] if corner.point.force_on)
     gains = np.geomspace(0.2e-3, 50e-3, 60)
-    mine = next(kp for kp in gains if radius(loop, K, kp, 10.0 * kp) >= 1.0)
-    theirs = next(kp for kp in gains if not predicted(corner, LawGains(12.0, kp, 10.0 * kp)).stable)
+    mine = next(kp for kp in gains if spectral_radius(loop, K, kp, 10.0 * kp) >= 1.0)
+    theirs = next(kp for kp in gains if not predict(corner, LawGains(12.0, kp, 10.0 * kp)).stable)
     assert 1 / 1.5 < mine / theirs < 1.5

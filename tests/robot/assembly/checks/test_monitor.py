@@ -4,7 +4,7 @@ import pytest
 
 from tests.robot.monitor.motions import BELIEF
 from twin.robot.assembly.checks.monitor_limits import contradictions
-from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.limits import Monitor
 
 
 def told(**values):

@@ -5,7 +5,7 @@ import pytest
 
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, shipped
 from tests.robot.assembly.checks.test_tasks import told
-from twin.robot.assembly.checks.reach import obstructed
+from twin.robot.assembly.checks.reach import find_obstruction
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.workspace import Bars, ball_joint_angles, clearances
 
@@ -60,7 +60,7 @@ def test_within_the_monitors_workspace_nothing_bends_too_far_or_meets():
     points = np.array(
         [[r * np.cos(a), r * np.sin(a), z] for r, z in zip(radius.flat, height.flat, strict=True) for a in turn]
     )
-    assert obstructed(plant, points) is None
+    assert find_obstruction(plant, points) is None
     geometry = geometry_of(plant)
     assert np.degrees(ball_joint_angles(geometry, points).max()) < 21.0
     sizes = Bars(plant.link_diameter or 0.0, plant.rod_diameter or 0.0, plant.rod_spacing or 0.0)

@@ -7,9 +7,9 @@ from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused
 from twin.robot import faults, shaft
-from twin.robot.assembly.declared import BROKEN
+from twin.robot.assembly.declared import FAULT_PLACES
 from twin.robot.assembly.inject import COUNT_LAWS, DRIVE_LAWS, inject
-from twin.robot.experiment.fault import CATALOGUE, Fault
+from twin.robot.experiment.fault import FAULT_KINDS, Fault
 
 DEG = np.pi / 180.0
 TURN = 2.0 * np.pi
@@ -145,9 +145,11 @@ def test_a_target_that_the_system_does_not_have_is_refused():
     )
 
 
-@pytest.mark.parametrize(("mechanism", "kinds"), [("counts", COUNT_LAWS), ("drive", DRIVE_LAWS), ("parameter", BROKEN)])
+@pytest.mark.parametrize(
+    ("mechanism", "kinds"), [("counts", COUNT_LAWS), ("drive", DRIVE_LAWS), ("parameter", FAULT_PLACES)]
+)
 def test_each_mechanism_does_its_kinds_and_no_others(mechanism, kinds):
-    assert set(kinds) == {name for name, known in CATALOGUE.items() if known.mechanism == mechanism}
+    assert set(kinds) == {name for name, known in FAULT_KINDS.items() if known.mechanism == mechanism}
 
 
 @pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, faults.CountLaw), (DRIVE_LAWS, shaft.DriveLaw)])

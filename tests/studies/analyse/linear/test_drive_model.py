@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
-from twin.studies.analyse.linear.loops import DriveModel, fitted_drive
+from twin.studies.analyse.linear.loops import DriveModel, fit_drive
 
 TICK = 1e-3
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1.0, 200.0, 32)])
@@ -29,7 +29,7 @@ def drives(draw: st.DrawFn) -> DriveModel:
 @given(drives())
 def test_the_fit_finds_the_drive_that_made_the_response(drive):
     response = drive.response(Z)
-    fitted = fitted_drive(FREQUENCIES, response, CERTAIN, TICK, "drive")
+    fitted = fit_drive(FREQUENCIES, response, CERTAIN, TICK, "drive")
     # the fit stops adding states at a residual of 0.003
     assert fitted.residual < 0.003
     between = np.exp(2j * np.pi * TICK * np.array([1.7, 13.0, 47.0]))
@@ -47,7 +47,7 @@ def test_steady_gain_is_the_response_at_rest(drive):
 def test_a_drive_that_no_load_moves_has_a_model_without_states():
     response = np.zeros((len(Z), 2), dtype=complex)
     response[:, 0] = TICK
-    fitted = fitted_drive(FREQUENCIES, response, CERTAIN, TICK, "drive")
+    fitted = fit_drive(FREQUENCIES, response, CERTAIN, TICK, "drive")
     assert len(fitted.A) == 0
     # a fit by least squares, exact but for rounding
     np.testing.assert_allclose(fitted.steady_gain, [TICK, 0.0], atol=1e-15)
@@ -61,7 +61,7 @@ def test_a_steady_command_that_alone_is_answered_is_no_proportion(gain):
     response[0, 0] = gain * TICK
     certain = np.zeros((len(frequencies), 2))
     # a sticking drive: the best model is that of a shaft that stands, which misses one line of n: 1/sqrt(n) = 0.19
-    model = fitted_drive(frequencies, response, certain, TICK, "acme")
+    model = fit_drive(frequencies, response, certain, TICK, "acme")
     assert model.residual > 0.15
 
 
@@ -69,11 +69,11 @@ def test_noise_is_no_drive():
     random = np.random.default_rng(0)
     noise = random.normal(size=(len(Z), 2)) + 1j * random.normal(size=(len(Z), 2))
     with pytest.raises(InputRefused, match=r"^acme: no linear model describes it: .* simulate instead"):
-        fitted_drive(FREQUENCIES, noise, CERTAIN, TICK, "acme")
+        fit_drive(FREQUENCIES, noise, CERTAIN, TICK, "acme")
 
 
 @pytest.mark.parametrize("gain", [0.0, 1e-300])
 def test_a_shaft_that_stands_still_is_no_drive(gain: float):
     response = np.full((len(Z), 2), gain * TICK, dtype=complex)
     with pytest.raises(InputRefused, match=r"^acme: .* does not respond to small commands; see `twin drive check`"):
-        fitted_drive(FREQUENCIES, response, CERTAIN, TICK, "acme")
+        fit_drive(FREQUENCIES, response, CERTAIN, TICK, "acme")

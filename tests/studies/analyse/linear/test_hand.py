@@ -8,29 +8,29 @@ from hypothesis import given
 from tests.laws.runs import PARAMETERS
 from tests.robot.plant.states import moving
 from twin.robot.controller.pid import Gains
-from twin.robot.plant.component import OUTPUTS, Plant, resting
+from twin.robot.plant.component import PLANT_OUTPUTS, Plant, rest_state
 from twin.studies.analyse.linear.hand import (
-    DRIFT,
-    NEUTRAL,
-    NOTHING,
+    DRIFT_RATE,
+    EMPTY_HAND,
+    ROUNDING_TOLERANCE,
     STATE_LABELS,
     FreePlant,
     Hand,
-    Held,
-    along,
+    HandLoad,
     hand_of,
     linear_plant,
+    load_along,
     plant_system,
     power_share,
     robot_with,
     signal_labels,
 )
 from twin.studies.analyse.linear.loops import (
-    COMMANDS,
-    LOADS,
+    LOAD_TORQUES,
     LOOPS,
-    MEASURED,
-    TRUE,
+    MEASURED_ANGLES,
+    SPEED_COMMANDS,
+    TRUE_SIGNALS,
     DriveModel,
     Estimation,
     LinearLaw,
@@ -56,7 +56,7 @@ def jacobian_by_differences(f, z):
 
 
 def still(x, y, z):
-    return resting(PARAMETERS, (x, y, z))
+    return rest_state(PARAMETERS, (x, y, z))
 
 
 def sticking():
@@ -85,7 +85,7 @@ def test_outputs_are_those_of_the_component_under_the_same_names(state):
     x, theta_m = state
     y = SYSTEM.output(0.0, x, theta_m)
     np.testing.assert_array_equal(y, Plant(PARAMETERS, x, theta_m).initial_outputs)
-    assert SYSTEM.output_labels == signal_labels(OUTPUTS)
+    assert SYSTEM.output_labels == signal_labels(PLANT_OUTPUTS)
     assert y[SYSTEM.output_labels.index("F_ee_B_z")] == Plant(PARAMETERS, x, theta_m).initial("F_ee_B")[2]
     assert SYSTEM.input_labels == ["theta_m_1", "theta_m_2", "theta_m_3"]
     assert SYSTEM.state_labels == STATE_LABELS
@@ -109,7 +109,7 @@ def test_linearisation_is_the_jacobian_of_the_equations(point):
 
 def test_free_modes_at_home_are_those_of_springs_and_mass():
     parameters = PARAMETERS._replace(K=0.0, b_j=0.0)
-    x, theta_m = resting(parameters, (0.0, 0.0, -0.105))
+    x, theta_m = rest_state(parameters, (0.0, 0.0, -0.105))
     A = control.linearize(plant_system(parameters), x, theta_m).A
     modes = np.sort(np.abs(np.linalg.eigvals(A[:6, :6]).imag))[::2]
     # values of another computation, to the digits given
@@ -117,7 +117,7 @@ def test_free_modes_at_home_are_those_of_springs_and_mass():
 
 
 def test_one_constant_can_be_replaced_for_one_call():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.090))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.090))
     stiffer = PARAMETERS._replace(k_s=2.0)
     expected = plant_system(stiffer).dynamics(0.0, x, theta_m)
     np.testing.assert_array_equal(SYSTEM.dynamics(0.0, x, theta_m, params={"k_s": 2.0}), expected)
@@ -125,7 +125,7 @@ def test_one_constant_can_be_replaced_for_one_call():
 
 
 def test_out_of_reach_nothing_is_a_number():
-    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.105))
+    x, theta_m = rest_state(PARAMETERS, (0.0, 0.0, -0.105))
     x[2] = -0.2
     assert np.isnan(SYSTEM.dynamics(0.0, x, theta_m)[3:6]).all()
 
@@ -146,11 +146,21 @@ def joints(damping: float = 0.0) -> control.StateSpace:
     deflection, still = np.hstack([-K * ONE, NONE]), np.zeros((3, 6))
     C = np.vstack([np.hstack([ONE, NONE]), deflection, deflection, np.hstack([ONE, NONE]), still])
     D = np.vstack([NONE, K * ONE, K * ONE, NONE, NONE])
-    outputs = [*MEASURED[3:], "tau_l_1", "tau_l_2", "tau_l_3", *LOADS, *TRUE[:3], "F_ee_B_x", "F_ee_B_y", "F_ee_B_z"]
+    outputs = [
+        *MEASURED_ANGLES[3:],
+        "tau_l_1",
+        "tau_l_2",
+        "tau_l_3",
+        *LOAD_TORQUES,
+        *TRUE_SIGNALS[:3],
+        "F_ee_B_x",
+        "F_ee_B_y",
+        "F_ee_B_z",
+    ]
     return control.ss(A, B, C, D, inputs=["theta_m_1", "theta_m_2", "theta_m_3"], outputs=outputs)
 
 
-def held_by(law: LinearLaw, gains: dict[str, float], held: Held = NOTHING, damping: float = 0.0) -> Hand:
+def held_by(law: LinearLaw, gains: dict[str, float], held: HandLoad = EMPTY_HAND, damping: float = 0.0) -> Hand:
     return hand_of(robot_with(FreePlant(joints(damping)), held, (VELOCITY_SOURCE,) * 3, STEPPING), law, gains)
 
 
@@ -182,7 +192,7 @@ def bound(make) -> float:
     low, high = 0.1 * K, 10.0 * K
     for _ in range(30):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if least(make(middle)) >= -NEUTRAL else (low, middle)
+        low, high = (middle, high) if least(make(middle)) >= -ROUNDING_TOLERANCE else (low, middle)
     return float(low)
 
 
@@ -234,7 +244,7 @@ def test_a_mass_a_spring_and_a_damper_are_passive_however_they_are_sampled():
     # up to half the rate
     Y = hand.admittance(np.pi / TICK * np.linspace(1e-4, 0.999, 300))
     # classical Runge-Kutta takes 1e-10 of the energy at these steps
-    assert power_share(Y).min() >= -NEUTRAL
+    assert power_share(Y).min() >= -ROUNDING_TOLERANCE
 
 
 def test_what_is_passive_swings_with_no_environment_and_what_is_not_does_with_some():
@@ -243,28 +253,28 @@ def test_what_is_passive_swings_with_no_environment_and_what_is_not_does_with_so
         law = force_position(3.0, virtual)
         # along z only: in x and y the law renders no stiffness passively
         return lambda direction, mass, stiffness: held_by(
-            law, gains, along(np.array([0, 0, 1.0]), mass, stiffness), 20.0
+            law, gains, load_along(np.array([0, 0, 1.0]), mass, stiffness), 20.0
         )
 
     gains = dict.fromkeys(LOOPS, 1.0)
     assert least(held_by(force_position(3.0, 0.5 * K), gains, damping=20.0)) > 0.0
-    assert worst_environment(holding(0.5 * K)).growth <= DRIFT
+    assert worst_environment(holding(0.5 * K)).growth <= DRIFT_RATE
     assert least(held_by(force_position(30.0, 20.0 * K), gains, damping=20.0)) < 0.0
 
 
 def test_a_mass_in_the_hand_is_felt_along_its_direction_only():
-    held = along(np.array([0.0, 0.0, 2.0]), 0.5, 300.0)
+    held = load_along(np.array([0.0, 0.0, 2.0]), 0.5, 300.0)
     assert np.allclose(held.mass, np.diag([0.0, 0.0, 0.5])) and np.allclose(held.stiffness, np.diag([0, 0, 300.0]))
 
 
 def test_the_robot_at_home_weighs_and_yields_as_it_is_built():
     point = resting_point("home", PARAMETERS, (0.0, 0.0, -0.0999))
     free = FreePlant(linear_plant(point.parameters, point.x, point.theta_m))
-    heavier = free.holding(Held(ONE, NONE, NONE)).A[3:6, 6:]
+    heavier = free.with_load(HandLoad(ONE, NONE, NONE)).A[3:6, 6:]
     assert np.allclose(np.linalg.inv(heavier), free.mass + ONE)
     home = resting_point("home", PARAMETERS, (0.0, 0.0, -0.105))
     pressed = FreePlant(linear_plant(home.parameters, home.x, home.theta_m))
     # docs/physics.md: mass at home, and the springs', which 5 N wind up
     np.testing.assert_allclose(np.diagonal(pressed.mass), [0.156424, 0.156424, 0.208148], rtol=1e-5)
     np.testing.assert_allclose(np.diagonal(pressed.stiffness), [874.0, 874.0, 2137.0], rtol=0.06)
-    assert set(COMMANDS) == {"omega_ref_1", "omega_ref_2", "omega_ref_3"}
+    assert set(SPEED_COMMANDS) == {"omega_ref_1", "omega_ref_2", "omega_ref_3"}

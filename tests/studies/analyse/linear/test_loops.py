@@ -6,18 +6,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.laws.runs import PARAMETERS, Sampled, shipped
+from tests.laws.runs import PARAMETERS, ComponentStepper, shipped
 from twin.robot.assembly.build import belief
 from twin.robot.controller.compliance import Damping
 from twin.robot.controller.controller import Controller, Estimator, Law
 from twin.robot.controller.pid import Gains
 from twin.robot.mechanism.geometry import NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import joint_angles
-from twin.robot.plant.component import STILL, integrate, resting
+from twin.robot.plant.component import NO_MOTION, integrate, rest_state
 from twin.robot.plant.contact import apex_frame
 from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
-    STATES,
+    LAW_STATES,
     DriveModel,
     LinearLaw,
     LoopSettings,
@@ -32,7 +32,7 @@ from twin.studies.analyse.linear.loops import (
 PERIOD = 2e-3
 POSITION, FORCE, CORNER = Gains(4.0, 3.0, 0.02, 30.0), Gains(2e-3, 5e-3, 1e-5, 20.0), 10.0
 BELIEF = belief(shipped())._replace(motor_counts=2.0**40, joint_counts=2.0**40)
-X, THETA_M = resting(PARAMETERS, (0.005, 0.01, -0.105))
+X, THETA_M = rest_state(PARAMETERS, (0.005, 0.01, -0.105))
 ANGLES = np.concatenate([THETA_M, joint_angles(Geometry(0.05, 0.03, 0.06, 0.1139), X[:3])])
 F_REF = 5.0
 
@@ -45,20 +45,20 @@ def law(standing: np.ndarray, damping: Damping | None = None) -> LinearLaw:
 def real_commands(deviations: np.ndarray) -> np.ndarray:
     """omega_ref (n, 3) of the real estimator and controller for `ANGLES` + `deviations` (n, 6), reference at rest."""
     limits = Law(BELIEF.N, math.inf, F_REF, math.inf, 0.0, math.inf, CORNER)
-    estimator = Sampled(Estimator(BELIEF))
-    controller = Sampled(Controller(limits, POSITION, FORCE, [0.0], [X[:3].tolist()]))
+    estimator = ComponentStepper(Estimator(BELIEF))
+    controller = ComponentStepper(Controller(limits, POSITION, FORCE, [0.0], [X[:3].tolist()]))
     commands = []
     for angles in ANGLES + deviations:
-        estimated = estimator.named(np.round(angles * 2.0**40 / (2.0 * np.pi)))
+        estimated = estimator.outputs_by_port(np.round(angles * 2.0**40 / (2.0 * np.pi)))
         given = np.concatenate([estimated[name] for name in ("p_B", "J", "F_ee_B")])
-        commands.append(controller.named(given, h=PERIOD)["omega_ref"])
+        commands.append(controller.outputs_by_port(given, h=PERIOD)["omega_ref"])
     return np.array(commands)
 
 
 def linear_commands(deviations: np.ndarray) -> np.ndarray:
     """What the linear law makes of the same deviations, all its loops closed."""
     linear = law(np.zeros(3))
-    state, commands = np.zeros(STATES), []
+    state, commands = np.zeros(LAW_STATES), []
     for angles in deviations:
         back = np.zeros(4)
         # the position law depends on the force law's output, which depends on neither
@@ -91,12 +91,12 @@ def test_a_turning_jacobian_turns_the_steady_command():
 
 
 def test_motors_give_way_to_a_step_of_torque_and_forget_it():
-    damping = Damping.of(gain=10.0, corner=4.0)
+    damping = Damping.from_si(gain=10.0, corner=4.0)
     linear = law(np.zeros(3), damping)
     angles = np.zeros(6)
     angles[0] = 1e-3
     inputs = np.concatenate([angles, np.zeros(8)])
-    state, given_way = np.zeros(STATES), []
+    state, given_way = np.zeros(LAW_STATES), []
     for _ in range(400):
         given_way.append((linear.C @ state + linear.D @ inputs)[0])
         state = linear.A @ state + linear.B @ inputs
@@ -114,14 +114,14 @@ SERVO = DriveModel(np.array([[LAG]]), np.array([[1.0 - LAG, -0.6 * (1.0 - LAG)]]
 
 
 def plant(z: float) -> control.StateSpace:
-    return linear_plant(PARAMETERS, *resting(PARAMETERS, (0.005, 0.01, z)))
+    return linear_plant(PARAMETERS, *rest_state(PARAMETERS, (0.005, 0.01, z)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("z", [-0.09, -0.105], ids=["in air", "pressing"])
 def test_the_step_of_the_linear_plant_is_the_derivative_of_the_component_s_own(substeps, z):
-    x, theta_m = resting(PARAMETERS, (0.005, 0.01, z))
+    x, theta_m = rest_state(PARAMETERS, (0.005, 0.01, z))
     linear = linear_plant(PARAMETERS, x, theta_m)
     A, B = runge_kutta_step(linear.A, linear.B, TICK, substeps)
     scratch = apex_frame(PARAMETERS), NO_ANCHOR
@@ -132,7 +132,9 @@ def test_the_step_of_the_linear_plant_is_the_derivative_of_the_component_s_own(s
         # the bristle follows the platform while it sticks
         new[6:] += deviation[:2] if z < PARAMETERS.z_s else 0.0
         for _ in range(substeps):
-            integrate(PARAMETERS, new, theta_m + deviation[6:], STILL, STILL, STILL, TICK / substeps, *scratch)
+            integrate(
+                PARAMETERS, new, theta_m + deviation[6:], NO_MOTION, NO_MOTION, NO_MOTION, TICK / substeps, *scratch
+            )
         return new[:6]
 
     step = 1e-6

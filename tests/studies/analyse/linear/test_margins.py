@@ -7,14 +7,21 @@ from scipy.optimize import minimize
 
 from tests.conftest import examples
 from tests.laws.runs import shipped
-from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, REFERENCES, closed_loops, closed_poles, spectral_radius
+from twin.studies.analyse.linear.loops import (
+    LOOPS,
+    REFERENCE_SIGNALS,
+    SPEED_COMMANDS,
+    closed_loops,
+    closed_poles,
+    spectral_radius,
+)
 from twin.studies.analyse.linear.margins import (
     DiskMargin,
     Margins,
     disk_margin,
     frequencies,
     gain_limit,
-    largest,
+    largest_mu,
     loop_response,
     margins,
     poles,
@@ -22,7 +29,7 @@ from twin.studies.analyse.linear.margins import (
     smallest_disk,
     worst_sensitivity,
 )
-from twin.studies.analyse.linearised import Linearised, LinearPoint
+from twin.studies.analyse.linearised import Linearisation, LinearPoint
 from twin.studies.analyse.operating_point import operating_points
 
 PERIOD = 2e-3
@@ -33,7 +40,7 @@ def integrators(k: float) -> control.StateSpace:
     """Four loops L = k / (z - 1) that do not see each other."""
     B = np.hstack([np.eye(4), np.zeros((4, 4))])
     return control.ss(
-        np.eye(4), B, -k * np.eye(4), np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCES], outputs=list(LOOPS)
+        np.eye(4), B, -k * np.eye(4), np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCE_SIGNALS], outputs=list(LOOPS)
     )
 
 
@@ -78,7 +85,7 @@ def test_the_phase_margin_loop_with_a_delay_has_the_gain_margin_of_its_formula()
     A = np.kron(np.eye(4), [[1.0, 1.0], [0.0, 0.0]])
     B = np.hstack([np.kron(np.eye(4), [[0.0], [1.0]]), np.zeros((8, 4))])
     C = np.kron(np.eye(4), [[-k, 0.0]])
-    loops = control.ss(A, B, C, np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCES], outputs=list(LOOPS))
+    loops = control.ss(A, B, C, np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCE_SIGNALS], outputs=list(LOOPS))
     found = margins(loops, CLOSED, "position_z")
     assert isinstance(found, Margins)
     # splines through 1500 points
@@ -124,14 +131,14 @@ def disk_integrators(K: np.ndarray) -> control.StateSpace:
     """L = K / (z - 1), four loops that see each other where K is not diagonal."""
     B = np.hstack([np.eye(4), np.zeros((4, 4))])
     D = np.zeros((4, 8))
-    return control.ss(np.eye(4), B, -K, D, PERIOD, inputs=[*LOOPS, *REFERENCES], outputs=list(LOOPS))
+    return control.ss(np.eye(4), B, -K, D, PERIOD, inputs=[*LOOPS, *REFERENCE_SIGNALS], outputs=list(LOOPS))
 
 
 @pytest.fixture(scope="module")
 def pressing() -> LinearPoint:
     points, _ = operating_points(shipped())
-    shared = Linearised(shipped(), points)
-    return shared.at(next(point for point in points if point.in_contact))
+    shared = Linearisation(shipped(), points)
+    return shared.linear_point(next(point for point in points if point.in_contact))
 
 
 def with_factors(loops: control.StateSpace, gains: dict[str, float], breaks: tuple[str, ...], f: np.ndarray) -> float:
@@ -208,8 +215,8 @@ def test_factors_at_the_margin_make_three_coupled_loops_swing_for_ever_and_small
 
 def test_what_is_added_at_the_motors_acts_as_what_the_law_commands(pressing: LinearPoint):
     loops = pressing.loops
-    laws, motors = ([loops.input_labels.index(name) for name in names] for names in (LOOPS[:3], COMMANDS))
-    commanded = loops.D[[loops.output_labels.index(name) for name in COMMANDS]][:, laws]
+    laws, motors = ([loops.input_labels.index(name) for name in names] for names in (LOOPS[:3], SPEED_COMMANDS))
+    commanded = loops.D[[loops.output_labels.index(name) for name in SPEED_COMMANDS]][:, laws]
     assert np.abs(commanded).min(axis=0).max() > 1.0
     # one product of matrices
     np.testing.assert_allclose(loops.B[:, laws], loops.B[:, motors] @ commanded, rtol=1e-9, atol=1e-12)
@@ -217,17 +224,17 @@ def test_what_is_added_at_the_motors_acts_as_what_the_law_commands(pressing: Lin
 
 def test_the_robot_s_motors_may_be_off_by_all_that_is_inside_and_not_by_more(pressing: LinearPoint):
     loops, gains = pressing.loops, pressing.gains
-    margin = disk_margin(loops, gains, COMMANDS)
-    delta = worst_delta(sensitivity(loops, gains, COMMANDS, np.array([margin.frequency]))[0])
+    margin = disk_margin(loops, gains, SPEED_COMMANDS)
+    delta = worst_delta(sensitivity(loops, gains, SPEED_COMMANDS, np.array([margin.frequency]))[0])
     assert np.abs(delta) == pytest.approx(margin.alpha, rel=2e-3)
     # a pole z moves by 1e-5 for a thousandth of the margin
-    assert with_factors(loops, gains, COMMANDS, factors(0.99 * delta)) < 1.0
-    assert with_factors(loops, gains, COMMANDS, factors(1.01 * delta)) > 1.0
+    assert with_factors(loops, gains, SPEED_COMMANDS, factors(0.99 * delta)) < 1.0
+    assert with_factors(loops, gains, SPEED_COMMANDS, factors(1.01 * delta)) > 1.0
 
 
 def test_gains_of_laws_and_motors_may_be_off_together_by_what_is_told(pressing: LinearPoint):
     loops, gains = pressing.loops, pressing.gains
-    breaks = (*gains, *COMMANDS)
+    breaks = (*gains, *SPEED_COMMANDS)
     margin = disk_margin(loops, gains, breaks)
     assert margin.gain is not None
     for f in np.random.default_rng(5).choice([margin.gain, 1.0 / margin.gain], (30, len(breaks))):
@@ -236,8 +243,8 @@ def test_gains_of_laws_and_motors_may_be_off_together_by_what_is_told(pressing: 
 
 def test_the_more_is_off_at_once_the_smaller_the_margin(pressing: LinearPoint):
     loops, gains = pressing.loops, pressing.gains
-    both = disk_margin(loops, gains, (*gains, *COMMANDS)).alpha
-    for some in (tuple(gains), COMMANDS):
+    both = disk_margin(loops, gains, (*gains, *SPEED_COMMANDS)).alpha
+    for some in (tuple(gains), SPEED_COMMANDS):
         together = disk_margin(loops, gains, some).alpha
         assert both < together
         for name in some:
@@ -265,7 +272,7 @@ def test_a_resonance_that_is_narrower_than_the_grid_of_frequencies_passes_unseen
     A = np.block([[np.eye(4), np.zeros((4, 2))], [np.zeros((2, 4)), mode]])
     B, C = np.zeros((6, 8)), np.zeros((4, 6))
     B[:4, :4], B[4, 0], C[:, :4], C[0, 4] = np.eye(4), 1.0, -K, 2.0 * (1.0 - kept) * 0.5
-    loops = control.ss(A, B, C, np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCES], outputs=list(LOOPS))
+    loops = control.ss(A, B, C, np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCE_SIGNALS], outputs=list(LOOPS))
     seen = disk_margin(loops, CLOSED, LOOPS).alpha
     _, there = smallest_disk(sensitivity(loops, CLOSED, LOOPS, np.array([between])))
     # S = 2 of one loop: 1/(2 - 1/2)
@@ -283,7 +290,7 @@ def drawn(rows: int, seed: int, *shape: int) -> np.ndarray:
 
 
 def bound(M: np.ndarray) -> float:
-    return largest(M[None])[1]
+    return largest_mu(M[None])[1]
 
 
 def reached(M: np.ndarray) -> float:
@@ -339,6 +346,6 @@ def test_units_of_the_signals_do_not_matter(case):
 
 def test_the_largest_of_many_is_found_without_looking_at_each():
     many = drawn(5, 3, 40)
-    which, found = largest(many)
+    which, found = largest_mu(many)
     each = [bound(M) for M in many]
     assert which == int(np.argmax(each)) and found == pytest.approx(max(each), rel=1e-3)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogError
 from twin.kernel.recording.logs.reader import read_log
 from twin.studies.paper.digitised.provenance import Provenance, provenance
 
@@ -61,13 +61,13 @@ def test_any_other_csv_file_has_no_provenance(tmp_path: Path):
     ],
 )
 def test_a_head_that_lacks_something_is_refused(tmp_path: Path, old: str, new: str, expected: str):
-    with pytest.raises(LogRefused) as refused:
+    with pytest.raises(LogError) as refused:
         made(tmp_path, HEAD.replace(old, new))
     assert expected in str(refused.value)
 
 
 def test_a_file_holds_one_curve(tmp_path: Path):
-    with pytest.raises(LogRefused, match="2 curves, expected one"):
+    with pytest.raises(LogError, match="2 curves, expected one"):
         made(tmp_path, HEAD, "t_s,controller.F_z_mN,scale.F_z_N\n0,0,0\n1,1,1\n")
 
 

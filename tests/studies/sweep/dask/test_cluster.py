@@ -11,26 +11,26 @@ import pytest
 
 from tests.studies.sweep.definitions import job, stiffnesses
 from twin.studies.sweep.dask import engine as engine_module
-from twin.studies.sweep.dask.cluster import difference, ended_within, within
+from twin.studies.sweep.dask.cluster import attempt_with_timeout, call_with_timeout, difference
 from twin.studies.sweep.dask.engine import _Batches
-from twin.studies.sweep.interrupts import remembered
+from twin.studies.sweep.interrupts import defer_interrupts
 
 FOREVER = 600.0
 """s; longer than any test may take."""
 
 
 def test_what_is_asked_of_a_cluster_is_answered_or_fails_as_it_does_there():
-    assert within(FOREVER, divmod, 7, 2) == (3, 1)
+    assert call_with_timeout(FOREVER, divmod, 7, 2) == (3, 1)
     with pytest.raises(ZeroDivisionError):
-        within(FOREVER, divmod, 7, 0)
+        call_with_timeout(FOREVER, divmod, 7, 0)
 
 
 def test_nobody_waits_longer_than_the_limit():
     never = threading.Event()
     try:
         with pytest.raises(TimeoutError, match=r"no answer within 0\.1 s"):
-            within(0.1, never.wait, FOREVER)
-        ended_within(0.1, never.wait, FOREVER)
+            call_with_timeout(0.1, never.wait, FOREVER)
+        attempt_with_timeout(0.1, never.wait, FOREVER)
     finally:
         never.set()
 
@@ -50,7 +50,7 @@ def test_a_cluster_that_does_not_answer_holds_up_no_end(root: Path, tmp_path: Pa
         unregister_worker_plugin=lambda *told, **how: silent("unregister"),
     )
     plan = stiffnesses(root, tmp_path, "[500]")
-    monkeypatch.setattr(engine_module, "END", 0.1)
+    monkeypatch.setattr(engine_module, "END_TIMEOUT", 0.1)
     try:
         _Batches(client, job(plan, tmp_path), plan.tasks).stop()  # type: ignore[arg-type]
     finally:
@@ -72,8 +72,8 @@ def test_ctrl_c_leaves_no_lock_taken_by_what_was_asked():
 
     presser = threading.Thread(target=press)
     presser.start()
-    with pytest.raises(KeyboardInterrupt), remembered():
-        within(FOREVER, answer)
+    with pytest.raises(KeyboardInterrupt), defer_interrupts():
+        call_with_timeout(FOREVER, answer)
     presser.join()
     assert lock.acquire(timeout=FOREVER)
 

@@ -15,9 +15,9 @@ from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask.engine import ClusterLost, DaskEngine
 from twin.studies.sweep.engine import Engine, LocalEngine
-from twin.studies.sweep.plan import SweepPlan, planned
+from twin.studies.sweep.plan import SweepPlan, read_plan
 from twin.studies.sweep.stored import stored_sweep
-from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
+from twin.studies.sweep.sweep import RECORDINGS_FOLDER, SweepState, run_sweep
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +41,7 @@ def bare(folder: Path) -> list[dict]:
     return [{k: v for k, v in row.items() if k not in COSTS} for row in stored_sweep(folder).rows]
 
 
-def shown_rows(plan: SweepPlan, folder: Path, cluster: Running, watch: Callable[[State], None]) -> list[dict]:
+def shown_rows(plan: SweepPlan, folder: Path, cluster: Running, watch: Callable[[SweepState], None]) -> list[dict]:
     run_sweep(plan, folder, DaskEngine(cluster.address), show=watch)
     return stored_sweep(folder).rows
 
@@ -64,13 +64,13 @@ experiment = "{root}/experiments/calibration.toml"
 drives = ["velocity_servo", "brushed_dc"]
 vary = [{{ key = "plant.eta", values = [0.8, 0.9] }}, {{ key = "duration_s", values = [0.1] }}]
 """
-    plan = planned(written(tmp_path, text))
+    plan = read_plan(written(tmp_path, text))
     here, there = tmp_path / "here", tmp_path / "there"
     local = rows(plan, here, LocalEngine(1), "all")
     assert rows(plan, there, DaskEngine(cluster.address), "all") == local
     assert [row["status"] for row in local] == ["done"] * 4
     for row in local:
-        recording = f"{RECORDINGS}/{row['run']:06d}/run.mcap"
+        recording = f"{RECORDINGS_FOLDER}/{row['run']:06d}/run.mcap"
         assert (there / recording).read_bytes() == (here / recording).read_bytes()
 
 
@@ -86,7 +86,7 @@ vary = [
   {{ key = "duration_s", values = [1.1] }},
 ]
 """
-    plan, limits = planned(written(tmp_path, text)), JobLimits(step=1.0)
+    plan, limits = read_plan(written(tmp_path, text)), JobLimits(step=1.0)
     local = rows(plan, tmp_path / "here", LocalEngine(2), limits=limits)
     assert [row["status"] for row in local] == ["done", "failed", "failed", "failed"]
     assert rows(plan, tmp_path / "there", DaskEngine(cluster.address), limits=limits) == local
@@ -115,7 +115,7 @@ def test_a_sweep_whose_command_is_killed_ends_in_the_workers(root: Path, tmp_pat
 def test_a_worker_that_comes_later_works(root: Path, longer: SweepPlan, tmp_path: Path):
     with running(root, tmp_path, 1) as cluster:
 
-        def watch(state: State) -> None:
+        def watch(state: SweepState) -> None:
             if state.done and len(cluster.workers) == 1:
                 cluster.workers.append(cluster.worker())
                 cluster.wait(2)
@@ -129,7 +129,7 @@ def test_a_worker_that_comes_later_works(root: Path, longer: SweepPlan, tmp_path
 def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Path, longer: SweepPlan, tmp_path: Path):
     with running(root, tmp_path, 2) as cluster:
 
-        def watch(state: State) -> None:
+        def watch(state: SweepState) -> None:
             if 0 < state.done < state.total and cluster.workers[0].poll() is None:
                 kill(cluster.workers[0])
 
@@ -147,7 +147,7 @@ def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
     monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
     monkeypatch.setattr(engine_module, "run_tasks", deadly.run_tasks)
     # all runs in one batch: who is to blame has to be found out
-    monkeypatch.setattr(engine_module, "AHEAD", 1)
+    monkeypatch.setattr(engine_module, "BATCHES_PER_THREAD", 1)
     monkeypatch.setattr(engine_module, "BATCH_SECONDS", 1e3)
     plan = stiffnesses(root, tmp_path, "[500, 600, 700, 800]")
     with running(root, tmp_path, 3) as cluster:
@@ -164,7 +164,7 @@ def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goe
     folder = tmp_path / "out"
     with running(root, tmp_path, 1) as cluster:
 
-        def watch(state: State) -> None:
+        def watch(state: SweepState) -> None:
             if state.done:
                 assert cluster.scheduler is not None
                 kill(cluster.scheduler)

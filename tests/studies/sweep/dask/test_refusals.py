@@ -56,7 +56,7 @@ def refusal_with_a_worker_in(folder: Path, plan: SweepPlan, cluster: Running) ->
 def test_a_scheduler_that_is_not_there_is_named(
     plan: SweepPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ):
-    monkeypatch.setattr(cluster_module, "PATIENCE", 0.3)
+    monkeypatch.setattr(cluster_module, "CONNECT_TIMEOUT", 0.3)
     with closing(socket.socket()) as silent:
         # whoever connects is never answered
         silent.bind(("127.0.0.1", 0))
@@ -101,7 +101,7 @@ def test_a_worker_that_comes_later_with_another_version_runs_nothing(
     plan: SweepPlan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
 ):
     # nobody has asked it before, and to it it is the same who of the two is the other
-    monkeypatch.setattr(cluster_module, "refuse_unlike", lambda client: None)
+    monkeypatch.setattr(cluster_module, "refuse_other_versions", lambda client: None)
     monkeypatch.setattr(worker_module, "versions", lambda: versions() | {"Python": "2.7"})
     said = refusal(plan, tmp_path / "out", cluster.address)
     assert f"has Python {versions()['Python']}, this machine has 2.7; runs would not give the same numbers" in said

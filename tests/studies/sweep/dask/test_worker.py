@@ -10,13 +10,13 @@ from tests.studies.sweep.definitions import job, stiffnesses
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.dask.worker import SweepPlugin
 from twin.studies.sweep.engine import Job
-from twin.studies.sweep.plan import SweepPlan, Task, files_digest, texts
-from twin.studies.sweep.stored import FACTS
+from twin.studies.sweep.plan import SweepPlan, Task, files_digest, text_settings
+from twin.studies.sweep.stored import SWEEP_FILE
 
 
 @pytest.fixture
 def plan(root: Path, tmp_path: Path) -> SweepPlan:
-    (tmp_path / FACTS).touch()
+    (tmp_path / SWEEP_FILE).touch()
     return stiffnesses(root, tmp_path, "[500]")
 
 
@@ -43,7 +43,7 @@ def test_a_worker_that_shares_no_folder_is_refused_by_name(plan: SweepPlan, tmp_
     if missing == "here":
         common = replace(common, here=tmp_path / "elsewhere")
     else:
-        (tmp_path / FACTS).unlink()
+        (tmp_path / SWEEP_FILE).unlink()
     said = refusal(common, plan.tasks[0])
     assert said.startswith(f"--engine dask: worker tcp://a:1 does not see {tmp_path}")
     assert "needs a folder that all machines share" in said
@@ -51,7 +51,7 @@ def test_a_worker_that_shares_no_folder_is_refused_by_name(plan: SweepPlan, tmp_
 
 def test_a_worker_that_reads_other_files_is_refused_by_name_and_one_with_the_same_runs(plan: SweepPlan, tmp_path: Path):
     (task,) = plan.tasks
-    files = task.drive, texts(task.settings)
+    files = task.drive, text_settings(task.settings)
     common = replace(job(plan, tmp_path / "runs"), files={files: "of another FMU"})
     assert refusal(common, task).startswith(f"worker tcp://a:1: {plan.experiment}: reads other files here")
     worker = plugin(replace(common, files={files: files_digest(plan.experiment, *files)}))

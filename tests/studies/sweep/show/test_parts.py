@@ -6,15 +6,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.studies.result import WIDTH
+from twin.studies.result import TEXT_WIDTH
 from twin.studies.sweep.columns import Row
 from twin.studies.sweep.plan import saltelli_cube
-from twin.studies.sweep.show.parts import Asked, ReportPart, headline, interval, number, parts, short, sweep_text
+from twin.studies.sweep.show.parts import (
+    ReportPart,
+    SweepQuery,
+    headline,
+    interval,
+    number,
+    parts,
+    short_names,
+    sweep_text,
+)
 from twin.studies.sweep.show.pictures import shown_range
 from twin.studies.sweep.statistics.ranking import usual_against, usual_metric
 from twin.studies.sweep.stored import RunMargins, SweepRows
 
-ASKED = Asked("hold_error_N", "lateral_error_mm", 5)
+ASKED = SweepQuery("hold_error_N", "lateral_error_mm", 5)
 
 
 def metrics(error: float, lateral: float = 1.0) -> dict:
@@ -40,7 +49,7 @@ def test_a_sweep_that_is_not_over_says_how_far_it_is():
     assert headline(kept([row(1, {}, **metrics(1.0))], runs=9), "hold_error_N").startswith("made_up  1 of 9 runs")
 
 
-def part(sweep: SweepRows, key: str, asked: Asked = ASKED) -> ReportPart:
+def part(sweep: SweepRows, key: str, asked: SweepQuery = ASKED) -> ReportPart:
     return next(one for one in parts(sweep, asked) if one.key == key)
 
 
@@ -62,7 +71,7 @@ def test_runs_within_a_step_of_the_scale_equal_the_best_and_the_first_to_settle_
     assert best.remarks == (
         ["=: equal to the best within 0.05 N; ordered by settling time, then overshoot", "settles s, -: not within 5 %"]
     )
-    assert part(sweep, "best", Asked(ASKED.by, ASKED.against, 7)).rows[-2][0] == "6"
+    assert part(sweep, "best", SweepQuery(ASKED.by, ASKED.against, 7)).rows[-2][0] == "6"
 
 
 def test_of_many_equal_runs_twelve_are_shown_and_the_others_counted():
@@ -119,7 +128,7 @@ def test_no_line_is_wider_than_a_terminal_and_columns_left_out_are_counted():
     names = [f"plant.a_rather_long_name_{n}" for n in range(12)]
     rows = [row(n, {name: float(n) for name in names}, **metrics(float(n))) for n in range(1, 9)]
     text = sweep_text(kept(rows), ASKED)
-    assert max(map(len, text.splitlines())) <= WIDTH
+    assert max(map(len, text.splitlines())) <= TEXT_WIDTH
     assert "more columns in --html)" in text
 
 
@@ -168,7 +177,7 @@ def test_with_claims_the_answer_is_how_many_are_likely_and_no_run_is_best():
 
 def test_short_names_tell_parameters_apart_and_are_never_a_number_alone():
     labels = ["plant.k_s", "controller.model.k_s", "plant.zero.1", "plant.eta"]
-    assert list(short(labels).values()) == ["plant.k_s", "model.k_s", "zero.1", "eta"]
+    assert list(short_names(labels).values()) == ["plant.k_s", "model.k_s", "zero.1", "eta"]
 
 
 def test_numbers_that_are_not_there_are_dashes():

@@ -11,23 +11,23 @@ from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.claims import packed
+from twin.studies.sweep.claims import pack_curves
 from twin.studies.sweep.columns import Columns, Row, columns_of
-from twin.studies.sweep.measures import within
-from twin.studies.sweep.show.parts import Asked, parts
+from twin.studies.sweep.measures import meets_limits
+from twin.studies.sweep.show.parts import SweepQuery, parts
 from twin.studies.sweep.statistics.ranking import (
-    BINS,
-    ROUNDING,
+    HISTOGRAM_BINS,
+    METRIC_DECIMALS,
     bands,
-    best,
-    checked_rank,
     claims_in,
     drive_ranking,
     likelihoods,
+    metric_spread,
     metrics_in,
     pareto_front,
-    rounded,
-    spread,
+    ranked_rows,
+    require_rank,
+    round_metrics,
     usual_metric,
     value,
     worst_over,
@@ -70,7 +70,7 @@ def test_a_claim_that_holds_in_all_of_a_few_runs_is_no_certainty():
 
 def test_bands_are_quantiles_over_runs_at_each_time():
     t = np.array([0.0, 0.4])
-    rows = [{**row(n, {}, y=1.0), "curves": packed({"a": (t, float(n) + t)}, 0.4)} for n in range(1, 102)]
+    rows = [{**row(n, {}, y=1.0), "curves": pack_curves({"a": (t, float(n) + t)}, 0.4)} for n in range(1, 102)]
     found = bands([*rows, row(200, {})])
     assert found is not None and found.runs == 101
     # 1 to 101 plus the time: quantiles at 5, 25, 50, 75 and 95 % are runs; 32 bit floats
@@ -93,25 +93,25 @@ KNOWN = ("force_error_N", "peak_N", "end_N", "press.mean", "press.std")
 def test_runs_that_tripped_failed_or_passed_a_limit_are_not_among_the_best():
     rows = [row(1, {}, y=3.0), row(2, {}, status="tripped", y=1.0), row(3, {}), {**row(4, {}, y=0.5)}]
     rows[3]["within_limits"] = False
-    assert best(columns_of(rows), "y").tolist() == [0]
+    assert ranked_rows(columns_of(rows), "y").tolist() == [0]
 
 
 @pytest.mark.parametrize("metric", ["end_N", "press.mean"])
 def test_a_metric_of_which_less_is_not_better_ranks_nothing(metric: str):
     with pytest.raises(InputRefused, match=r"is not better; rank by force_error_N, peak_N, press\.std$"):
-        checked_rank("--by", metric, KNOWN)
+        require_rank("--by", metric, KNOWN)
 
 
 def test_a_misspelt_metric_is_corrected():
     with pytest.raises(InputRefused, match="did you mean 'peak_N"):
-        checked_rank("--by", "peek_N", KNOWN)
+        require_rank("--by", "peek_N", KNOWN)
 
 
 def test_a_claims_number_may_be_asked_for_where_claims_were_judged():
     claims = {"true_final": {"value": 4.9, "verdict": "holds"}}
     judged = columns_of([{**row(1, {}, y=1.0), "claims": claims}, row(2, {}, true_final=7.0)])
     assert claims_in(judged) == ["true_final"]
-    assert checked_rank("--by", "true_final", KNOWN, claims_in(judged)) == "true_final"
+    assert require_rank("--by", "true_final", KNOWN, claims_in(judged)) == "true_final"
     assert value(judged, "true_final").tolist() == [4.9, 7.0]
 
 
@@ -131,14 +131,14 @@ def test_without_a_controlled_force_runs_are_ranked_by_position():
 def test_a_held_force_without_chatter_is_better_than_any_that_has_some_and_keeps_every_limit():
     rows = [row(1, {}, hold_error_N=1.0, chatter_N=0.2), row(2, {}, hold_error_N=1.0, chatter_N=None)]
     rows.append(row(3, {}, hold_error_N=None, chatter_N=None))
-    assert best(columns_of(rows), "chatter_N").tolist() == [1, 0]
-    assert [within(one["metrics"], {"chatter_N": 0.1}) for one in rows] == [False, True, False]
+    assert ranked_rows(columns_of(rows), "chatter_N").tolist() == [1, 0]
+    assert [meets_limits(one["metrics"], {"chatter_N": 0.1}) for one in rows] == [False, True, False]
 
 
 def test_rounding_makes_no_run_better():
     # 1e-17 mm is what a symmetric run is off sideways
     columns = columns_of([row(1, {}, y=1e-17), row(2, {}, y=0.0), row(3, {}, y=1e-9)])
-    assert best(columns, "y").tolist() == [0, 1, 2]
+    assert ranked_rows(columns, "y").tolist() == [0, 1, 2]
     assert value(columns, "y")[2] == 1e-9
 
 
@@ -150,7 +150,7 @@ NUMBERS = st.one_of(
 @given(st.lists(NUMBERS, max_size=50))
 @example([0.5e-12, 1.5e-12, 2.5e-12, 4096.0000000000005, 8191.9999999999995, -0.0])
 def test_columns_are_rounded_as_python_rounds_a_number(numbers: list[float]):
-    assert rounded(np.array(numbers, float)).tolist() == [round(number, ROUNDING) for number in numbers]
+    assert round_metrics(np.array(numbers, float)).tolist() == [round(number, METRIC_DECIMALS) for number in numbers]
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=30), st.integers(0, 3))
@@ -159,12 +159,12 @@ def test_columns_are_rounded_as_python_rounds_a_number(numbers: list[float]):
 @example([0.0, 5e-12], 0)
 def test_every_run_is_in_a_bin_or_counted_as_missing(numbers: list[float], failed: int):
     rows = [row(n, {}, y=number) for n, number in enumerate(numbers)] + [row(100 + n, {}) for n in range(failed)]
-    found = spread(columns_of(rows), "y")
+    found = metric_spread(columns_of(rows), "y")
     assert found is not None
     assert sum(found.counts) == len(numbers) and found.missing == failed
     # a metric has 12 decimals, and a double near 1,000 as many
     if (range_ := float(np.ptp(numbers))) > 3e-12 * max(1.0, *np.abs(numbers)):
-        assert len(found.counts) == BINS
+        assert len(found.counts) == HISTOGRAM_BINS
         # each number and each edge is off by a rounding
         assert found.edges[-1] - found.edges[0] == pytest.approx(range_, abs=2e-12)
     elif range_ < 1e-13:
@@ -175,7 +175,7 @@ def test_every_run_is_in_a_bin_or_counted_as_missing(numbers: list[float], faile
 
 
 def test_a_metric_that_no_run_has_is_not_spread():
-    assert spread(columns_of([row(1, {})]), "y") is None
+    assert metric_spread(columns_of([row(1, {})]), "y") is None
 
 
 PAIRS = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=25)
@@ -191,7 +191,7 @@ def test_a_run_is_on_the_front_if_and_only_if_no_other_beats_it(pairs: list[tupl
     }
     columns = columns_of(rows)
     front = pareto_front(columns, "y", "z")
-    assert {columns.run(row) for row in front} == set(range(1, len(pairs) + 1)) - beaten
+    assert {columns.run_number(row) for row in front} == set(range(1, len(pairs) + 1)) - beaten
     assert (np.diff(value(columns, "y")[front]) >= 0.0).all()
 
 
@@ -229,7 +229,7 @@ def test_it_is_the_first_table_and_says_on_which_tissue():
         row(n, dict(zip(LABELS, point, strict=True)), force_error_N=error, lateral_error_mm=1.0)
         for n, (point, error) in enumerate(errors.items(), start=1)
     ]
-    part = parts(kept(rows), Asked("force_error_N", "lateral_error_mm", 5, LABELS[1]))[0]
+    part = parts(kept(rows), SweepQuery("force_error_N", "lateral_error_mm", 5, LABELS[1]))[0]
     assert part.title == "worst force_error_N over body, least worst first"
     assert part.head == ["k_s", "worst force_error_N", "at body", "runs", "failed"]
     assert part.rows == [["600", "0.4", "back", "2", "-"], ["300", "0.9", "belly", "2", "-"]]

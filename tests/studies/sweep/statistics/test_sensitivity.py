@@ -13,10 +13,10 @@ from scipy.stats import spearmanr
 from tests.studies.sweep.statistics.rows import row
 from twin.studies.sweep.columns import columns_of
 from twin.studies.sweep.plan import saltelli_cube
-from twin.studies.sweep.show.parts import starred
+from twin.studies.sweep.show.parts import significant_parameters
 from twin.studies.sweep.statistics.sensitivity import (
-    LEAST_BLOCKS,
-    LEAST_FOR_INTERVALS,
+    MIN_BLOCKS,
+    MIN_INTERVAL_BLOCKS,
     Correlation,
     Index,
     estimates,
@@ -89,10 +89,10 @@ def test_a_star_needs_more_the_more_parameters_are_asked_for():
     def one(p: float) -> Correlation:
         return Correlation(0.5, 0.1, 0.8, p, 30)
 
-    assert starred({"a": one(0.04)}) == {"a"}
-    assert starred({"a": one(0.04), "b": one(0.9)}) == set()
+    assert significant_parameters({"a": one(0.04)}) == {"a"}
+    assert significant_parameters({"a": one(0.04), "b": one(0.9)}) == set()
     # Holm: the second is held against 0.05 / 2, not 0.05 / 3
-    assert starred({"a": one(0.001), "b": one(0.02), "c": one(0.9)}) == {"a", "b"}
+    assert significant_parameters({"a": one(0.001), "b": one(0.02), "c": one(0.9)}) == {"a", "b"}
 
 
 LABELS = ("x1", "x2", "x3")
@@ -125,12 +125,12 @@ def test_ishigamis_indices_are_found():
     found = sobol_indices(columns_of(rows), LABELS, len(rows), "y")
     assert found.blocks == found.planned == 2048 and not found.remark
     # the error of the estimate falls with the root of the blocks; at 2048 it is below 0.03 in each index
-    assert [index.first for index in found.of] == pytest.approx(FIRST, abs=0.03)
-    assert [index.total for index in found.of] == pytest.approx(TOTAL, abs=0.03)
+    assert [index.first for index in found.entries] == pytest.approx(FIRST, abs=0.03)
+    assert [index.total for index in found.entries] == pytest.approx(TOTAL, abs=0.03)
 
 
 def test_intervals_hold_the_true_indices_and_narrow_with_the_root_of_the_blocks():
-    few, many = (sobol_indices(columns_of(ishigami_rows(n)), LABELS, 5 * n, "y").of for n in (256, 1024))
+    few, many = (sobol_indices(columns_of(ishigami_rows(n)), LABELS, 5 * n, "y").entries for n in (256, 1024))
     for index, first, total in zip(many, FIRST, TOTAL, strict=True):
         # 95 % intervals of six numbers may miss one by a little; here none by more than 0.02
         assert index.first_interval and index.total_interval
@@ -153,7 +153,7 @@ def test_estimates_are_scipys():
 def test_a_constant_added_to_the_metric_changes_no_index():
     rows = ishigami_rows(64)
     lifted = [{**one, "metrics": {"y": one["metrics"]["y"] + 1000.0}} for one in rows]
-    plain, high = (sobol_indices(columns_of(some), LABELS, len(rows), "y").of for some in (rows, lifted))
+    plain, high = (sobol_indices(columns_of(some), LABELS, len(rows), "y").entries for some in (rows, lifted))
     # 1000 takes 7 of the 16 digits of squares
     assert [i.first for i in high] == pytest.approx([i.first for i in plain], abs=1e-8)
 
@@ -165,14 +165,14 @@ def test_a_failed_run_costs_its_block_only_and_is_counted():
     found = sobol_indices(columns_of(rows), LABELS, len(rows), "y")
     assert (found.blocks, found.planned) == (63, 64)
     assert found.remark.startswith("1 of 64 blocks left out")
-    assert found.of == sobol_indices(columns_of(without), LABELS, len(rows), "y").of
+    assert found.entries == sobol_indices(columns_of(without), LABELS, len(rows), "y").entries
 
 
 def test_indices_of_the_second_drive_are_those_of_the_first_where_both_do_the_same():
     one, other = ishigami_rows(16, "one"), ishigami_rows(16, "other", first=81)
     # its first row is not there yet, so its first block is not whole
     found = sobol_indices(columns_of(other[1:]), LABELS, 80, "y")
-    assert found.blocks == 15 and found.of == sobol_indices(columns_of(one[5:]), LABELS, 80, "y").of
+    assert found.blocks == 15 and found.entries == sobol_indices(columns_of(one[5:]), LABELS, 80, "y").entries
 
 
 def test_intervals_are_as_wide_as_estimates_scatter():
@@ -180,7 +180,7 @@ def test_intervals_are_as_wide_as_estimates_scatter():
         draws = np.random.default_rng(seed).uniform(-np.pi, np.pi, (2, 64, 3))
         blocks = np.stack([draws[0], draws[1], *(np.where(np.arange(3) == i, draws[1], draws[0]) for i in range(3))], 1)
         rows = [row(n, {}, y=float(value)) for n, value in enumerate(ishigami(blocks).ravel(), start=1)]
-        index = sobol_indices(columns_of(rows), LABELS, len(rows), "y").of[1]
+        index = sobol_indices(columns_of(rows), LABELS, len(rows), "y").entries[1]
         return index.total, width(index)
 
     totals, widths = np.array([found(seed) for seed in range(24)]).T
@@ -203,17 +203,17 @@ WEIGHTS = np.array([4.0, 2.0, 1.0, 0.5, 0.1])
 
 
 def test_intervals_hold_the_truth_about_as_often_as_is_said_from_the_blocks_on_at_which_there_are_any():
-    of_ishigami = covered(lambda x: ishigami(np.pi * (2.0 * x - 1.0)), np.array([FIRST, TOTAL]), LEAST_FOR_INTERVALS)
+    of_ishigami = covered(lambda x: ishigami(np.pi * (2.0 * x - 1.0)), np.array([FIRST, TOTAL]), MIN_INTERVAL_BLOCKS)
     # 92 % and 88 % of 500 designs; six indices of 200 know their mean to 1 %, one of them to 2.3 %, twice that allowed
     assert of_ishigami.mean() >= 0.90 and of_ishigami.min() >= 0.82
-    of_sum = covered(lambda x: x @ WEIGHTS, np.array([WEIGHTS**2 / (WEIGHTS @ WEIGHTS)] * 2), LEAST_FOR_INTERVALS)
+    of_sum = covered(lambda x: x @ WEIGHTS, np.array([WEIGHTS**2 / (WEIGHTS @ WEIGHTS)] * 2), MIN_INTERVAL_BLOCKS)
     assert of_sum.min() >= 0.95
 
 
 def test_below_that_they_would_hold_it_far_less_often_and_there_are_none():
     of_sum = covered(lambda x: x @ WEIGHTS, np.array([WEIGHTS**2 / (WEIGHTS @ WEIGHTS)] * 2), 16)
     assert of_sum.min() < 0.5
-    few = sobol_indices(columns_of(ishigami_rows(16)), LABELS, 80, "y").of
+    few = sobol_indices(columns_of(ishigami_rows(16)), LABELS, 80, "y").entries
     assert [(index.first_interval, index.total_interval) for index in few] == [(None, None)] * 3
 
 
@@ -226,16 +226,16 @@ def test_the_error_is_that_of_the_indices_without_one_block_each():
 
 
 def test_one_block_that_is_not_as_all_others_has_indices_and_no_intervals():
-    rows = ishigami_rows(LEAST_FOR_INTERVALS)
+    rows = ishigami_rows(MIN_INTERVAL_BLOCKS)
     flat = [{**one, "metrics": {"y": 2.0 if number else 3.0}} for number, one in enumerate(rows)]
-    assert {index.first_interval for index in sobol_indices(columns_of(flat), LABELS, len(rows), "y").of} == {None}
+    assert {index.first_interval for index in sobol_indices(columns_of(flat), LABELS, len(rows), "y").entries} == {None}
 
 
 def test_too_few_blocks_and_a_constant_metric_give_a_reason_instead_of_numbers():
-    assert "needs 8" in sobol_indices(columns_of(ishigami_rows(LEAST_BLOCKS // 2)), LABELS, 20, "y").remark
+    assert "needs 8" in sobol_indices(columns_of(ishigami_rows(MIN_BLOCKS // 2)), LABELS, 20, "y").remark
     flat = [{**one, "metrics": {"y": 2.0}} for one in ishigami_rows(8)]
     assert sobol_indices(columns_of(flat), LABELS, 40, "y").remark == "y does not vary"
-    assert sobol_indices(columns_of([]), LABELS, 40, "y").of == ()
+    assert sobol_indices(columns_of([]), LABELS, 40, "y").entries == ()
 
 
 def test_runs_that_make_no_whole_blocks_are_not_guessed_at():

@@ -13,22 +13,22 @@ import numpy as np
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording import messages
 from twin.kernel.recording.export.ros_bag import JointFields, write_ros_bag
-from twin.kernel.recording.export.table import table, write_csv, write_matlab, write_parquet
+from twin.kernel.recording.export.table import signal_table, write_csv, write_matlab, write_parquet
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import Log, LogError, LogSeries
 from twin.kernel.recording.logs.reader import is_recording, read_log
 from twin.kernel.recording.reader import Recording, Stream, read
-from twin.kernel.recording.scan import NANOSECONDS
+from twin.kernel.recording.scan import NS_PER_S
 
 Format = Literal["csv", "parquet", "mat", "ros2"]
-MANY = 8
+MAX_LISTED_TOPICS = 8
 """So many names are not listed in a sentence."""
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportResult:
     """What was written.
 
     Attributes:
@@ -53,14 +53,14 @@ def export_recording(
     force: bool = False,
     maps: Sequence[str] = (),
     joints: JointFields | None = None,
-) -> Exported:
+) -> ExportResult:
     """Write the recording meant by `run`, or another tool's log, in another format.
 
     Args:
         run: see `recording_in`; with `maps`, or if it is a bag of ROS 2, see `read_log`.
         form: of the file.
         patterns: see `selected_signals`.
-        rate: see `table` (Hz).
+        rate: see `signal_table` (Hz).
         out: the file; without it, the recording's own path with the format's suffix.
         force: replace what is there.
         maps: see `column_map`; which columns of a log that twin did not record are which signals.
@@ -70,31 +70,33 @@ def export_recording(
         InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way.
         NotWritten: the disk refuses; a file that was there stays.
     """
-    recording = _recording(run, maps)
+    recording = _load_recording(run, maps)
     signals = selected_signals(recording, patterns)
     stem = recording.path.name.split(".")[0]
     path = out or recording.path.with_name(f"{stem}_ros2" if form == "ros2" else f"{stem}.{form}")
     if os.path.lexists(path) and not force:
         raise InputRefused(f"{path}: exists; replace it with --force or name another with --out")
     if form == "ros2":
-        return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate, joints or {}), recording.note)
+        return ExportResult(
+            path, len(signals), write_ros_bag(path, recording, signals, rate, joints or {}), recording.note
+        )
     if form == "mat":
-        return Exported(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
-    rows = table(recording, signals, rate)
+        return ExportResult(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
+    rows = signal_table(recording, signals, rate)
     if form == "csv":
         write_csv(path, rows)
     else:
         write_parquet(path, rows, recording.metadata)
-    return Exported(path, len(signals), len(rows.t), recording.note)
+    return ExportResult(path, len(signals), len(rows.t), recording.note)
 
 
-def _recording(run: Path, maps: Sequence[str]) -> Recording:
+def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
     own = is_recording(run)
     if not maps and not is_bag(run):
         return read(recording_in(run))
     if own:
         raise InputRefused(f"--map: {run} is a recording of twin, whose names and units are known")
-    return recording_of(read_log(run, column_map(maps)))
+    return recording_from_log(read_log(run, column_map(maps)))
 
 
 def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tuple[str, ...]:
@@ -126,11 +128,13 @@ def _nearest(pattern: str, fields: dict) -> str:
     names = [*fields, *dict.fromkeys(name.rpartition(".")[0] for name in fields)]
     # the wildcards of a misspelt pattern are no letters to compare
     wanted, topics = pattern.replace("*", ""), names[len(fields) :]
-    more = " ..." if len(topics) > MANY else ""
-    return nearest(wanted, names, f"there are {', '.join(f'{topic}.*' for topic in topics[:MANY])}{more}", 3)
+    more = " ..." if len(topics) > MAX_LISTED_TOPICS else ""
+    return nearest(
+        wanted, names, f"there are {', '.join(f'{topic}.*' for topic in topics[:MAX_LISTED_TOPICS])}{more}", 3
+    )
 
 
-def recording_of(log: Log) -> Recording:
+def recording_from_log(log: Log) -> Recording:
     """`log` as a recording: `arm.tip[0]`, `[1]`, ... are the field `tip` of the topic `arm`.
 
     Raises:
@@ -140,7 +144,7 @@ def recording_of(log: Log) -> Recording:
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):
         topic, _, own = name.rpartition(".")
         if not messages.TOPIC_NAME.fullmatch(topic) or not messages.FIELD_NAME.fullmatch(own):
-            raise LogRefused(f"{log.path}: signal '{name}' is no TOPIC.FIELD; name it like lab.{own or 'F'} with --map")
+            raise LogError(f"{log.path}: signal '{name}' is no TOPIC.FIELD; name it like lab.{own or 'F'} with --map")
         one = log.vector(name) if name not in log.series else log[name]
         topics.setdefault(topic, []).append((own, one))
     return Recording(
@@ -152,17 +156,17 @@ def _stream(log: Log, topic: str, series: list[tuple[str, LogSeries]]) -> Stream
     t = series[0][1].t
     for name, one in series:
         if not np.array_equal(one.t, t):
-            raise LogRefused(
+            raise LogError(
                 f"{log.path}: {topic}.{series[0][0]} and {topic}.{name} have other times; name one of them for another "
                 f"topic, such as {topic}2.{name}"
             )
     if t[0] < 0.0:
-        raise LogRefused(f"{log.path}: {topic} begins at {t[0]:g} s; expected times from 0 on")
+        raise LogError(f"{log.path}: {topic} begins at {t[0]:g} s; expected times from 0 on")
     columns = [one.values.reshape(len(t), -1) for _, one in series]
     fields = tuple(
         messages.Field(name, values.shape[1], "double", one.unit, f"as {log.path.name} has it")
         for (name, one), values in zip(series, columns, strict=True)
     )
     layout = messages.message_layout(1, fields)
-    times = np.rint(t * NANOSECONDS).astype(np.int64)
+    times = np.rint(t * NS_PER_S).astype(np.int64)
     return Stream(fields, layout, messages.message_records(layout, fields, times, 0, np.concatenate(columns, axis=1)))

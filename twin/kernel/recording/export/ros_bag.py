@@ -16,39 +16,47 @@ from mcap.records import Channel, Header, Metadata, MetadataIndex, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
-from twin.kernel.errors import InputRefused, disk_refusals
+from twin.kernel.atomic_write import inline_table, make_folder, write_text
+from twin.kernel.errors import InputRefused, translate_disk_errors
 from twin.kernel.recording import messages
 from twin.kernel.recording.export.table import time_base
 from twin.kernel.recording.folder import Output
 from twin.kernel.recording.reader import Recording
-from twin.kernel.recording.scan import NANOSECONDS
-from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encoded
-from twin.kernel.recording.writer import Pending, append_chunks
-from twin.kernel.writing import inline_table, made_folder, write_text
+from twin.kernel.recording.scan import NS_PER_S
+from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encode_record
+from twin.kernel.recording.writer import PendingMessages, append_chunks
 
 JointFields = Mapping[str, tuple[str, str]]
 """Field of a recording -> whose angle, speed or torque it is, `("motor", "velocity")`: they become JointState."""
 JOINT_FIELDS = ("position", "velocity", "effort")
-_HEADER = {
+_HEADER_TYPES = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
 }
-_VECTOR = {"geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z"}
+_VECTOR_TYPES = {"geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z"}
 _JOINT_STATE = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-_MADE_OF = {
-    "sensor_msgs/msg/JointState": (_JOINT_STATE, _HEADER),
+_TYPE_DEFINITIONS = {
+    "sensor_msgs/msg/JointState": (_JOINT_STATE, _HEADER_TYPES),
     "geometry_msgs/msg/WrenchStamped": (
         "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
-        {**_HEADER, "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque", **_VECTOR},
+        {
+            **_HEADER_TYPES,
+            "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
+            **_VECTOR_TYPES,
+        },
     ),
     "geometry_msgs/msg/TwistStamped": (
         "std_msgs/Header header\ngeometry_msgs/Twist twist",
-        {**_HEADER, "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular", **_VECTOR},
+        {
+            **_HEADER_TYPES,
+            "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
+            **_VECTOR_TYPES,
+        },
     ),
     "geometry_msgs/msg/PoseStamped": (
         "std_msgs/Header header\ngeometry_msgs/Pose pose",
         {
-            **_HEADER,
+            **_HEADER_TYPES,
             "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
             "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
             "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
@@ -63,14 +71,14 @@ _MADE_OF = {
     ),
 }
 # of vectors of three: type, the path of its first part, and the numbers after the vector
-_VECTORS = {
+_VECTOR_MESSAGES = {
     "N": ("geometry_msgs/msg/WrenchStamped", "wrench.force", (0.0, 0.0, 0.0)),
     "m/s": ("geometry_msgs/msg/TwistStamped", "twist.linear", (0.0, 0.0, 0.0)),
     # with the unit quaternion
     "m": ("geometry_msgs/msg/PoseStamped", "pose.position", (0.0, 0.0, 0.0, 1.0)),
 }
-METADATA, MAP = "metadata.yaml", "map.toml"
-AT_ONCE = 10_000
+METADATA_FILE, MAP_FILE = "metadata.yaml", "map.toml"
+MAX_BLOCK_MESSAGES = 10_000
 """Messages of a topic that are in memory as records."""
 
 
@@ -97,9 +105,9 @@ class RosTopic:
     columns: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
-def definition(kind: str) -> str:
+def type_definition(kind: str) -> str:
     """The definition of a type with all that it is made of, as MCAP has it (ros2msg)."""
-    own, others = _MADE_OF[kind]
+    own, others = _TYPE_DEFINITIONS[kind]
     return own + "".join(f"\n{'=' * 80}\nMSG: {name}\n{text}" for name, text in others.items()) + "\n"
 
 
@@ -111,7 +119,7 @@ def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields
         same = states.get(side, {})
         if side and len(_joints(topic, side, one)) and all(one.size == other.size for other in same.values()):
             states.setdefault(side, {})[part] = one
-        elif one.size == len("xyz") and one.unit in _VECTORS:
+        elif one.size == len("xyz") and one.unit in _VECTOR_MESSAGES:
             yield _vector(topic, one)
         else:
             yield _numbers(topic, one)
@@ -139,16 +147,16 @@ def _joint_state(topic: str, side: str, parts: dict[str, messages.Field]) -> Ros
         cdr.count(len(names) if part in parts else 0)
         if part in parts:
             cdr.elements(parts[part], [f"{part}.{name}" for name in names])
-    return cdr.done()
+    return cdr.finish()
 
 
 def _vector(topic: str, one: messages.Field) -> RosTopic:
-    kind, path, rest = _VECTORS[one.unit]
+    kind, path, rest = _VECTOR_MESSAGES[one.unit]
     cdr = _Cdr(RosTopic(f"/{topic}/{one.name}", kind, topic))
     cdr.header("B" if one.name.endswith("_B") else "")
     cdr.elements(one, [f"{path}.{axis}" for axis in "xyz"])
     cdr.constants(rest)
-    return cdr.done()
+    return cdr.finish()
 
 
 def _numbers(topic: str, one: messages.Field) -> RosTopic:
@@ -159,7 +167,7 @@ def _numbers(topic: str, one: messages.Field) -> RosTopic:
     for number in (one.size, one.size, 0, one.size):
         cdr.count(number)
     cdr.elements(one, [f"data[{k}]" for k in range(one.size)])
-    return cdr.done()
+    return cdr.finish()
 
 
 class _Cdr:
@@ -196,7 +204,7 @@ class _Cdr:
     def constants(self, numbers: Sequence[float]) -> None:
         self._body += struct.pack(f"<{len(numbers)}d", *numbers)
 
-    def done(self) -> RosTopic:
+    def finish(self) -> RosTopic:
         self._topic.body = self._head + bytes(self._body)
         return self._topic
 
@@ -220,7 +228,7 @@ def write_ros_bag(
         InputRefused: a rate that `table` refuses, something else in the way.
         NotWritten: it cannot be written.
     """
-    own = {f"{folder.name}_0.mcap", METADATA, MAP}
+    own = {f"{folder.name}_0.mcap", METADATA_FILE, MAP_FILE}
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):
         raise InputRefused(f"{folder}: exists and is not a bag written by twin; name another with --out")
     fields = recording.fields()
@@ -230,14 +238,14 @@ def write_ros_bag(
         for topic in times
         for made in ros_topics(topic, [fields[name] for name in signals if name.rpartition(".")[0] == topic], joints)
     ]
-    made_folder(folder.parent)
-    with disk_refusals(folder):
+    make_folder(folder.parent)
+    with translate_disk_errors(folder):
         beside = Path(tempfile.mkdtemp(prefix=f".{folder.name[:60]}.", dir=folder.parent))
         try:
             rows = {topic: own if rate is None else common for topic, own in times.items()}
             counts = _write_file(beside / f"{folder.name}_0.mcap", recording, topics, times, rows)
-            write_text(beside / METADATA, _metadata(f"{folder.name}_0.mcap", topics, counts, list(rows.values())))
-            write_text(beside / MAP, _map(topics))
+            write_text(beside / METADATA_FILE, _metadata(f"{folder.name}_0.mcap", topics, counts, list(rows.values())))
+            write_text(beside / MAP_FILE, _map(topics))
             # as readable as any folder; mkdtemp makes it the owner's alone
             beside.chmod(0o755)
             if os.path.lexists(folder):
@@ -257,21 +265,21 @@ def _write_file(
 ) -> list[int]:
     """The MCAP file of the bag; how many messages each topic has."""
     kinds = list(dict.fromkeys(topic.kind for topic in topics))
-    schemas = [Schema(k, definition(kind).encode(), "ros2msg", kind) for k, kind in enumerate(kinds, start=1)]
+    schemas = [Schema(k, type_definition(kind).encode(), "ros2msg", kind) for k, kind in enumerate(kinds, start=1)]
     qos = {"offered_qos_profiles": ""}
     channels = [Channel(k, t.name, "cdr", qos, kinds.index(t.kind) + 1) for k, t in enumerate(topics, start=1)]
     summary = Summary(schemas, channels)
     output = Output(path)
     # its library is not twin's alone: `written_by_twin` means recordings
-    output.append(MCAP0_MAGIC + encoded(Header(profile="ros2", library=f"ros2 export of twin {__version__}")))
+    output.append(MCAP0_MAGIC + encode_record(Header(profile="ros2", library=f"ros2 export of twin {__version__}")))
     for name, entries in recording.metadata.items():
-        record = encoded(Metadata(name, dict(entries)))
+        record = encode_record(Metadata(name, dict(entries)))
         summary.metadata.append(MetadataIndex(output.append(record), len(record), name))
-    pending, compressor = Pending(), zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+    pending, compressor = PendingMessages(), zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
     end = max(int(t[-1]) for t in rows.values())
     densest = max(len(t) for t in rows.values())
     # slices of equal length in time, so that no topic runs ahead of another
-    edges = np.linspace(0, end + 1, -(-densest // AT_ONCE) + 1).astype(np.int64)
+    edges = np.linspace(0, end + 1, -(-densest // MAX_BLOCK_MESSAGES) + 1).astype(np.int64)
     for start, stop in pairwise(edges.tolist()):
         for channel, topic in zip(channels, topics, strict=True):
             own = rows[topic.source]
@@ -281,7 +289,7 @@ def _write_file(
             picked = np.searchsorted(times[topic.source], at, side="right") - 1
             records = _records(channel.id, topic, recording, at, picked, summary.message_counts[channel.id])
             summary.message_counts[channel.id] += len(at)
-            pending.put(channel.id, at, records)
+            pending.append_records(channel.id, at, records)
         append_chunks(output, summary, pending, compressor)
     output.append(summary.ending(output.size, output.crc))
     output.publish()
@@ -297,7 +305,7 @@ def _records(
     records = messages.Filling(template, messages.NO_PLACES).records(times, first, np.empty((len(times), 0)))
     assert records is not None, "there are no integers"
     if topic.stamp:
-        stamp = np.stack([times // NANOSECONDS, times % NANOSECONDS], axis=1).astype("<u4")
+        stamp = np.stack([times // NS_PER_S, times % NS_PER_S], axis=1).astype("<u4")
         at = messages.HEAD_SIZE + topic.stamp
         records[:, at : at + 8] = stamp.view(np.uint8)
     values = recording.streams[topic.source].values

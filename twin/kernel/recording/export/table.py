@@ -14,25 +14,25 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.kernel.errors import InputRefused, visible
+from twin.kernel.atomic_write import atomic_write, write_bytes
+from twin.kernel.errors import InputRefused, escape_controls
 from twin.kernel.recording.logs.csv_file import heading
 from twin.kernel.recording.reader import Recording
-from twin.kernel.writing import write_bytes, written
 
-NANOSECONDS = 10**9
-LARGEST_RATE = 1e6
+NS_PER_S = 10**9
+MAX_RATE = 1e6
 """Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
-MOST_ROWS = 50_000_000
+MAX_ROWS = 50_000_000
 """Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
-MOST_NUMBERS = 200_000_000
+MAX_NUMBERS = 200_000_000
 """In a table at a rate, unless as many have been recorded: 1.6 GB in memory."""
-FEW_ROWS, MOST_REPEATED = 100_000, 1000
-"""More rows than `FEW_ROWS` have to come from samples: with each of them repeated more than `MOST_REPEATED` times, a
+UNCHECKED_ROWS, MAX_SAMPLE_REPEATS = 100_000, 1000
+"""More rows than `UNCHECKED_ROWS` have to come from samples: with each of them repeated more than `MAX_SAMPLE_REPEATS` times, a
 time in the file is wrong or the rate is. Such a table is of no use, and it fills the memory."""
-ROWS_AT_ONCE = 10_000
+BLOCK_ROWS = 10_000
 HEADER_BYTES = 116
 """Of descriptive text at the front of the file; scipy would write the date into it."""
-LONGEST_NAME = 63
+MAX_NAME_LENGTH = 63
 """Letters that MATLAB reads of a name."""
 
 
@@ -66,7 +66,7 @@ class SignalTable:
     columns: tuple[SignalColumn, ...]
 
 
-def table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> SignalTable:
+def signal_table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> SignalTable:
     """`signals` on one time base, each value the newest one at or before the row's time.
 
     Nothing is interpolated and nothing filtered: every number is one that was recorded, which is also what a sampled
@@ -89,7 +89,7 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
         parts = [(name, values)] if values.ndim == 1 else [(f"{name}[{i}]", v) for i, v in enumerate(values.T)]
         field = fields[name]
         columns += [SignalColumn(label, field.unit, field.meaning, np.ascontiguousarray(part)) for label, part in parts]
-    return SignalTable(rows / NANOSECONDS, tuple(columns))
+    return SignalTable(rows / NS_PER_S, tuple(columns))
 
 
 def time_base(
@@ -117,25 +117,25 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
     if rate is None:
         densest = max(times, key=len)
         return densest[densest >= first]
-    if not (math.isfinite(rate) and 0.0 < rate <= LARGEST_RATE):
-        raise InputRefused(f"rate {rate:g} Hz: expected more than 0 and at most {LARGEST_RATE:g} Hz")
+    if not (math.isfinite(rate) and 0.0 < rate <= MAX_RATE):
+        raise InputRefused(f"rate {rate:g} Hz: expected more than 0 and at most {MAX_RATE:g} Hz")
     last = max(t[-1] for t in times)
     # each from its own number, so that nothing accumulates
-    count = int((last - first) * rate / NANOSECONDS + 1e-9) + 1
-    if count > MOST_ROWS:
-        raise InputRefused(f"rate {rate:g} Hz: makes {count} rows, more than {MOST_ROWS}; choose a lower one")
+    count = int((last - first) * rate / NS_PER_S + 1e-9) + 1
+    if count > MAX_ROWS:
+        raise InputRefused(f"rate {rate:g} Hz: makes {count} rows, more than {MAX_ROWS}; choose a lower one")
     samples = max(map(len, times))
-    if count > max(FEW_ROWS, MOST_REPEATED * samples):
+    if count > max(UNCHECKED_ROWS, MAX_SAMPLE_REPEATS * samples):
         raise InputRefused(
-            f"rate {rate:g} Hz: makes {count} rows out of {samples} samples, over {(last - first) / NANOSECONDS:g} s; "
+            f"rate {rate:g} Hz: makes {count} rows out of {samples} samples, over {(last - first) / NS_PER_S:g} s; "
             "choose a lower one"
         )
-    if count * numbers > max(MOST_NUMBERS, samples * numbers):
+    if count * numbers > max(MAX_NUMBERS, samples * numbers):
         raise InputRefused(
             f"rate {rate:g} Hz: makes {count} rows of {numbers} numbers, {8e-9 * count * numbers:.3g} GB; choose a "
             "lower one, or fewer signals"
         )
-    return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)
+    return first + np.rint(np.arange(count) * (NS_PER_S / rate)).astype(np.int64)
 
 
 def write_csv(path: Path, table: SignalTable) -> None:
@@ -150,13 +150,13 @@ def write_csv(path: Path, table: SignalTable) -> None:
     """
     heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
     if twice := [head for head, count in Counter(heads).items() if count > 1]:
-        raise InputRefused(f"{path}: two columns would be named {visible(twice[0])}; leave one of them out")
+        raise InputRefused(f"{path}: two columns would be named {escape_controls(twice[0])}; leave one of them out")
     columns = [table.t, *(column.values for column in table.columns)]
-    with written(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+    with atomic_write(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         csv.writer(file, lineterminator="\n").writerow(heads)
         # a number takes eight times the memory as a text
-        for start in range(0, len(table.t), ROWS_AT_ONCE):
-            texts = [_texts(values[start : start + ROWS_AT_ONCE]) for values in columns]
+        for start in range(0, len(table.t), BLOCK_ROWS):
+            texts = [_texts(values[start : start + BLOCK_ROWS]) for values in columns]
             file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
@@ -182,7 +182,7 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
         fields.append(pa.field(column.name, array.type, False, {"unit": column.unit, "meaning": column.meaning}))
         arrays.append(array)
     origin = {name: json.dumps(dict(entries)) for name, entries in metadata.items()}
-    with written(path) as beside:
+    with atomic_write(path) as beside:
         pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")
 
 
@@ -208,7 +208,7 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     fields = recording.fields()
     for topic, own in times.items():
         rows = own if rate is None else common
-        structs[_variable(topic)] = {"t": rows / NANOSECONDS}
+        structs[_variable(topic)] = {"t": rows / NS_PER_S}
         units[_variable(topic)] = {"t": "s"}
         picked = np.searchsorted(own, rows, side="right") - 1
         for name in (name for name in signals if name.rpartition(".")[0] == topic):
@@ -228,6 +228,6 @@ def _texts(values: np.ndarray) -> list[str]:
 
 def _variable(name: str) -> str:
     variable = name.replace("/", "_")
-    if len(variable) > LONGEST_NAME:
-        raise InputRefused(f"{name} is longer than the {LONGEST_NAME} letters MATLAB reads; leave it out")
+    if len(variable) > MAX_NAME_LENGTH:
+        raise InputRefused(f"{name} is longer than the {MAX_NAME_LENGTH} letters MATLAB reads; leave it out")
     return variable

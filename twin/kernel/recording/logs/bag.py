@@ -17,34 +17,34 @@ from typing import Any
 import zstandard
 from mcap.records import Channel, Schema
 
+from twin.kernel.atomic_write import atomic_write
 from twin.kernel.files import open_regular, read_text
-from twin.kernel.recording.folder import LATEST, RECORDING
+from twin.kernel.recording.folder import LATEST_LINK, RECORDING_FILE
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.log import Log, LogRefused, MappedColumn
-from twin.kernel.recording.logs.topics import LoggedTopic, log_of, merged, topics_in, wanted
-from twin.kernel.recording.summary import LARGEST_RATIO, allowance
-from twin.kernel.writing import written
+from twin.kernel.recording.logs.log import Log, LogError, MappedColumn
+from twin.kernel.recording.logs.topics import LoggedTopic, log_from_topics, maps_topic, merge_topics, read_topics
+from twin.kernel.recording.summary import MAX_UNPACK_RATIO, unpack_allowance
 
-SQLITE = b"SQLite format 3\0"
-HEAD = 100
+SQLITE_MAGIC = b"SQLite format 3\0"
+HEAD_BYTES = 100
 """Bytes of its header (https://sqlite.org/fileformat2.html)."""
-SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
-METADATA = "metadata.yaml"
-LARGEST_FILE = 2**36
-LARGEST_MESSAGE = 2**28
+BAG_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+METADATA_FILE = "metadata.yaml"
+MAX_FILE_BYTES = 2**36
+MAX_MESSAGE_BYTES = 2**28
 """Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
-MOST_DEFINITIONS = 200
-DEFINITIONS = "message_definitions"
+MAX_DEFINITIONS = 200
+DEFINITIONS_TABLE = "message_definitions"
 """The table that came with ROS 2 Iron."""
-TABLES = ("topics", "messages", DEFINITIONS)
+BAG_TABLES = ("topics", "messages", DEFINITIONS_TABLE)
 """That are read."""
-STEPS = 4
+MAX_STEPS_PER_BYTE = 4
 """Steps of SQLite's machine for each byte of a file, at most, in one query; a message takes 30 and has 9 bytes."""
-LEAST_ROW = 8
+MIN_ROW_BYTES = 8
 """Bytes that a message takes in a file at least, whatever is in it."""
-_SIZED = {str, bytes}
-_STORED = re.compile(r"CREATE (TABLE|INDEX|UNIQUE INDEX|TRIGGER)\b")
-_FILES = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
+_SIZED_TYPES = {str, bytes}
+_STORED_SQL = re.compile(r"CREATE (TABLE|INDEX|UNIQUE INDEX|TRIGGER)\b")
+_FILE_LIST = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
 
 
 def is_bag(path: Path) -> bool:
@@ -52,9 +52,9 @@ def is_bag(path: Path) -> bool:
     if not os.path.isdir(path):
         return path.name.endswith((".db3", ".zstd"))
     # a run of twin is an MCAP file in a folder, too
-    own = (RECORDING, f"{RECORDING}.partial", LATEST)
+    own = (RECORDING_FILE, f"{RECORDING_FILE}.partial", LATEST_LINK)
     return not any(os.path.lexists(path / name) for name in own) and (
-        os.path.lexists(path / METADATA) or bool(_files(path))
+        os.path.lexists(path / METADATA_FILE) or bool(_files(path))
     )
 
 
@@ -62,13 +62,13 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     """The log in the bag `path`, all of its files together.
 
     Args:
-        columns: see `log_of`.
+        columns: see `log_from_topics`.
 
     Raises:
-        InputRefused: no such file, damaged, or as `log_of`.
+        InputRefused: no such file, damaged, or as `log_from_topics`.
     """
     topics, notes = bag_topics(path, columns)
-    return log_of(path, topics, columns, notes)
+    return log_from_topics(path, topics, columns, notes)
 
 
 def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
@@ -82,73 +82,71 @@ def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[st
     """
     folder = os.path.isdir(path)
     files = _files(path) if folder else [path]
-    notes = _absent(path, files) if folder else []
+    notes = _missing_files(path, files) if folder else []
     if not files:
-        raise LogRefused(f"{path}: a bag without a file; {'; '.join(notes) or 'expected .db3 or .mcap in it'}")
+        raise LogError(f"{path}: a bag without a file; {'; '.join(notes) or 'expected .db3 or .mcap in it'}")
     found: list[LoggedTopic] = []
     for file in files:
         with _plain_file(file) as plain:
-            topics, note = (topics_in if plain.name.endswith(".mcap") else _rows_of)(plain, columns, file)
+            topics, note = (read_topics if plain.name.endswith(".mcap") else _sqlite_topics)(plain, columns, file)
         found += topics
         notes += [f"{file.name}: {note}"] if note else []
     for topic in found:
-        _define(topic, path if folder else path.parent)
-    return merged(found), notes
+        _attach_definition(topic, path if folder else path.parent)
+    return merge_topics(found), notes
 
 
 def _files(folder: Path) -> list[Path]:
     """Files of the bag; their messages have times, so any order does."""
-    return sorted(folder / name for name in os.listdir(folder) if name.endswith(SUFFIXES))
+    return sorted(folder / name for name in os.listdir(folder) if name.endswith(BAG_SUFFIXES))
 
 
-def _absent(folder: Path, files: list[Path]) -> list[str]:
+def _missing_files(folder: Path, files: list[Path]) -> list[str]:
     """What the bag's own list of files has and the folder has not, as a note."""
-    if not os.path.lexists(folder / METADATA):
-        return [f"no {METADATA}: the recorder was stopped before it wrote one"]
-    listed = _FILES.search(read_text(folder / METADATA))
+    if not os.path.lexists(folder / METADATA_FILE):
+        return [f"no {METADATA_FILE}: the recorder was stopped before it wrote one"]
+    listed = _FILE_LIST.search(read_text(folder / METADATA_FILE))
     names = re.findall(r"-\s*[\"']?([^\"'\n]+?)[\"']?\s*\n", listed[1]) if listed else []
     there = {file.name for file in files} | {file.name.removesuffix(".zstd") for file in files}
-    return [f"{name} is missing, which {METADATA} lists" for name in names if Path(name).name not in there]
+    return [f"{name} is missing, which {METADATA_FILE} lists" for name in names if Path(name).name not in there]
 
 
 @contextmanager
 def _plain_file(file: Path) -> Iterator[Path]:
     """`file` itself, or what it is when unpacked."""
     try:
-        with open_regular(file, LARGEST_FILE) as content:
+        with open_regular(file, MAX_FILE_BYTES) as content:
             if not file.name.endswith(".zstd"):
                 yield file
                 return
-            most, done = allowance(os.fstat(content.fileno()).st_size), 0
+            most, done = unpack_allowance(os.fstat(content.fileno()).st_size), 0
             with tempfile.TemporaryDirectory(prefix="twin-bag-") as room:
                 plain = Path(room) / file.name.removesuffix(".zstd")
                 packed = zstandard.ZstdDecompressor().stream_reader(content)
-                with written(plain) as beside, beside.open("wb") as out, packed:
+                with atomic_write(plain) as beside, beside.open("wb") as out, packed:
                     while block := packed.read(2**20):
                         done += len(block)
                         if done > most:
-                            raise LogRefused(
-                                f"{file}: would unpack to more than {LARGEST_RATIO} times its size; expected a bag"
+                            raise LogError(
+                                f"{file}: would unpack to more than {MAX_UNPACK_RATIO} times its size; expected a bag"
                             )
                         out.write(block)
                 yield plain
     except zstandard.ZstdError as problem:
-        raise LogRefused(f"{file}: does not decompress: {problem}; expected a bag compressed by zstd") from None
+        raise LogError(f"{file}: does not decompress: {problem}; expected a bag compressed by zstd") from None
 
 
-def _rows_of(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
+def _sqlite_topics(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
     """Topics of the SQLite file `plain`, unpacked from `file`, and a sentence on what the recorder left undone."""
     size = plain.stat().st_size
     with plain.open("rb") as start:
-        head = start.read(HEAD)
-    if not head.startswith(SQLITE):
-        raise LogRefused(f"{file}: {'not an SQLite file' if head else 'an empty file'}; expected a bag")
-    page = max(1, int.from_bytes(head[len(SQLITE) : len(SQLITE) + 2], "big"))
+        head = start.read(HEAD_BYTES)
+    if not head.startswith(SQLITE_MAGIC):
+        raise LogError(f"{file}: {'not an SQLite file' if head else 'an empty file'}; expected a bag")
+    page = max(1, int.from_bytes(head[len(SQLITE_MAGIC) : len(SQLITE_MAGIC) + 2], "big"))
     # a page of 64 KiB is written as 1
     if size % (page if page > 1 else 2**16):
-        raise LogRefused(
-            f"{file}: damaged, it is cut off; recover what is readable first (sqlite3 {file.name} .recover)"
-        )
+        raise LogError(f"{file}: damaged, it is cut off; recover what is readable first (sqlite3 {file.name} .recover)")
     unsaved = Path(f"{plain}-wal")
     pending = unsaved.is_file() and unsaved.stat().st_size > 0
     # without its write-ahead log a file is as it is, and nothing is written beside it
@@ -156,17 +154,17 @@ def _rows_of(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tu
     size += unsaved.stat().st_size if pending else 0
     try:
         with closing(sqlite3.connect(where, uri=True)) as bag:
-            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(size, LARGEST_MESSAGE))
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(size, MAX_MESSAGE_BYTES))
             bag.execute("PRAGMA trusted_schema = OFF")
-            topics = _read(Rows(bag, file, size), file, size, columns)
+            topics = _read_topics(BagDatabase(bag, file, size), file, size, columns)
     except (sqlite3.Error, sqlite3.Warning, OverflowError, MemoryError, UnicodeError) as problem:
-        raise LogRefused(
+        raise LogError(
             f"{file}: damaged, or no bag: {problem}; recover what is readable first (sqlite3 {file.name} .recover)"
         ) from None
     return topics, f"what was left in {unsaved.name} is read too" if pending else ""
 
 
-class Rows:
+class BagDatabase:
     """What is stored in the SQLite file `bag` of `size` bytes, and nothing that is computed from it.
 
     An SQLite file is a program, too: views, virtual tables and generated columns are computed by the reader,
@@ -185,30 +183,30 @@ class Rows:
     def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
         self._bag, self._file, self._size = bag, file, size
         tables = []
-        for kind, name, text in self.of("SELECT type, name, sql FROM sqlite_master"):
+        for kind, name, text in self.select("SELECT type, name, sql FROM sqlite_master"):
             # of what SQLite has made by itself there is no text. It makes of a text what the text says first
-            if text is not None and not _STORED.match(str(text)):
-                raise LogRefused(f"{file}: has {str(text)[:40]!r}; bags of ROS 2 have stored tables only")
+            if text is not None and not _STORED_SQL.match(str(text)):
+                raise LogError(f"{file}: has {str(text)[:40]!r}; bags of ROS 2 have stored tables only")
             tables += [str(name)] if kind == "table" else []
-        columns = {table: list(self.of(f"PRAGMA table_xinfo({table})")) for table in TABLES}
+        columns = {table: list(self.select(f"PRAGMA table_xinfo({table})")) for table in BAG_TABLES}
         for table, described in columns.items():
-            if not described and table != DEFINITIONS:
-                raise LogRefused(
+            if not described and table != DEFINITIONS_TABLE:
+                raise LogError(
                     f"{file}: has no table {table} as bags of ROS 2 have; it has {', '.join(tables) or 'none'}"
                 )
             for _, name, *_, hidden in described:
                 if hidden:
-                    raise LogRefused(f"{file}: column {name} of table {table} is computed; expected a recorded one")
-        self.has_definitions = bool(columns[DEFINITIONS])
+                    raise LogError(f"{file}: column {name} of table {table} is computed; expected a recorded one")
+        self.has_definitions = bool(columns[DEFINITIONS_TABLE])
 
-    def of(self, query: str) -> Iterator[tuple[Any, ...]]:
+    def select(self, query: str) -> Iterator[tuple[Any, ...]]:
         """Rows of `query`.
 
         Raises:
             LogRefused: together they are larger than the file, or to find them takes more steps than that has room for.
         """
         every = 1000
-        left = 100 + STEPS * self._size // every
+        left = 100 + MAX_STEPS_PER_BYTE * self._size // every
 
         def step() -> bool:
             nonlocal left
@@ -220,58 +218,58 @@ class Rows:
         try:
             for row in self._bag.execute(query):
                 for value in row:
-                    if type(value) in _SIZED:
+                    if type(value) in _SIZED_TYPES:
                         total += len(value)
                 if total > self._size:
-                    raise LogRefused(f"{self._file}: damaged: rows of more bytes than it has; expected a bag")
+                    raise LogError(f"{self._file}: damaged: rows of more bytes than it has; expected a bag")
                 yield row
         except sqlite3.OperationalError:
             if left < 0:
-                raise LogRefused(f"{self._file}: damaged: more rows than it has room for; expected a bag") from None
+                raise LogError(f"{self._file}: damaged: more rows than it has room for; expected a bag") from None
             raise
 
 
-def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
+def _read_topics(rows: BagDatabase, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
     definitions: dict[str, tuple[str, str]] = {}
     if rows.has_definitions:
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        definitions = {kind: (encoding, text) for kind, encoding, text in rows.of(query)}
+        definitions = {kind: (encoding, text) for kind, encoding, text in rows.select(query)}
     topics: dict[int, LoggedTopic] = {}
     chosen_ids: set[int] = set()
-    for number, name, kind, form in rows.of("SELECT id, name, type, serialization_format FROM topics"):
+    for number, name, kind, form in rows.select("SELECT id, name, type, serialization_format FROM topics"):
         if not isinstance(number, int) or not all(isinstance(text, str) for text in (name, kind, form)):
-            raise LogRefused(
+            raise LogError(
                 f"{file}: topic {number} has a name, type or format that is no text, or no number; expected a bag"
             )
         encoding, text = definitions.get(kind, ("", ""))
         schema = Schema(0, str(text or "").encode("utf-8", "replace"), str(encoding), kind)
         topics[number] = LoggedTopic(Channel(0, name, form, {}, 0), schema)
-        if wanted(name, columns):
+        if maps_topic(name, columns):
             chosen_ids.add(number)
     chosen = ", ".join(map(str, chosen_ids))
     query = f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({chosen}) THEN data END FROM messages ORDER BY id"
-    for row, (number, time, data) in enumerate(rows.of(query)):
-        if row * LEAST_ROW > size:
-            raise LogRefused(f"{file}: damaged: more rows than it has room for; expected a bag")
+    for row, (number, time, data) in enumerate(rows.select(query)):
+        if row * MIN_ROW_BYTES > size:
+            raise LogError(f"{file}: damaged: more rows than it has room for; expected a bag")
         if number not in topics or not isinstance(time, int) or time < 0:
-            raise LogRefused(f"{file}: a message of topic {number} at time {time!r}; expected a topic that is there")
+            raise LogError(f"{file}: a message of topic {number} at time {time!r}; expected a topic that is there")
         topics[number].times.append(time)
         if number in chosen_ids:
             if not isinstance(data, bytes):
-                raise LogRefused(
+                raise LogError(
                     f"{file}: a message of {topics[number].channel.topic} holds {data!r:.40}; expected bytes"
                 )
             topics[number].data.append(data)
     return list(topics.values())
 
 
-def _define(topic: LoggedTopic, folder: Path) -> None:
+def _attach_definition(topic: LoggedTopic, folder: Path) -> None:
     """Give a topic of an undefined type what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
     schema = topic.schema
     if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
         return
     texts = {}
-    for file in sorted(folder.glob("*/msg/*.msg"))[:MOST_DEFINITIONS]:
+    for file in sorted(folder.glob("*/msg/*.msg"))[:MAX_DEFINITIONS]:
         texts[f"{file.parent.parent.name}/msg/{file.stem}"] = read_text(file)
     if schema.name in texts:
         own = texts.pop(schema.name)

@@ -22,14 +22,14 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_toml
-from twin.kernel.recording.logs.log import LogRefused, MappedColumn
-from twin.kernel.units import ATOMS, Unit, known_unit, weight_hint
+from twin.kernel.recording.logs.log import LogError, MappedColumn
+from twin.kernel.units import UNIT_SYMBOLS, Unit, known_unit, weight_hint
 
-TIME = "time"
+TIME_SIGNAL = "time"
 TIME_NAMES = ("t", "time", "timestamp")
 """Columns that are the time where no map says so, followed by its unit: `t_s`, `time [ms]`."""
-_KEYS = {"column", "unit", "sign"}
-_BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*")
+_ENTRY_KEYS = {"column", "unit", "sign"}
+_BRACKETED_UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*")
 _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
 """Names whose m is the motor, not the metre."""
 
@@ -45,13 +45,13 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
     for entry in entries:
         name, equals, source = (text.strip() for text in str(entry).partition("="))
         if isinstance(entry, Path) or not equals:
-            columns |= _file(Path(entry), mistakes)
+            columns |= _read_map_file(Path(entry), mistakes)
         elif not name or not source.lstrip("-"):
             mistakes.append(f"--map {entry}: expected NAME=COLUMN, NAME=COLUMN[UNIT] or a TOML file")
         else:
-            columns[name] = _column(source)
+            columns[name] = _parse_column(source)
     if mistakes:
-        raise LogRefused("\n".join(mistakes))
+        raise LogError("\n".join(mistakes))
     return columns
 
 
@@ -61,7 +61,7 @@ def split_unit(header: str) -> tuple[str, str]:
     `F [N]` and `F (N)` carry any unit; `F_N` and `speed_rad_per_s` one word, N_m, or one of
     them per a word.
     """
-    bracketed = _BRACKETED.fullmatch(header)
+    bracketed = _BRACKETED_UNIT.fullmatch(header)
     # digits in brackets are an index
     if bracketed and not (bracketed[2] or "").isdigit():
         return bracketed[1], bracketed[2] or bracketed[3]
@@ -76,7 +76,7 @@ def split_unit(header: str) -> tuple[str, str]:
     return header, ""
 
 
-def unit(text: str, where: str) -> Unit:
+def require_unit(text: str, where: str) -> Unit:
     """The unit that `text` spells.
 
     Args:
@@ -88,8 +88,8 @@ def unit(text: str, where: str) -> Unit:
     """
     found = known_unit(text)
     if found is None:
-        hint = nearest(text, ATOMS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
-        raise LogRefused(f"{where}: unknown unit '{text}'; {hint}")
+        hint = nearest(text, UNIT_SYMBOLS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
+        raise LogError(f"{where}: unknown unit '{text}'; {hint}")
     return found
 
 
@@ -108,7 +108,7 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
     if got != wanted:
         found, used = known_unit(got), known_unit(wanted)
         hint = weight_hint(found.dimension, used.dimension) if found and used else ""
-        raise LogRefused(
+        raise LogError(
             f"{where} {name} is in '{got}', expected '{wanted}'{hint or ';'} say so with --map {name}={column}[UNIT]"
         )
 
@@ -119,7 +119,7 @@ def map_text(signal: str, column: MappedColumn) -> str:
     return f"{json.dumps(signal)} = {json.dumps(text, ensure_ascii=False)}"
 
 
-def _column(source: str) -> MappedColumn:
+def _parse_column(source: str) -> MappedColumn:
     """`-Fz[N]` -> Fz, N, -1; an index stays with the name."""
     sign, text = (-1 if source.startswith("-") else 1), source
     source = source.removeprefix("-")
@@ -129,7 +129,7 @@ def _column(source: str) -> MappedColumn:
     return MappedColumn(source, "", sign, text)
 
 
-def _file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
+def _read_map_file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
     try:
         content = read_toml(path)
     except InputRefused as problem:
@@ -138,23 +138,23 @@ def _file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
     columns: dict[str, MappedColumn] = {}
     if not content:
         mistakes.append(f'{path}: an empty map; expected NAME = "COLUMN"')
-    _gather(path, "", content, columns, mistakes)
+    _collect_entries(path, "", content, columns, mistakes)
     return columns
 
 
-def _gather(
+def _collect_entries(
     path: Path, prefix: str, table: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]
 ) -> None:
     """Entries of `table`; unquoted dots in a name have made tables of tables."""
     for key, value in table.items():
         name = f"{prefix}{key}"
         if isinstance(value, str) and value.lstrip("-"):
-            columns[name] = _column(value)
+            columns[name] = _parse_column(value)
         elif not isinstance(value, dict) or not value:
             mistakes.append(f'{path}: {name} = {value!r}: expected "COLUMN" or {{ column = "COLUMN", unit = "N" }}')
-        elif not any(difflib.get_close_matches(word, _KEYS, 1, cutoff=0.8) for word in value):
-            _gather(path, f"{name}.", value, columns, mistakes)
-        elif unknown := sorted(set(value) - _KEYS):
+        elif not any(difflib.get_close_matches(word, _ENTRY_KEYS, 1, cutoff=0.8) for word in value):
+            _collect_entries(path, f"{name}.", value, columns, mistakes)
+        elif unknown := sorted(set(value) - _ENTRY_KEYS):
             mistakes.append(f"{path}: {name}: unknown key '{unknown[0]}'; known are column, unit, sign")
         else:
             column, unit, sign = value.get("column"), value.get("unit", ""), value.get("sign", 1)

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import nearest, visible
-from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, split_unit, unit
-from twin.kernel.recording.logs.csv_table import CsvTable, more, read_table
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, MappedColumn, NoNumbers
+from twin.kernel.errors import escape_controls, nearest
+from twin.kernel.recording.logs.column_map import TIME_NAMES, TIME_SIGNAL, require_unit, split_unit
+from twin.kernel.recording.logs.csv_table import CsvTable, more_text, read_table
+from twin.kernel.recording.logs.log import Log, LogError, LogSeries, MappedColumn, NoNumbers
 from twin.kernel.units import Dimension, Unit, known_unit
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 """First characters of a cell that spreadsheets take for a formula."""
-SECONDS = Dimension(s=1)
-DATE = re.compile(
+TIME_DIMENSION = Dimension(s=1)
+DATE_PATTERN = re.compile(
     r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?|.*\d{1,2}:\d{2}.*|\d{8}T\d+.*|\d{1,2}[-/. ]+[a-z]{3,}\W+\d{2,4}.*",
     re.IGNORECASE,
 )
@@ -42,16 +42,16 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
     mistakes: list[str] = []
     sources, left_out = _sources(table, columns, known or {}, mistakes)
     t, rows, notes = np.empty(0), np.empty(0, dtype=bool), list(table.notes)
-    if TIME in sources:
+    if TIME_SIGNAL in sources:
         try:
-            t, rows = _times(table, sources[TIME])
-        except LogRefused as problem:
+            t, rows = _times(table, sources[TIME_SIGNAL])
+        except LogError as problem:
             mistakes.append(str(problem))
     if len(rows) > len(t) > 0:
         notes.append(f"rows without a time are left out: {len(rows) - len(t)}")
     series = {}
     for name, column in sources.items():
-        if name == TIME:
+        if name == TIME_SIGNAL:
             continue
         try:
             exported = (known or {}).get(name, "")
@@ -67,10 +67,10 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
                 raise NoNumbers(f"{path}: column '{column.name}' has {some}, expected at least 2")
             # columns of the same rows share their times
             of_rows, values = (t, values) if np.all(use) else (t[use], values[use])
-            wrong = table.mistakes(column.name)
+            wrong = table.wrong_fields(column.name)
             invalid = t[np.isin(table.lines[rows], wrong.invalid)] if wrong else t[:0]
             series[name] = LogSeries(of_rows, values, exported if as_is else factor.si, invalid)
-        except LogRefused as problem:
+        except LogError as problem:
             if columns and not isinstance(problem, NoNumbers):
                 mistakes.append(str(problem))
             else:
@@ -78,10 +78,10 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
     words = [name for name in left_out if name in table.head and table.is_words(name)]
     others = [text for name, text in left_out.items() if name not in words]
     if mistakes or (others and not series):
-        raise LogRefused("\n".join(dict.fromkeys([*mistakes, *others])))
+        raise LogError("\n".join(dict.fromkeys([*mistakes, *others])))
     if not series:
         why = "the map names no signal besides the time" if columns else "no column of numbers besides the time"
-        raise LogRefused(f"{path}: {why}; expected at least one")
+        raise LogError(f"{path}: {why}; expected at least one")
     notes += [f"columns of words are left out: {', '.join(words)}"] if words else []
     notes += [f"left out: {text.removeprefix(str(path)).strip(': ')}" for text in others]
     return Log(path, series, tuple(notes), table.comments, left_out, sources)
@@ -107,7 +107,7 @@ def _sources(
             sources[signal] = MappedColumn(found[0], split_unit(found[0])[1])
         else:
             sources[signal] = MappedColumn(found[0], column.unit or split_unit(found[0])[1], column.sign)
-    if TIME not in columns:
+    if TIME_SIGNAL not in columns:
         head = {split_unit(name)[0]: name for name in reversed(table.head)}
         time = next((head[name] for name in TIME_NAMES if name in head), None)
         if time is None:
@@ -115,12 +115,12 @@ def _sources(
                 f"{table.path}: no column of time; it has {', '.join(table.head)}; choose with --map time=COLUMN[UNIT]"
             )
         else:
-            sources[TIME] = MappedColumn(time, split_unit(time)[1])
+            sources[TIME_SIGNAL] = MappedColumn(time, split_unit(time)[1])
     if columns:
         return sources, {}
     left_out: dict[str, str] = {}
     for name, (signal, of_unit) in meanings(table.head, known).items():
-        if TIME in sources and name == sources[TIME].name:
+        if TIME_SIGNAL in sources and name == sources[TIME_SIGNAL].name:
             continue
         if table.is_words(name):
             left_out[name] = f"{table.path}: column '{name}' holds words"
@@ -162,18 +162,18 @@ def heading(name: str, of_unit: str) -> str:
     """
     if of_unit != "1":
         name = f"{name}_{of_unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
-    return f"'{visible(name)}" if name.startswith(FORMULA) else visible(name)
+    return f"'{escape_controls(name)}" if name.startswith(FORMULA_STARTS) else escape_controls(name)
 
 
 def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], Unit]:
     """Numbers of a column (n,), not finite where it has no sample, and its unit."""
     factor = _unit_of(table.path, column)
     values = table.column(column.name)
-    wrong = table.mistakes(column.name)
+    wrong = table.wrong_fields(column.name)
     if wrong and wrong.texts:
         hint = "; decimal commas? Export with points" if wrong.commas else ""
-        others = more(wrong.texts - 1, "field")
-        raise LogRefused(
+        others = more_text(wrong.texts - 1, "field")
+        raise LogError(
             f"{table.path} line {wrong.line}: column '{column.name}' holds '{wrong.text}', expected a number"
             f"{others}{hint}"
         )
@@ -182,21 +182,21 @@ def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64],
 
 def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Times (s) of the rows that have one, ascending, and which rows these are."""
-    wrong = table.mistakes(column.name)
-    if wrong and DATE.fullmatch(wrong.text):
-        raise LogRefused(
+    wrong = table.wrong_fields(column.name)
+    if wrong and DATE_PATTERN.fullmatch(wrong.text):
+        raise LogError(
             f"{table.path} line {wrong.line}: time column '{column.name}' holds the date or time of day "
             f"'{wrong.text}'; expected seconds: write them to the file, counted from its first row"
         )
     factor = _unit_of(table.path, column)
-    if factor.dimension != SECONDS:
+    if factor.dimension != TIME_DIMENSION:
         what = f"unit '{column.unit}'" if column.unit else "no unit"
-        raise LogRefused(f"{table.path}: time column '{column.name}' has {what}; expected s, ms, us, ns or min")
+        raise LogError(f"{table.path}: time column '{column.name}' has {what}; expected s, ms, us, ns or min")
     values, factor = _values(table, column)
     rows = np.isfinite(values)
     t = column.sign * factor.in_si(values[rows])
     if len(t) < 2:
-        raise LogRefused(
+        raise LogError(
             f"{table.path}: time column '{column.name}' has {len(t)} time{'s' * (len(t) != 1)}, expected at least 2"
         )
     _check_times(table, column.name, t, table.lines[rows])
@@ -207,13 +207,13 @@ def _check_times(table: CsvTable, name: str, t: NDArray[np.float64], lines: NDAr
     backwards = np.flatnonzero(np.diff(t) <= 0.0) + 1
     if len(backwards):
         k = backwards[0]
-        others = more(len(backwards) - 1, "time")
+        others = more_text(len(backwards) - 1, "time")
         what = "repeats" if t[k] == t[k - 1] else "runs backwards from"
-        raise LogRefused(
+        raise LogError(
             f"{table.path} line {lines[k]}: time '{name}' {what} {t[k - 1]:.9g} s"
             f"{'' if t[k] == t[k - 1] else f' to {t[k]:.9g} s'}, expected ascending times{others}"
         )
 
 
 def _unit_of(path: Path, column: MappedColumn) -> Unit:
-    return unit(column.unit or "1", f"{path}: column '{column.name}'")
+    return require_unit(column.unit or "1", f"{path}: column '{column.name}'")

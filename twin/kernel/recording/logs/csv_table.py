@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.files import foreign_kind, open_regular
-from twin.kernel.recording.logs.log import LARGEST, LogRefused
+from twin.kernel.recording.logs.log import MAX_QUANTITY, LogError
 
-LARGEST_FILE = 2**30
+MAX_FILE_BYTES = 2**30
 """Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
-SEPARATORS = ",;\t"
-MOST_COLUMNS = 2_000
-_BLOCK = 2**20
-ROWS_AT_ONCE = 200
+FIELD_SEPARATORS = ",;\t"
+MAX_COLUMNS = 2_000
+_BLOCK_BYTES = 2**20
+BLOCK_ROWS = 200
 """Rows whose numbers are converted together, so that their texts are not all in memory."""
-INVALID = re.compile(
+INVALID_TEXT = re.compile(
     r"null|none|n/?a|<na>|nil|nat|missing|undefined|-+|\?+"
     r"|#\S+[!?a]"  # spreadsheets: #DIV/0!, #N/A
     r"|[-+]?(nan(\(\w*\))?|1\.#(qnan|snan|ind|inf)\d*)",  # C libraries: -nan(ind), 1.#QNAN
@@ -36,7 +36,7 @@ INVALID = re.compile(
 )
 """Spellings of a missing number, in addition to those of NaN and infinity that float() reads."""
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-COMMENT = re.compile(r"#(\s|$)")
+COMMENT_LINE = re.compile(r"#(\s|$)")
 SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
 """First line of a file for Excel."""
 
@@ -47,9 +47,9 @@ class WrongFields:
 
     Attributes:
         count: number of these fields.
-        line, text: the first field with other text than `INVALID`, else the first field.
+        line, text: the first field with other text than `INVALID_TEXT`, else the first field.
         empty: number of empty fields.
-        invalid: line of each field with NaN, infinity or a word of `INVALID`.
+        invalid: line of each field with NaN, infinity or a word of `INVALID_TEXT`.
         commas: whether a field is a number with a decimal comma.
     """
 
@@ -67,7 +67,7 @@ class WrongFields:
 
     def add(self, line: int, text: str) -> None:
         """Count one."""
-        empty, invalid = not text, INVALID.fullmatch(text) is not None or _is_float(text)
+        empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _is_float(text)
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
         self.count += 1
@@ -106,21 +106,21 @@ class CsvTable:
             LogRefused: two columns have that name.
         """
         if self.head.count(name) > 1:
-            raise LogRefused(f"{self.path}: two columns are named '{name}'; expected different names")
+            raise LogError(f"{self.path}: two columns are named '{name}'; expected different names")
         return self.values[:, self.head.index(name)]
 
-    def mistakes(self, name: str) -> WrongFields | None:
+    def wrong_fields(self, name: str) -> WrongFields | None:
         """What of the column `name` is no number; None: nothing."""
         return self.wrong.get(self.head.index(name))
 
     def is_numbers(self, name: str) -> bool:
         """Whether every field of the column `name` that has text is a number, and at least one is."""
-        wrong = self.mistakes(name)
+        wrong = self.wrong_fields(name)
         return wrong is None or (not wrong.texts and wrong.count < len(self.values))
 
     def is_words(self, name: str) -> bool:
         """Whether no field of the column `name` is a number, and some are text."""
-        wrong = self.mistakes(name)
+        wrong = self.wrong_fields(name)
         return wrong is not None and wrong.count == len(self.values) and wrong.texts > 0 and not wrong.commas
 
 
@@ -131,11 +131,11 @@ def read_table(path: Path) -> CsvTable:
         InputRefused: no regular file, or too large.
         LogRefused: no text, no rows, rows of different lengths, in one sentence.
     """
-    with open_regular(path, LARGEST_FILE) as file:
-        return table_of(path, file)
+    with open_regular(path, MAX_FILE_BYTES) as file:
+        return parse_table(path, file)
 
 
-def table_of(path: Path, file: BinaryIO) -> CsvTable:
+def parse_table(path: Path, file: BinaryIO) -> CsvTable:
     """The CSV in `file`; `path` is what sentences call it. Errors as of `read_table`."""
     end = _end_of_text(path, file)
     file.seek(end - 1)
@@ -146,7 +146,7 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
     comments, head, separator, rows = _head(path, (line.rstrip("\0") for line in text) if zeros else text)
     values, lines, wrong = array("d"), array("q"), dict[int, WrongFields]()
     ragged, first, last = 0, (0, 0), (0, 0)
-    while block := list(islice(rows, ROWS_AT_ONCE)):
+    while block := list(islice(rows, BLOCK_ROWS)):
         if not lines and len(block[0][0]) == len(head) + 1 and not block[0][0][-1].strip():
             # rows end with a separator, the head does not
             head.append("")
@@ -178,12 +178,12 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
         # 3,14 in a file separated by commas gives twice as many fields
         commas = fields > len(head) and separator == ","
         hint = "; are there decimal commas? Export with points" if commas else ""
-        raise LogRefused(
+        raise LogError(
             f"{path} line {line}: {fields} field{'s' * (fields > 1)}, expected {len(head)}"
-            f"{more(ragged - 1, 'row')}{hint}"
+            f"{more_text(ragged - 1, 'row')}{hint}"
         )
     if (many := len(lines)) < 2:
-        raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
+        raise LogError(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
     array_of_rows = np.frombuffer(values).reshape(many, len(head))
     return CsvTable(path, comments, head, array_of_rows, wrong, np.frombuffer(lines, np.int64), notes)
 
@@ -196,25 +196,25 @@ def _end_of_text(path: Path, file: BinaryIO) -> int:
     """
     decoder, place, end, empty = codecs.getincrementaldecoder("utf-8")(), 0, 0, True
     while True:
-        block = file.read(_BLOCK)
+        block = file.read(_BLOCK_BYTES)
         if place == 0 and (kind := foreign_kind(block)):
-            raise LogRefused(f"{path}: {kind}; expected CSV in UTF-8")
+            raise LogError(f"{path}: {kind}; expected CSV in UTF-8")
         pending = len(decoder.getstate()[0])
         try:
             decoder.decode(block, final=not block)
         except UnicodeDecodeError as problem:
             where = place - pending + problem.start
-            raise LogRefused(f"{path}: byte {where} is not UTF-8; save it as CSV in UTF-8") from None
+            raise LogError(f"{path}: byte {where} is not UTF-8; save it as CSV in UTF-8") from None
         text = block.rstrip(b"\0")
         if b"\0" in text or (text and end < place):
-            raise LogRefused(f"{path}: not a text file; expected CSV or MCAP")
+            raise LogError(f"{path}: not a text file; expected CSV or MCAP")
         empty = empty and not text.removeprefix(codecs.BOM_UTF8).strip()
         end = place + len(text) if text else end
         place += len(block)
         if not block:
             break
     if empty:
-        raise LogRefused(f"{path}: an empty file; expected a line of names, then rows of numbers")
+        raise LogError(f"{path}: an empty file; expected a line of names, then rows of numbers")
     return end
 
 
@@ -233,18 +233,18 @@ def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], 
         if line.strip():
             comments.append(line.removeprefix("#").strip())
     else:
-        raise LogRefused(f"{path}: only comments; expected a line of names, then rows of numbers")
-    separator = max(SEPARATORS, key=line.count)
+        raise LogError(f"{path}: only comments; expected a line of names, then rows of numbers")
+    separator = max(FIELD_SEPARATORS, key=line.count)
     if declared := SEPARATOR_LINE.fullmatch(line):
         separator, line, before = declared[1], next(text, ""), before + 1
     rows = _rows(path, chain([line], text), separator, before)
     names = [name.strip() for name in next(rows, ([""], 0))[0]]
-    if len(names) > MOST_COLUMNS:
-        raise LogRefused(f"{path}: {len(names):,} columns, expected at most {MOST_COLUMNS:,}")
+    if len(names) > MAX_COLUMNS:
+        raise LogError(f"{path}: {len(names):,} columns, expected at most {MAX_COLUMNS:,}")
     if all(_number(name) is not None for name in names):
-        raise LogRefused(f"{path} line {before + 1}: numbers where the names of the columns are expected")
+        raise LogError(f"{path} line {before + 1}: numbers where the names of the columns are expected")
     if len(names) < 2:
-        raise LogRefused(
+        raise LogError(
             f"{path}: one column, '{names[0]}'; expected the time and at least one signal, with commas, semicolons or "
             "tabs between them; lines before the names begin with #"
         )
@@ -257,13 +257,13 @@ def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iter
     try:
         for row in reader:
             # the first field is looked at by itself: nearly always it is the time
-            if row and (row[0].strip() or any(text.strip() for text in row)) and not COMMENT.match(row[0]):
+            if row and (row[0].strip() or any(text.strip() for text in row)) and not COMMENT_LINE.match(row[0]):
                 yield row, reader.line_num + before
     except csv.Error as problem:
-        raise LogRefused(f"{path} line {reader.line_num + before}: not CSV: {problem}") from None
+        raise LogError(f"{path} line {reader.line_num + before}: not CSV: {problem}") from None
 
 
-def more(others: int, what: str) -> str:
+def more_text(others: int, what: str) -> str:
     """` (and 2 more such rows)`."""
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
@@ -283,7 +283,7 @@ def _number(text: str) -> float | None:
         value = float(text)
     except ValueError:
         return None
-    return value if abs(value) <= LARGEST else None
+    return value if abs(value) <= MAX_QUANTITY else None
 
 
 def _numbers(
@@ -293,7 +293,7 @@ def _numbers(
     try:
         values = np.fromiter(map(float, texts), np.float64, len(texts))
         # nan is no number either
-        if np.all(np.abs(values) <= LARGEST):
+        if np.all(np.abs(values) <= MAX_QUANTITY):
             return values
     except ValueError:
         pass

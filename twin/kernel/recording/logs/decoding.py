@@ -22,30 +22,32 @@ from mcap_protobuf.decoder import DecoderFactory
 from twin.kernel.errors import nearest
 
 Decoder = Callable[[bytes], Any]
-SECONDS, NANOSECONDS = ("seconds", "sec", "secs"), ("nanos", "nanosec", "nsec", "nsecs")
+SECOND_FIELDS, NANOSECOND_FIELDS = ("seconds", "sec", "secs"), ("nanos", "nanosec", "nsec", "nsecs")
 """Parts of a stamp: google.protobuf.Timestamp, ROS 2 and ROS 1."""
-LABELS = ("name", "names", "joint_names")
+LABEL_FIELDS = ("name", "names", "joint_names")
 """Fields with the names of the elements of the arrays beside them: JointState, and messages of ros2_control."""
-LARGEST_SCHEMA = 2**20
+MAX_SCHEMA_BYTES = 2**20
 """Bytes of a protobuf schema; all types in it are made, some 30 us each, of 6 bytes at least."""
 
-ENCODINGS = ("ros2msg", "ros2idl")
-EXTRA = "its messages are those of ROS 2 (CDR), which needs rosbags; install it with: pip install 'rosbags>=0.11'"
-ABSENT = (
+ROS_ENCODINGS = ("ros2msg", "ros2idl")
+ROSBAGS_REMEDY = (
+    "its messages are those of ROS 2 (CDR), which needs rosbags; install it with: pip install 'rosbags>=0.11'"
+)
+MISSING_TYPE_REMEDY = (
     "is lacking, and ROS 2 itself has no such type; put its file into the bag's folder as PACKAGE/msg/NAME.msg, with "
     "those of the types in it"
 )
-LONGEST_DEFINITION = 2**18
+MAX_DEFINITION_LENGTH = 2**18
 """Letters; a type with all that it is made of has some thousands."""
-LARGEST_MESSAGE = 2**26
+MAX_MESSAGE_BYTES = 2**26
 """Bytes of a message that was packed."""
-ZSTD = b"\x28\xb5\x2f\xfd"
-MOST_PARTS = 4096
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+MAX_PARTS = 4096
 """Strings and messages in arrays of fixed length, in all of a definition; arrays of numbers may have any length."""
-DEEPEST = 24
+MAX_DEPTH = 24
 """Messages within each other."""
 
-UNITS = {
+FIELD_UNITS = {
     ("sensor_msgs/msg/JointState", "position"): "rad",
     ("sensor_msgs/msg/JointState", "velocity"): "rad/s",
     ("sensor_msgs/msg/JointState", "effort"): "N m",
@@ -64,9 +66,9 @@ UNITS = {
 """Of what lies at or below a field of a type: REP 103, and for joints that turn the comments of JointState."""
 
 # a constant of IDL is worked out as it is read: powers grow without end, and brackets take twice the time each
-_GROWING = re.compile(r"<<|\*|\([^()]*\(")
-_NO_CODE = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
-PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
+_COSTLY_CONSTANT = re.compile(r"<<|\*|\([^()]*\(")
+_TEXT_OR_COMMENT = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
+PATH_PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
@@ -75,13 +77,13 @@ def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
     The decoder raises ValueError for bytes that are no such message; this function raises it for such a schema.
     """
     if channel.message_encoding == "json":
-        return _json
+        return _decode_json
     if schema is None:
         return None
     if channel.message_encoding == "cdr":
         return _ros_decoder(schema.name, schema.encoding, schema.data)
-    if len(schema.data) > LARGEST_SCHEMA:
-        raise ValueError(f"its schema {schema.name} has {len(schema.data)} bytes, more than {LARGEST_SCHEMA}")
+    if len(schema.data) > MAX_SCHEMA_BYTES:
+        raise ValueError(f"its schema {schema.name} has {len(schema.data)} bytes, more than {MAX_SCHEMA_BYTES}")
     try:
         decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
     # the last two: what a schema asks for that contradicts itself, or imports itself
@@ -99,7 +101,7 @@ def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
     return decoded
 
 
-def _json(data: bytes) -> Any:
+def _decode_json(data: bytes) -> Any:
     try:
         return json.loads(data)
     except RecursionError:
@@ -111,7 +113,7 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
 
     Args:
         name: of the type, `sensor_msgs/msg/JointState`.
-        encoding: one of `ENCODINGS`; anything where the definition is empty, which then is ROS 2's own.
+        encoding: one of `ROS_ENCODINGS`; anything where the definition is empty, which then is ROS 2's own.
 
     Raises:
         ValueError: rosbags is not installed; a definition that is none, is lacking or asks for too much.
@@ -119,7 +121,7 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     try:
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
     except ImportError:
-        raise ValueError(EXTRA) from None
+        raise ValueError(ROSBAGS_REMEDY) from None
     store, known = get_typestore(Stores.EMPTY), dict(get_typestore(Stores.LATEST).fielddefs)
     wrong = f"is no {encoding}"
     try:
@@ -127,20 +129,20 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
             text = _definition_text(definition, encoding)
             known |= get_types_from_idl(text) if encoding == "ros2idl" else get_types_from_msg(text, name)
         wrong = "cannot be used"
-        store.register({one: known[one] for one in _made_of(name, known) if one not in store.fielddefs})
+        store.register({one: known[one] for one in _type_closure(name, known) if one not in store.fielddefs})
         store.get_msgdef(name)
     # of a definition that is none rosbags raises whatever it stumbles over
     except Exception as problem:
-        what = problem if isinstance(problem, _Refused) else wrong
+        what = problem if isinstance(problem, _DefinitionError) else wrong
         raise ValueError(f"the definition of {name} in the file {what}") from None
 
     def decoded(data: bytes) -> Any:
         try:
-            data = _unpacked(data)
+            data = _decompress(data)
             return store.deserialize_cdr(data, name)
         # as above
         except Exception:
-            raise ValueError(f"not a {name} as its definition has it: {_why(data)}") from None
+            raise ValueError(f"not a {name} as its definition has it: {_decode_problem(data)}") from None
 
     return decoded
 
@@ -155,50 +157,50 @@ def is_known(name: str) -> bool:
 
 
 def unit_of(message: Any, parts: Sequence[str | int]) -> str:
-    """The unit that `UNITS` gives the field at `parts` of a decoded message; empty if none."""
+    """The unit that `FIELD_UNITS` gives the field at `parts` of a decoded message; empty if none."""
     unit, value = "", message
     for part in parts:
         kind = getattr(value, "__msgtype__", None)
         if kind is None:
             break
-        unit = UNITS.get((kind, str(part)), unit)
+        unit = FIELD_UNITS.get((kind, str(part)), unit)
         value = getattr(value, str(part), None)
     return unit
 
 
-class _Refused(ValueError):
+class _DefinitionError(ValueError):
     """What a definition may not be, as the end of a sentence about it."""
 
 
 def _definition_text(definition: bytes, encoding: str) -> str:
-    if encoding not in ENCODINGS:
-        raise _Refused(f"is written in '{encoding}'; ros2msg and ros2idl are read")
-    if len(definition) > LONGEST_DEFINITION:
-        raise _Refused(f"has {len(definition)} letters, more than {LONGEST_DEFINITION}")
+    if encoding not in ROS_ENCODINGS:
+        raise _DefinitionError(f"is written in '{encoding}'; ros2msg and ros2idl are read")
+    if len(definition) > MAX_DEFINITION_LENGTH:
+        raise _DefinitionError(f"has {len(definition)} letters, more than {MAX_DEFINITION_LENGTH}")
     text = definition.decode("utf-8")
-    if encoding == "ros2idl" and _GROWING.search(_NO_CODE.sub("", text)):
-        raise _Refused("works out a constant by *, << or brackets in brackets, which is not read")
+    if encoding == "ros2idl" and _COSTLY_CONSTANT.search(_TEXT_OR_COMMENT.sub("", text)):
+        raise _DefinitionError("works out a constant by *, << or brackets in brackets, which is not read")
     return text
 
 
-def _made_of(name: str, known: Mapping[str, Any]) -> list[str]:
+def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
     """The type `name` and all that it is made of."""
     parts, found, level = 0, [name], [name]
-    for _ in range(DEEPEST):
+    for _ in range(MAX_DEPTH):
         inner = []
         for outer in level:
             if outer not in known:
-                raise _Refused(f"lacks {outer}" if outer != name else ABSENT)
+                raise _DefinitionError(f"lacks {outer}" if outer != name else MISSING_TYPE_REMEDY)
             for kind, count in _members(known[outer][1]):
                 parts += count
                 inner.append(kind)
-        if parts > MOST_PARTS:
-            raise _Refused(f"has more than {MOST_PARTS} strings or messages in arrays of fixed length")
+        if parts > MAX_PARTS:
+            raise _DefinitionError(f"has more than {MAX_PARTS} strings or messages in arrays of fixed length")
         level = list(dict.fromkeys(kind for kind in inner if kind))
         if not level:
             return list(dict.fromkeys(found))
         found += level
-    raise _Refused("holds itself, or messages more than 24 deep")
+    raise _DefinitionError("holds itself, or messages more than 24 deep")
 
 
 def _members(fields: Any) -> Iterator[tuple[str, int]]:
@@ -213,24 +215,24 @@ def _members(fields: Any) -> Iterator[tuple[str, int]]:
             numbers = node == Nodetype.BASE and what[0] != "string"
             count = length if fixed and not numbers else 0
             if length < 0:
-                raise _Refused(f"has an array of {length} elements")
+                raise _DefinitionError(f"has an array of {length} elements")
         yield (what if node == Nodetype.NAME else ""), count
 
 
-def _unpacked(data: bytes) -> bytes:
+def _decompress(data: bytes) -> bytes:
     """`data`, unpacked if the recorder packed every message by itself, which CDR cannot be mistaken for."""
-    if not data.startswith(ZSTD):
+    if not data.startswith(ZSTD_MAGIC):
         return data
-    if zstandard.frame_content_size(data) > LARGEST_MESSAGE:
+    if zstandard.frame_content_size(data) > MAX_MESSAGE_BYTES:
         raise ValueError("a bomb")
-    return zstandard.decompress(data, max_output_size=LARGEST_MESSAGE)
+    return zstandard.decompress(data, max_output_size=MAX_MESSAGE_BYTES)
 
 
-def _why(data: bytes) -> str:
+def _decode_problem(data: bytes) -> str:
     if len(data) < 4:
         return f"it has {len(data)} bytes"
-    if data.startswith(ZSTD):
-        return f"it does not decompress to at most {LARGEST_MESSAGE // 2**20} MB"
+    if data.startswith(ZSTD_MAGIC):
+        return f"it does not decompress to at most {MAX_MESSAGE_BYTES // 2**20} MB"
     if data[:2] not in (b"\0\0", b"\0\1"):
         return f"it begins with {bytes(data[:2]).hex(' ')}; plain CDR (00 00 or 00 01) is read"
     return f"its {len(data)} bytes are cut short, or lengths in them are wrong"
@@ -242,7 +244,7 @@ class UnknownElement(LookupError):
 
 def path_parts(path: str) -> tuple[str | int, ...]:
     """`joints.position[2]` -> joints, position, 2; a name with dots may stand in quotes: `position."arm.knee"`."""
-    return tuple(int(index) if index else quoted or name for quoted, name, index in PART.findall(path))
+    return tuple(int(index) if index else quoted or name for quoted, name, index in PATH_PART.findall(path))
 
 
 def path_text(parts: Sequence[str | int]) -> str:
@@ -250,7 +252,7 @@ def path_text(parts: Sequence[str | int]) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
-def field(message: Any, parts: Sequence[str | int]) -> float:
+def field_value(message: Any, parts: Sequence[str | int]) -> float:
     """The number (or stamp, in s) of a message at `force.z`, `position[2]`, `header.stamp`, as `path_parts` has it.
 
     `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
@@ -275,7 +277,7 @@ def field(message: Any, parts: Sequence[str | int]) -> float:
             value = _element(value, part)
             continue
         around.append(value)
-        names = _names(value)
+        names = _field_names(value)
         if isinstance(value, Mapping) and len(parts) > k + 1 and (rest := path_text(parts[k:])) in value:
             value = value[rest]
             break
@@ -293,10 +295,10 @@ def field(message: Any, parts: Sequence[str | int]) -> float:
             raise ValueError("a number of more than 300 digits") from None
     if value is None:
         return math.nan
-    names = _names(value)
-    stamp = [next((name for name in words if name in names), None) for words in (SECONDS, NANOSECONDS)]
+    names = _field_names(value)
+    stamp = [next((name for name in words if name in names), None) for words in (SECOND_FIELDS, NANOSECOND_FIELDS)]
     if all(stamp):
-        seconds, nanoseconds = (field(value, (str(part),)) for part in stamp)
+        seconds, nanoseconds = (field_value(value, (str(part),)) for part in stamp)
         return seconds + nanoseconds * 1e-9
     got = f"a message of {', '.join(names)}" if names else repr(value)[:40]
     raise ValueError(f"expected a number, got {got}")
@@ -323,7 +325,7 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
     """
     choice = f"choose an element with [0] instead of .{name}"
     for message in reversed(around):
-        for label in set(_names(message)).intersection(LABELS):
+        for label in set(_field_names(message)).intersection(LABEL_FIELDS):
             labels = _member(message, label)
             if _is_array(labels) and not len(labels):
                 raise UnknownElement(f"its {label} is empty; {choice}")
@@ -335,7 +337,7 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
     raise LookupError(f"an array without names beside it; {choice}")
 
 
-def _names(value: Any) -> Collection[str]:
+def _field_names(value: Any) -> Collection[str]:
     """Names of the fields of a message, none of anything else."""
     if isinstance(value, Mapping):
         return value

@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused, nearest
 
-LARGEST = 1e100
+MAX_QUANTITY = 1e100
 """No quantity of a robot is larger, and its square is still a number."""
-LONGEST = 1.5
+GAP_RATIO = 1.5
 """An interval longer than this many median intervals is a gap: at least one sample was lost."""
-REGULAR = 0.6
+MIN_REGULAR_SHARE = 0.6
 """Share of intervals within half of the median that makes sampling regular. A clock that loses three samples in ten
 at random keeps 0.7 of them; points placed at random have 0.35 (intervals of a Poisson process)."""
 
 
-MAX_INVALID = 0.05
+MAX_INVALID_SHARE = 0.05
 """Largest share of the samples of a needed signal that may be NaN, null or infinite."""
 
 
-class LogRefused(InputRefused):
+class LogError(InputRefused):
     """A log or its column map cannot be used: which file, where in it, what was found, what was expected."""
 
 
-class NoNumbers(LogRefused):
+class NoNumbers(LogError):
     """A signal is in the log, but with fewer than two numbers."""
 
 
@@ -86,9 +86,9 @@ def sampling(t: NDArray[np.float64]) -> Sampling:
     """How the strictly ascending times t (n,), n >= 2, in s, are spaced."""
     intervals = np.diff(t)
     period = float(np.median(intervals))
-    regular = bool(np.mean(np.abs(intervals - period) <= 0.5 * period) >= REGULAR)
+    regular = bool(np.mean(np.abs(intervals - period) <= 0.5 * period) >= MIN_REGULAR_SHARE)
     # round-off of large stamps must not decide
-    wide = np.flatnonzero(intervals > LONGEST * period * (1.0 + 1e-6)) if regular else np.empty(0, dtype=int)
+    wide = np.flatnonzero(intervals > GAP_RATIO * period * (1.0 + 1e-6)) if regular else np.empty(0, dtype=int)
     return Sampling(period, regular, np.stack([t[wide], t[wide + 1]], axis=1))
 
 
@@ -121,7 +121,7 @@ class LogSeries:
         """How it is sampled and what is missing; n >= 2."""
         return sampling(self.t)
 
-    def between(self, start: float, end: float) -> "LogSeries":
+    def clip(self, start: float, end: float) -> "LogSeries":
         """The samples from `start` to `end` (s)."""
         use = (self.t >= start) & (self.t <= end)
         invalid = self.invalid[(self.invalid >= start) & (self.invalid <= end)]
@@ -137,16 +137,16 @@ def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> N
         invalid, samples: number of invalid samples, and of all.
 
     Raises:
-        LogRefused: more than `MAX_INVALID` of them are invalid.
+        LogRefused: more than `MAX_INVALID_SHARE` of them are invalid.
     """
-    if invalid > MAX_INVALID * samples:
-        raise LogRefused(
+    if invalid > MAX_INVALID_SHARE * samples:
+        raise LogError(
             f"{path}: {invalid} of {samples} samples of {name} are NaN, null or infinite, expected at most "
-            f"{100 * MAX_INVALID:g} %; repair the recorder, or choose a sound part with --from-s and --to-s"
+            f"{100 * MAX_INVALID_SHARE:g} %; repair the recorder, or choose a sound part with --from-s and --to-s"
         )
 
 
-def rows_of(parts: Sequence[LogSeries]) -> LogSeries:
+def join_rows(parts: Sequence[LogSeries]) -> LogSeries:
     """Put samples of several series that belong together into rows (n, k), at the times of the first series.
 
     Sources stamp samples of one moment a little apart, so the samples nearest to each other form a row if they are less
@@ -202,9 +202,9 @@ class Log:
             LogRefused: there is none, or it cannot be read; it names the nearest ones.
         """
         if name in self.left_out:
-            raise LogRefused(self.left_out[name])
+            raise LogError(self.left_out[name])
         if name not in self.series:
-            raise LogRefused(f"{self.path}: '{name}' is not there; {nearest(name, self.series, 'it has {}', 3)}")
+            raise LogError(f"{self.path}: '{name}' is not there; {nearest(name, self.series, 'it has {}', 3)}")
         return self.series[name]
 
     def vector(self, name: str) -> LogSeries:
@@ -219,9 +219,9 @@ class Log:
             # the sentence about the nearest names is the same as for a scalar
             self[f"{name}[0]"]
         if indices != list(range(len(indices))):
-            raise LogRefused(f"{self.path}: '{name}' has components {indices}, expected all from 0 on")
+            raise LogError(f"{self.path}: '{name}' has components {indices}, expected all from 0 on")
         parts = [self[f"{name}[{i}]"] for i in indices]
-        rows = rows_of(parts)
+        rows = join_rows(parts)
         if any(part.unit != parts[0].unit for part in parts) or len(rows.t) < 2:
-            raise LogRefused(f"{self.path}: the components of '{name}' differ in unit or in times")
+            raise LogError(f"{self.path}: the components of '{name}' differ in unit or in times")
         return rows

@@ -14,14 +14,16 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular
 from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.logs.bag import SQLITE, is_bag, read_bag
+from twin.kernel.recording.logs.bag import SQLITE_MAGIC, is_bag, read_bag
 from twin.kernel.recording.logs.csv_file import read_csv
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, MappedColumn
-from twin.kernel.recording.logs.topics import MAGIC, read_mcap, written_by_twin
+from twin.kernel.recording.logs.log import Log, LogError, LogSeries, MappedColumn
+from twin.kernel.recording.logs.topics import MCAP_MAGIC, read_mcap, written_by_twin
 from twin.kernel.recording.reader import Recording, read
 
 WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""
+MAX_NAMED_BAGS = 5
+"""Maximum number of bags that are named in a sentence."""
 
 
 def read_log(
@@ -46,18 +48,14 @@ def read_log(
     path = Path(path)
     match kind_of(path):
         case LogKind.RECORDING:
-            return _cut(recorded(read(recording_in(path))), part)
+            return _clip_log(recording_log(read(recording_in(path))), part)
         case LogKind.BAG:
             log = read_bag(path, columns or {})
         case LogKind.MCAP:
             log = read_mcap(path, columns or {})
         case LogKind.CSV:
             log = read_csv(path, columns or {}, known)
-    return _finished(log, part)
-
-
-MOST_BAGS = 5
-"""Maximum number of bags that are named in a sentence."""
+    return _normalise_log(log, part)
 
 
 class LogKind(Enum):
@@ -80,16 +78,16 @@ def kind_of(path: Path) -> LogKind:
     if os.path.isdir(path):
         return LogKind.BAG
     if path.exists() and not path.is_file():
-        raise LogRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
+        raise LogError(f"{path}: not a regular file but a pipe, socket or device; expected a file")
     with open_regular(path, sys.maxsize) as file:
-        magic = file.read(len(SQLITE))
-    if is_bag(path) or magic == SQLITE:
+        magic = file.read(len(SQLITE_MAGIC))
+    if is_bag(path) or magic == SQLITE_MAGIC:
         return LogKind.BAG
-    if magic.startswith(MAGIC):
+    if magic.startswith(MCAP_MAGIC):
         return LogKind.MCAP
     if path.suffix == ".mcap" or path.name.endswith(".mcap.partial"):
         what = "not an MCAP file" if magic else "an empty file"
-        raise LogRefused(f"{path}: {what}; expected a recording")
+        raise LogError(f"{path}: {what}; expected a recording")
     return LogKind.CSV
 
 
@@ -106,13 +104,13 @@ def is_recording(path: Path) -> bool:
         try:
             recording_in(path)
         except InputRefused:
-            raise LogRefused(f"{path}: no recording, but the bag {', '.join(bags[:MOST_BAGS])}; name it") from None
+            raise LogError(f"{path}: no recording, but the bag {', '.join(bags[:MAX_NAMED_BAGS])}; name it") from None
     if os.path.isdir(path) or (not os.path.lexists(path) and not path.suffix):
         return True
     return os.path.isfile(path) and written_by_twin(path)
 
 
-def recorded(recording: Recording) -> Log:
+def recording_log(recording: Recording) -> Log:
     """A recording of twin as a log; flags and counts become numbers. Topics of fewer than two samples are left out.
 
     Raises:
@@ -128,11 +126,11 @@ def recorded(recording: Recording) -> Log:
         for name, column in zip(names, columns, strict=True):
             series[name] = LogSeries(t, np.ascontiguousarray(column), field.unit)
     if not series:
-        raise LogRefused(f"{recording.path}: holds no samples{f'; {recording.note}' if recording.note else ''}")
+        raise LogError(f"{recording.path}: holds no samples{f'; {recording.note}' if recording.note else ''}")
     return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
 
 
-def _cut(log: Log, part: tuple[float | None, float | None]) -> Log:
+def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
     """The `part` of `log`; series with fewer than two samples in it are left out.
 
     Raises:
@@ -141,10 +139,10 @@ def _cut(log: Log, part: tuple[float | None, float | None]) -> Log:
     if part == (None, None):
         return log
     start, end = interval(log.path, part)
-    series = {name: found for name, one in log.series.items() if len((found := one.between(start, end)).t) > 1}
+    series = {name: found for name, one in log.series.items() if len((found := one.clip(start, end)).t) > 1}
     if not series:
         first, last = (f(float(one.t[k]) for one in log.series.values()) for f, k in ((min, 0), (max, -1)))
-        raise no_samples(log.path, start, end, first, last)
+        raise no_samples_error(log.path, start, end, first, last)
     return replace(log, series=series)
 
 
@@ -156,16 +154,16 @@ def interval(where: Path | str, part: tuple[float | None, float | None]) -> tupl
     """
     start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
     if not start < end:
-        raise LogRefused(f"{where}: from {start:g} to {end:g} s: expected a start before the end")
+        raise LogError(f"{where}: from {start:g} to {end:g} s: expected a start before the end")
     return start, end
 
 
-def no_samples(where: Path | str, start: float, end: float, first: float, last: float) -> LogRefused:
+def no_samples_error(where: Path | str, start: float, end: float, first: float, last: float) -> LogError:
     """Return the refusal of a part (s) without samples of a log from `first` to `last` (s)."""
-    return LogRefused(f"{where}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
+    return LogError(f"{where}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
 
 
-def _finished(log: Log, part: tuple[float | None, float | None]) -> Log:
+def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
     """The `part` of `log` with times of a wall clock counted from its first sample, and notes on missing samples."""
     notes = list(log.notes)
     series = log.series
@@ -175,7 +173,7 @@ def _finished(log: Log, part: tuple[float | None, float | None]) -> Log:
         shifted = {id(one.t): one.t - start for one in series.values()}
         series = {name: replace(one, t=shifted[id(one.t)], invalid=one.invalid - start) for name, one in series.items()}
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
-    series = _cut(replace(log, series=series), part).series
+    series = _clip_log(replace(log, series=series), part).series
     missing: dict[str, list[str]] = {}
     for name, one in series.items():
         few = len(one.invalid)

@@ -22,25 +22,30 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import nearest
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.column_map import TIME, split_unit, unit
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, MappedColumn, NoNumbers
+from twin.kernel.recording.logs.column_map import TIME_SIGNAL, require_unit, split_unit
+from twin.kernel.recording.logs.log import MAX_QUANTITY, Log, LogError, LogSeries, MappedColumn, NoNumbers
 from twin.kernel.recording.messages import RECORD_PREFIX
-from twin.kernel.recording.summary import allowance, unpacked
+from twin.kernel.recording.summary import decompress_chunk, unpack_allowance
 from twin.kernel.units import Dimension, Unit
 
-NANOSECONDS = 1e9
-STAMP = "header.stamp"
+NS_PER_S = 1e9
+STAMP_FIELD = "header.stamp"
 """Of a message of ROS 2 that has one."""
-SAME_CLOCK = 1.0
+MAX_CLOCK_DIFFERENCE = 1.0
 """Log times and stamps that are further apart (s) are not taken for those of one clock."""
-BACK, PERIODS = 0.1, 10.0
-"""Messages may overtake each other by less than `BACK` (s) or so many of their periods, whichever is more; what goes
+MAX_OVERTAKING, MAX_OVERTAKING_PERIODS = 0.1, 10.0
+"""Messages may overtake each other by less than `MAX_OVERTAKING` (s) or so many of their periods, whichever is more; what goes
 back further was started anew. Two publishers and a network come to some milliseconds."""
-LATE, DRIFT = 0.1, 0.02
-"""Stamps of the clock of the log are this much (s) behind it at most, and their delay changes by less than `DRIFT`; a
+MAX_STAMP_DELAY, MAX_DELAY_DRIFT = 0.1, 0.02
+"""Stamps of the clock of the log are this much (s) behind it at most, and their delay changes by less than `MAX_DELAY_DRIFT`; a
 camera is as late, a robot's drive is not."""
-SHARE = 8
+END_DIVISOR = 8
 """Of the messages, this part at either end tells what a delay is there."""
+MCAP_MAGIC = MCAP0_MAGIC
+_PREFIX_STRUCT, _MESSAGE_STRUCT = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
+MAX_RECORD_BYTES, MAX_HEADER_BYTES = 2**30, 2**20
+"""Bytes; a damaged length must not ask for any amount of memory."""
 
 
 @dataclass
@@ -65,7 +70,7 @@ class LoggedTopic:
         return self.schema.name if self.schema else "json"
 
 
-def wanted(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
+def maps_topic(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
     """Whether one of `columns` may be of `topic`."""
     return any(column.name.startswith(f"{topic}.") for column in columns.values())
 
@@ -81,10 +86,10 @@ def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path |
     Raises:
         LogRefused: there is no such unit; the sentence begins with `where`.
     """
-    return unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
+    return require_unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
 
 
-def merged(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
+def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
     """Topics by name; the messages of several publishers of a topic come in order of time."""
     topics: dict[str, LoggedTopic] = {}
     for topic in found:
@@ -97,7 +102,7 @@ def merged(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
     return topics
 
 
-def log_of(
+def log_from_topics(
     path: Path, topics: Mapping[str, LoggedTopic], columns: Mapping[str, MappedColumn], notes: Sequence[str] = ()
 ) -> Log:
     """The series that `columns` take from `topics`.
@@ -114,22 +119,20 @@ def log_of(
     """
     there = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items())
     if not any(topic.times for topic in topics.values()):
-        raise LogRefused(
-            f"{path}: no messages{f' on {there}' if there else ''}; {'; '.join(notes) or 'expected a log'}"
-        )
-    if not set(columns) - {TIME}:
-        raise LogRefused(f"{path}: another tool's recording, with {there}; choose with --map NAME=/TOPIC.FIELD[UNIT]")
+        raise LogError(f"{path}: no messages{f' on {there}' if there else ''}; {'; '.join(notes) or 'expected a log'}")
+    if not set(columns) - {TIME_SIGNAL}:
+        raise LogError(f"{path}: another tool's recording, with {there}; choose with --map NAME=/TOPIC.FIELD[UNIT]")
     mistakes: list[str] = []
     sources: dict[str, dict[str, str]] = {}
     for signal, column in columns.items():
-        if signal != TIME:
+        if signal != TIME_SIGNAL:
             name = topic_of(column, topics)
             if name is None:
                 hint = nearest(column.name.partition(".")[0], topics, "it has {}")
                 mistakes.append(f"{path}: no topic of '{column.name}' for {signal}; {hint}")
             else:
                 sources.setdefault(name, {})[signal] = column.name.removeprefix(f"{name}.")
-    readings, remarks = _readings(path, topics, columns.get(TIME), sources, mistakes)
+    readings, remarks = _readings(path, topics, columns.get(TIME_SIGNAL), sources, mistakes)
     series: dict[str, LogSeries] = {}
     left_out: dict[str, str] = {}
     for name, reading in readings.items():
@@ -138,10 +141,10 @@ def log_of(
                 series[signal] = reading.series(field_path, columns[signal])
             except NoNumbers as problem:
                 left_out[signal] = str(problem)
-            except LogRefused as problem:
+            except LogError as problem:
                 mistakes.append(str(problem))
     if mistakes or not series:
-        raise LogRefused("\n".join(dict.fromkeys([*mistakes, *left_out.values()])))
+        raise LogError("\n".join(dict.fromkeys([*mistakes, *left_out.values()])))
     remarks += [f"left out: {text.removeprefix(f'{path}: ')}" for text in left_out.values()]
     return Log(
         path, {name: series[name] for name in columns if name in series}, (*notes, *remarks), (), left_out, columns
@@ -168,14 +171,14 @@ def _readings(
             notes += readings[name].notes
         except NoField as problem:
             timeless[name] = problem
-        except LogRefused as problem:
+        except LogError as problem:
             mistakes.append(str(problem))
     furthest = max(readings.items(), key=lambda one: abs(one[1].delay), default=None)
     for name, lacking in timeless.items():
         assert time is not None
         if furthest is None:
             mistakes.append(str(lacking))
-        elif abs(furthest[1].delay) > SAME_CLOCK:
+        elif abs(furthest[1].delay) > MAX_CLOCK_DIFFERENCE:
             mistakes.append(
                 f"{lacking}; its log times cannot be used, they differ by {abs(furthest[1].delay):.6g} s from the "
                 f"stamps of {furthest[0]}: leave out --map time=... to use log times for all"
@@ -184,7 +187,7 @@ def _readings(
             try:
                 readings[name] = TopicReading(path, name, topics[name], None, tuple(sources[name].values()))
                 notes.append(f"{name} has no {time.name}: its log times are used")
-            except LogRefused as problem:
+            except LogError as problem:
                 mistakes.append(str(problem))
     return readings, notes
 
@@ -211,17 +214,17 @@ class TopicReading:
             LogRefused: the encoding is not read, a message cannot be decoded, or times that are none.
         """
         self._path, self._name = path, name
-        logged = np.array(topic.times, dtype=np.uint64) / NANOSECONDS
+        logged = np.array(topic.times, dtype=np.uint64) / NS_PER_S
         if len(logged) < 2:
             many = "s" * (len(logged) != 1)
-            raise LogRefused(f"{path}: {name} has {len(logged)} message{many}, expected at least 2")
-        stamp_path = time.name if time else STAMP
-        found = numbers_of(path, name, topic, tuple(dict.fromkeys((*field_paths, stamp_path))))
+            raise LogError(f"{path}: {name} has {len(logged)} message{many}, expected at least 2")
+        stamp_path = time.name if time else STAMP_FIELD
+        found = field_numbers(path, name, topic, tuple(dict.fromkeys((*field_paths, stamp_path))))
         self._found = found
         stamps = found[stamp_path]
         self.notes: list[str] = []
         self._by_stamp = time is not None
-        self.t = logged if time is None else self._stamped(time, stamps, len(logged))
+        self.t = logged if time is None else self._stamp_times(time, stamps, len(logged))
         self.delay = 0.0
         if isinstance(stamps, Numbers) and len(stamps.rows) == len(logged) and np.any(stamps.values):
             stamped = stamps.values if time is None else self.t
@@ -237,16 +240,16 @@ class TopicReading:
         """
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
-        if isinstance(numbers, LogRefused):
+        if isinstance(numbers, LogError):
             raise numbers
         factor = factor_of(column, field_path, numbers.unit, self._path)
         stamped = np.isfinite(self.t[numbers.rows])
         rows, t = numbers.rows[stamped], self.t[numbers.rows[stamped]]
         if len(t) < 2:
             raise NoNumbers(f"{where}.{field_path} is in {len(t)} message, expected at least 2")
-        if again := restart(t):
+        if again := restart_index(t):
             instead = "leave out --map time=... to take log times" if self._by_stamp else "choose --map time=FIELD"
-            raise LogRefused(
+            raise LogError(
                 f"{where}: its {'stamps' if self._by_stamp else 'log times'} start anew at message "
                 f"{rows[again] + 1} of {len(self.t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
                 f"the log there, or {instead}"
@@ -257,19 +260,19 @@ class TopicReading:
         repeated = np.flatnonzero(np.diff(t) <= 0.0)
         if len(repeated):
             hint = "" if self._by_stamp else "; choose the messages' own stamp with --map time=FIELD"
-            raise LogRefused(f"{where} has two messages at {t[repeated[0]] - t[0]:.9g} s after its first{hint}")
+            raise LogError(f"{where} has two messages at {t[repeated[0]] - t[0]:.9g} s after its first{hint}")
         invalid = self.t[numbers.invalid]
         return LogSeries(t, values, factor.si, np.sort(invalid[np.isfinite(invalid)]))
 
-    def _stamped(self, time: MappedColumn, stamps: "Numbers | LogRefused", count: int) -> NDArray[np.float64]:
+    def _stamp_times(self, time: MappedColumn, stamps: "Numbers | LogError", count: int) -> NDArray[np.float64]:
         """Times of the `count` messages by their stamps (s); NaN for one without a stamp."""
-        if isinstance(stamps, LogRefused):
+        if isinstance(stamps, LogError):
             raise stamps
-        factor = unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
+        factor = require_unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
         if factor.dimension != Dimension(s=1):
-            raise LogRefused(f"{self._path}: time '{time.name}' is in {time.unit}; expected s, ms, us, ns or min")
+            raise LogError(f"{self._path}: time '{time.name}' is in {time.unit}; expected s, ms, us, ns or min")
         if not np.any(stamps.values):
-            raise LogRefused(
+            raise LogError(
                 f"{self._path}: {self._name}.{time.name} is 0 in all messages: the publisher sets none; leave "
                 "out --map time=... to take log times"
             )
@@ -295,22 +298,22 @@ class Numbers:
     invalid: NDArray[np.int64]
 
 
-class NoField(LogRefused):
+class NoField(LogError):
     """The messages of a topic have no such field."""
 
 
-def numbers_of(
+def field_numbers(
     path: Path, name: str, topic: LoggedTopic, field_paths: Sequence[str]
-) -> dict[str, Numbers | LogRefused]:
+) -> dict[str, Numbers | LogError]:
     """The numbers at each of `field_paths` of the messages of a topic, or why there are none."""
     try:
         decode = decoding.decoder(topic.channel, topic.schema)
     except ValueError as problem:
-        raise LogRefused(f"{path}: {name}: {problem}") from None
+        raise LogError(f"{path}: {name}: {problem}") from None
     if decode is None:
         encoding = topic.channel.message_encoding or "nothing known"
-        raise LogRefused(f"{path}: {name} is encoded as {encoding}; protobuf, json and cdr are read")
-    found: dict[str, Numbers | LogRefused] = {}
+        raise LogError(f"{path}: {name} is encoded as {encoding}; protobuf, json and cdr are read")
+    found: dict[str, Numbers | LogError] = {}
     parts = {one: decoding.path_parts(one) for one in field_paths}
     values = {one: array("d") for one in field_paths}
     rows = {one: array("q") for one in field_paths}
@@ -320,27 +323,27 @@ def numbers_of(
         try:
             message = decode(data)
         except ValueError as problem:
-            raise LogRefused(f"{path}: {name}: message {k + 1} of {len(topic.data)}: {problem}") from None
+            raise LogError(f"{path}: {name}: message {k + 1} of {len(topic.data)}: {problem}") from None
         if not units:
             units = {one: decoding.unit_of(message, parts[one]) for one in field_paths}
         for one in field_paths:
             if one in found:
                 continue
             try:
-                values[one].append(decoding.field(message, parts[one]))
+                values[one].append(decoding.field_value(message, parts[one]))
                 rows[one].append(k)
             except decoding.UnknownElement as problem:
                 unnamed.setdefault(one, str(problem))
             except LookupError as problem:
                 found[one] = NoField(f"{path}: {name} has no field '{one}'; {problem.args[0]}")
             except ValueError as problem:
-                found[one] = LogRefused(f"{path}: {name}.{one}: {problem}")
+                found[one] = LogError(f"{path}: {name}.{one}: {problem}")
     for one in field_paths:
         if one in found:
             continue
         numbers, there = np.array(values[one], dtype=np.float64), np.array(rows[one], dtype=np.int64)
         # nan is not a number either
-        valid = np.abs(numbers) <= LARGEST
+        valid = np.abs(numbers) <= MAX_QUANTITY
         if not len(numbers):
             found[one] = NoField(f"{path}: {name} has no field '{one}'; {unnamed.get(one, 'it has no messages')}")
         elif not np.any(valid):
@@ -350,10 +353,10 @@ def numbers_of(
     return found
 
 
-def restart(t: NDArray[np.float64]) -> int:
+def restart_index(t: NDArray[np.float64]) -> int:
     """Index at which the times t (n,), n >= 2, in s, in the order of a log, first start anew; 0 if nowhere."""
     steps = np.diff(t)
-    back = np.flatnonzero(steps < -max(BACK, PERIODS * float(np.median(np.abs(steps)))))
+    back = np.flatnonzero(steps < -max(MAX_OVERTAKING, MAX_OVERTAKING_PERIODS * float(np.median(np.abs(steps)))))
     return int(back[0]) + 1 if len(back) else 0
 
 
@@ -366,37 +369,30 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
         stamps: of the messages, s, (n,).
         by_stamp: whether stamps are the times that are used.
     """
-    if not by_stamp and (again := restart(stamps)):
+    if not by_stamp and (again := restart_index(stamps)):
         return (
             f"the stamps of {name} start anew {logged[again] - logged[0]:.3f} s after its first message: "
             f"from {stamps[again - 1]:.3f} s back to {stamps[again]:.3f} s"
         )
     delay = logged - stamps
-    few = max(1, len(delay) // SHARE)
+    few = max(1, len(delay) // END_DIVISOR)
     first, last = float(np.median(delay[:few])), float(np.median(delay[-few:]))
-    if abs(first) <= LATE and abs(last - first) <= DRIFT:
+    if abs(first) <= MAX_STAMP_DELAY and abs(last - first) <= MAX_DELAY_DRIFT:
         return ""
     where = "behind" if first > 0.0 else "ahead of"
     change = f", and by {abs(last - first):.3f} s {'more' if abs(last) > abs(first) else 'less'} at the end"
     used = "stamps" if by_stamp else "log times"
     return (
         f"two clocks: the stamps of {name} are {abs(first):.3f} s {where} its log times"
-        f"{change if abs(last - first) > DRIFT else ''}; {used} are used"
+        f"{change if abs(last - first) > MAX_DELAY_DRIFT else ''}; {used} are used"
     )
-
-
-MAGIC = MCAP0_MAGIC
-_PREFIX, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
-LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
-"""Bytes; a damaged length must not ask for any amount of memory."""
 
 
 def written_by_twin(path: Path) -> bool:
     """Whether the header of an MCAP file says that `twin.kernel.recording` wrote it; a damaged header does not."""
     with path.open("rb") as file:
         try:
-            header = next(StreamReader(file, record_size_limit=LONGEST_HEADER).records)
+            header = next(StreamReader(file, record_size_limit=MAX_HEADER_BYTES).records)
         except (McapError, ValueError, struct.error, StopIteration, OverflowError, MemoryError):
             return False
     return isinstance(header, Header) and header.library.startswith("twin ")
@@ -406,16 +402,16 @@ def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
 
     Args:
-        columns: see `log_of`.
+        columns: see `log_from_topics`.
 
     Raises:
-        LogRefused: damaged, or as `log_of`.
+        LogRefused: damaged, or as `log_from_topics`.
     """
-    found, note = topics_in(path, columns)
-    return log_of(path, merged(found), columns, (note,) if note else ())
+    found, note = read_topics(path, columns)
+    return log_from_topics(path, merge_topics(found), columns, (note,) if note else ())
 
 
-def topics_in(
+def read_topics(
     path: Path, columns: Mapping[str, MappedColumn], file: Path | None = None
 ) -> tuple[list[LoggedTopic], str]:
     """Topics of the MCAP file `path`, one for each publisher, and a sentence on what is missing at the end.
@@ -432,18 +428,18 @@ def topics_in(
     channels: dict[int, LoggedTopic] = {}
     chosen_ids: set[int] = set()
     with path.open("rb") as content:
-        content.seek(-len(MAGIC), 2)
-        finished = content.read() == MAGIC and content.tell() > len(MAGIC)
+        content.seek(-len(MCAP_MAGIC), 2)
+        finished = content.read() == MCAP_MAGIC and content.tell() > len(MCAP_MAGIC)
         content.seek(0)
-        reader = StreamReader(content, emit_chunks=True, validate_crcs=True, record_size_limit=LONGEST_RECORD)
+        reader = StreamReader(content, emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES)
         note, expected = "", None
         try:
-            for record in _records(reader, allowance(path.stat().st_size)):
+            for record in _records(reader, unpack_allowance(path.stat().st_size)):
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
                     channels.setdefault(record.id, LoggedTopic(record, schemas.get(record.schema_id)))
-                    if wanted(record.topic, columns):
+                    if maps_topic(record.topic, columns):
                         chosen_ids.add(record.id)
                 elif isinstance(record, Message):
                     channels[record.channel_id].times.append(record.log_time)
@@ -453,7 +449,7 @@ def topics_in(
                     expected = record.message_count
         except (McapError, ValueError, LookupError, OverflowError, struct.error, MemoryError) as problem:
             if finished or not isinstance(problem, EndOfFile | struct.error):
-                raise LogRefused(
+                raise LogError(
                     f"{where}: damaged near byte {content.tell()}: {problem or 'a record is cut short'}; "
                     "recover what is readable first (mcap recover)"
                 ) from None
@@ -462,40 +458,40 @@ def topics_in(
     count = sum(len(topic.times) for topic in topics)
     # few writers fill in the CRC of the whole, and a record whose kind is damaged is skipped
     if expected not in (None, count):
-        raise LogRefused(f"{where}: damaged: {count} messages where its index says {expected}; mcap recover may help")
+        raise LogError(f"{where}: damaged: {count} messages where its index says {expected}; mcap recover may help")
     last = max((max(t.times) for t in topics if t.times), default=0)
     first = min((min(t.times) for t in topics if t.times), default=0)
-    return topics, f"{note}: read {(last - first) / NANOSECONDS:.3f} s of it" if note else ""
+    return topics, f"{note}: read {(last - first) / NS_PER_S:.3f} s of it" if note else ""
 
 
 def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
     """Records of a file, those in its chunks among them, which may unpack to `most` bytes in all."""
     for record in reader.records:
         if isinstance(record, Chunk):
-            content = unpacked(record, most)
+            content = decompress_chunk(record, most)
             most -= len(content)
             if record.uncompressed_crc not in (0, found := zlib.crc32(content)):
                 raise ValueError(f"a chunk has the CRC {found:08x}, expected {record.uncompressed_crc:08x}")
-            yield from _inside(content)
+            yield from _chunk_records(content)
         else:
             yield record
 
 
-def _inside(content: bytes) -> Iterator[McapRecord]:
+def _chunk_records(content: bytes) -> Iterator[McapRecord]:
     """The records in a chunk, one by one: mcap's own way has all of them in memory, ten times what they unpack to."""
     place = 0
     while place < len(content):
         if place + RECORD_PREFIX > len(content):
             raise EndOfFile
-        opcode, length = _PREFIX.unpack_from(content, place)
+        opcode, length = _PREFIX_STRUCT.unpack_from(content, place)
         begin, place = place + RECORD_PREFIX, place + RECORD_PREFIX + length
         if place > len(content):
             raise EndOfFile
         if opcode == Opcode.MESSAGE:
-            if length < _MESSAGE.size:
+            if length < _MESSAGE_STRUCT.size:
                 raise ValueError("a message is cut short")
-            channel, sequence, logged, published = _MESSAGE.unpack_from(content, begin)
-            data = content[begin + _MESSAGE.size : place]
+            channel, sequence, logged, published = _MESSAGE_STRUCT.unpack_from(content, begin)
+            data = content[begin + _MESSAGE_STRUCT.size : place]
             yield Message(channel_id=channel, sequence=sequence, log_time=logged, publish_time=published, data=data)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             kind = Schema if opcode == Opcode.SCHEMA else Channel

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from threading import Condition
 from typing import Any, NamedTuple, Protocol
 
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.writer import ForeignTopic
 
-LARGEST_BACKLOG = 100_000
+MAX_BACKLOG = 100_000
 """Messages that wait to be taken: more than a minute at 1 kHz."""
 
 
@@ -38,30 +38,30 @@ class RobotSource(Protocol):
     has_messages: bool
 
     @property
-    def ended(self) -> bool:
+    def at_end(self) -> bool:
         """Whether nothing can come any more."""
 
     @property
-    def dropped(self) -> int:
+    def drop_count(self) -> int:
         """Messages that came and were thrown away, because they were not taken in time."""
 
-    def seen(self) -> Mapping[str, str]:
+    def topic_types(self) -> Mapping[str, str]:
         """Topics that somebody publishes now, and the types of their messages, `sensor_msgs/msg/JointState`."""
 
-    def subscribe(self, topic: str) -> OthersTopic | None:
+    def subscribe(self, topic: str) -> ForeignTopic | None:
         """From now on messages of a `topic` that was seen are taken; None: its arrivals are readings, not messages.
 
         Raises:
             LogRefused: its type is not known.
         """
 
-    def publishers(self, topic: str) -> int:
+    def publisher_count(self, topic: str) -> int:
         """How many publish `topic` now."""
 
-    def take(self, wait: float) -> list[Arrival]:
+    def receive(self, wait: float) -> list[Arrival]:
         """All that has come since the last call, in the order of arrival; waits up to `wait` s for a first one."""
 
-    def now(self) -> int:
+    def now_ns(self) -> int:
         """The time of the clock of arrivals, ns."""
 
     def close(self) -> None:
@@ -75,20 +75,20 @@ class Ring:
         dropped: messages that found it full, each of which has pushed out the oldest one.
     """
 
-    def __init__(self, size: int = LARGEST_BACKLOG):
+    def __init__(self, size: int = MAX_BACKLOG):
         self._waiting: deque[Arrival] = deque(maxlen=size)
         self._filled = Condition()
-        self.dropped = 0
+        self.drop_count = 0
 
-    def put(self, arrivals: list[Arrival]) -> None:
+    def push(self, arrivals: list[Arrival]) -> None:
         """Append `arrivals`."""
         with self._filled:
             room = (self._waiting.maxlen or 0) - len(self._waiting)
-            self.dropped += max(0, len(arrivals) - room)
+            self.drop_count += max(0, len(arrivals) - room)
             self._waiting.extend(arrivals)
             self._filled.notify()
 
-    def take(self, wait: float) -> list[Arrival]:
+    def pop_all(self, wait: float) -> list[Arrival]:
         """All that is there; waits up to `wait` s for a first one."""
         with self._filled:
             if not self._waiting:
@@ -104,6 +104,6 @@ class SteadyClock:
     def __init__(self) -> None:
         self._start = time.time_ns() - time.monotonic_ns()
 
-    def now(self) -> int:
+    def now_ns(self) -> int:
         """ns."""
         return self._start + time.monotonic_ns()

@@ -11,16 +11,16 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.sources.arrival import Arrival, SteadyClock
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.writer import ForeignTopic
 
-DEPTH = 10_000
+QUEUE_DEPTH = 10_000
 """Messages that DDS keeps for us: 10 s at 1 kHz."""
-PREFIX = "rt"
+TOPIC_PREFIX = "rt"
 """Of ROS 2's topics in DDS."""
-AT_ONCE = 500
+MAX_BATCH = 500
 
 
-class _Raw:
+class _RawMessage:
     """A message as it came; cyclonedds adds `sample_info`."""
 
     __slots__ = ("data", "sample_info")
@@ -43,24 +43,24 @@ class DdsSource:
             from cyclonedds.domain import DomainParticipant
         except ImportError:
             raise InputRefused(f"--source {name}: needs cyclonedds; pip install 'twin[shadow]'") from None
-        self.name, self.ended, self.has_messages = name, False, True
+        self.name, self.at_end, self.has_messages = name, False, True
         self._clock = SteadyClock()
         domain = domain_id()
         try:
             self._participant = DomainParticipant(domain)
         except DDSException as problem:
             raise InputRefused(f"--source {name}: DDS cannot begin on domain {domain}: {problem}") from None
-        self._qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH))
+        self._qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(QUEUE_DEPTH))
         self._discovery = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._published: dict[Any, tuple[str, str]] = {}
         self._readers: list[tuple[str, Any]] = []
         self._waiting, self._conditions = WaitSet(self._participant), list[Any]()
 
     @property
-    def dropped(self) -> int:
+    def drop_count(self) -> int:
         return sum(reader.get_sample_lost_status().total_count for _, reader in self._readers)
 
-    def seen(self) -> Mapping[str, str]:
+    def topic_types(self) -> Mapping[str, str]:
         from twin.kernel.recording.sources.ros_types import ros_name
 
         self._discover()
@@ -69,18 +69,18 @@ class DdsSource:
         own = ("ros_discovery_info", "/rosout", "/parameter_events")
         return {topic: ros_name(kind) for topic, kind in sorted(found.items()) if topic not in own}
 
-    def subscribe(self, topic: str) -> OthersTopic:
+    def subscribe(self, topic: str) -> ForeignTopic:
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from twin.kernel.recording.sources.ros_types import described, idl_class
+        from twin.kernel.recording.sources.ros_types import describe_topic, idl_class
 
-        found = described(self.name, topic, self.seen()[topic])
+        found = describe_topic(self.name, topic, self.topic_types()[topic])
         # a class of its own, since others are to read messages of the type; a subclass would be another type
         raw = idl_class.__wrapped__(found.type_name)
-        raw.deserialize = classmethod(lambda cls, data, **_: _Raw(data))
-        reader: Any = DataReader(self._participant, Topic(self._participant, PREFIX + topic, raw), qos=self._qos)
+        raw.deserialize = classmethod(lambda cls, data, **_: _RawMessage(data))
+        reader: Any = DataReader(self._participant, Topic(self._participant, TOPIC_PREFIX + topic, raw), qos=self._qos)
         unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
         condition = ReadCondition(reader, unread)
         self._waiting.attach(condition)
@@ -88,22 +88,22 @@ class DdsSource:
         self._conditions.append(condition)
         return found
 
-    def publishers(self, topic: str) -> int:
+    def publisher_count(self, topic: str) -> int:
         self._discover()
         return sum(one == topic for one, _ in self._published.values())
 
-    def take(self, wait: float) -> list[Arrival]:
+    def receive(self, wait: float) -> list[Arrival]:
         self._waiting.wait(round(wait * 1e9))
         found: list[Arrival] = []
         for topic, reader in self._readers:
-            taken = reader.take(AT_ONCE)
-            now = self._clock.now()
+            taken = reader.take(MAX_BATCH)
+            now = self._clock.now_ns()
             # without data: a writer has gone
-            found += [Arrival(topic, now, one.data) for one in taken if isinstance(one, _Raw)]
+            found += [Arrival(topic, now, one.data) for one in taken if isinstance(one, _RawMessage)]
         return found
 
-    def now(self) -> int:
-        return self._clock.now()
+    def now_ns(self) -> int:
+        return self._clock.now_ns()
 
     def close(self) -> None:
         """DDS leaves with its last reference."""
@@ -111,11 +111,11 @@ class DdsSource:
     def _discover(self) -> None:
         from cyclonedds.core import InstanceState
 
-        while found := self._discovery.take(AT_ONCE):
+        while found := self._discovery.take(MAX_BATCH):
             for one in found:
                 alive = one.sample_info.instance_state == InstanceState.Alive
-                if alive and one.topic_name.startswith(f"{PREFIX}/"):
-                    self._published[one.key] = one.topic_name.removeprefix(PREFIX), one.type_name
+                if alive and one.topic_name.startswith(f"{TOPIC_PREFIX}/"):
+                    self._published[one.key] = one.topic_name.removeprefix(TOPIC_PREFIX), one.type_name
                 else:
                     with contextlib.suppress(KeyError):
                         del self._published[one.key]

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from twin.kernel.recording.logs.bag import bag_topics
-from twin.kernel.recording.logs.log import LogRefused, MappedColumn
-from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples
-from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, merged, topics_in
+from twin.kernel.recording.logs.log import LogError, MappedColumn
+from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples_error
+from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, merge_topics, read_topics
 from twin.kernel.recording.sources.arrival import Arrival
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.writer import ForeignTopic
 
-AT_ONCE = 512
+MAX_BATCH = 512
 """Arrivals that are taken together as fast as possible."""
 
 
@@ -29,10 +29,10 @@ def logged_topics(
     if kind == LogKind.BAG:
         topics, notes = bag_topics(path, columns)
     else:
-        found, note = topics_in(path, columns)
-        topics, notes = merged(found), [note] if note else []
+        found, note = read_topics(path, columns)
+        topics, notes = merge_topics(found), [note] if note else []
     if not any(topic.times for topic in topics.values()):
-        raise LogRefused(f"{path}: no messages; expected a log")
+        raise LogError(f"{path}: no messages; expected a log")
     return topics, notes
 
 
@@ -58,7 +58,7 @@ class Playback:
         part: tuple[float | None, float | None] = (None, None),
         time: MappedColumn | None = None,
     ):
-        self.name, self.ended, self.has_messages = name, False, bool(topics)
+        self.name, self.at_end, self.has_messages = name, False, bool(topics)
         self._topics, self._speed, self._part, self._time = topics, speed, part, time
         self._readings = list(readings)
         self._subscribed: dict[str, None] = {}
@@ -67,29 +67,29 @@ class Playback:
         self._now = 0
         self._began = 0.0
 
-    def seen(self) -> dict[str, str]:
+    def topic_types(self) -> dict[str, str]:
         return {name: topic.kind for name, topic in self._topics.items() if topic.times}
 
-    def subscribe(self, topic: str) -> OthersTopic:
+    def subscribe(self, topic: str) -> ForeignTopic:
         self._subscribed[topic] = None
         channel, schema = self._topics[topic].channel, self._topics[topic].schema
         described = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
-        return OthersTopic(topic, channel.message_encoding, *described)
+        return ForeignTopic(topic, channel.message_encoding, *described)
 
     @property
-    def dropped(self) -> int:
+    def drop_count(self) -> int:
         return 0
 
-    def publishers(self, topic: str) -> int:
+    def publisher_count(self, topic: str) -> int:
         return 1
 
-    def take(self, wait: float) -> list[Arrival]:
+    def receive(self, wait: float) -> list[Arrival]:
         order = self._arrivals()
         if self._next >= len(order):
-            self.ended = True
+            self.at_end = True
             return []
         if not self._speed:
-            taken = order[self._next : self._next + AT_ONCE]
+            taken = order[self._next : self._next + MAX_BATCH]
         else:
             due = (order[self._next].arrived - order[0].arrived) / 1e9 / self._speed
             time.sleep(min(max(due - (time.monotonic() - self._began), 0.0), wait))
@@ -103,7 +103,7 @@ class Playback:
             self._now = taken[-1].arrived
         return taken
 
-    def now(self) -> int:
+    def now_ns(self) -> int:
         return self._now
 
     def close(self) -> None:
@@ -117,7 +117,7 @@ class Playback:
                 topic = self._topics[name]
                 found += [Arrival(name, when, data) for when, data in zip(topic.times, topic.data, strict=True)]
                 times += self._times(name)
-            self._order = sorted(self._cut(found, times), key=lambda one: one.arrived)
+            self._order = sorted(self._clip(found, times), key=lambda one: one.arrived)
             self._began = time.monotonic()
         return self._order
 
@@ -129,7 +129,7 @@ class Playback:
                 return TopicReading(Path(self.name), name, topic, self._time, ()).t.tolist()
         return [one / 1e9 for one in topic.times]
 
-    def _cut(self, found: list[Arrival], times: list[float]) -> list[Arrival]:
+    def _clip(self, found: list[Arrival], times: list[float]) -> list[Arrival]:
         """The arrivals of the part to play; `times` (s) belong to `found`.
 
         Raises:
@@ -142,5 +142,5 @@ class Playback:
         start, end = interval(self.name, self._part)
         part = [one for one, t in zip(found, times, strict=True) if start <= t - shift <= end]
         if not part:
-            raise no_samples(self.name, start, end, float(first - shift), float(last - shift))
+            raise no_samples_error(self.name, start, end, float(first - shift), float(last - shift))
         return part

@@ -11,11 +11,11 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from twin.kernel.errors import nearest
-from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.logs.log import LogError
+from twin.kernel.recording.writer import ForeignTopic
 
-STORE = get_typestore(Stores.LATEST)
-MESSAGES = [name for name in STORE.fielddefs if "/msg/" in name]
+TYPE_STORE = get_typestore(Stores.LATEST)
+MESSAGE_TYPES = [name for name in TYPE_STORE.fielddefs if "/msg/" in name]
 """The types that ROS 2 itself has."""
 
 
@@ -27,20 +27,20 @@ def ros_name(kind: str) -> str:
     return kind
 
 
-def described(where: str, topic: str, kind: str) -> OthersTopic:
+def describe_topic(where: str, topic: str, kind: str) -> ForeignTopic:
     """`topic` of the type `kind`, with the definition of that.
 
     Raises:
         LogRefused: ROS 2 itself has no such type; the sentence begins with `where`.
     """
-    if kind not in MESSAGES:
-        raise LogRefused(
+    if kind not in MESSAGE_TYPES:
+        raise LogError(
             f"{where}: {topic} has the type {kind}, which ROS 2 itself has not; "
-            f"{nearest(kind, MESSAGES, 'it has {}', 3)}; publish one of those, or record a bag, which has "
+            f"{nearest(kind, MESSAGE_TYPES, 'it has {}', 3)}; publish one of those, or record a bag, which has "
             "its own definitions, and use --source BAG"
         )
-    text, _ = STORE.generate_msgdef(kind, ros_version=2)
-    return OthersTopic(topic, "cdr", kind, "ros2msg", text.encode())
+    text, _ = TYPE_STORE.generate_msgdef(kind, ros_version=2)
+    return ForeignTopic(topic, "cdr", kind, "ros2msg", text.encode())
 
 
 @cache
@@ -49,7 +49,7 @@ def idl_class(kind: str) -> Any:
     from cyclonedds.idl import make_idl_struct
 
     package, folder, name = kind.split("/")
-    fields = {field: _idl_type(what) for field, what in STORE.fielddefs[kind][1]}
+    fields = {field: _idl_type(what) for field, what in TYPE_STORE.fielddefs[kind][1]}
     return make_idl_struct(f"{name}_", f"{package}.{folder}.dds_.{name}_", fields)
 
 

@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 
 from twin.kernel.recording.logs import decoding
-from twin.kernel.recording.logs.column_map import refuse_unit, split_unit, unit
-from twin.kernel.recording.logs.log import LogRefused, MappedColumn
-from twin.kernel.recording.logs.topics import STAMP, factor_of
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.logs.column_map import refuse_unit, require_unit, split_unit
+from twin.kernel.recording.logs.log import LogError, MappedColumn
+from twin.kernel.recording.logs.topics import STAMP_FIELD, factor_of
+from twin.kernel.recording.writer import ForeignTopic
 from twin.kernel.units import Dimension
 
-NANOSECONDS = 10**9
-NAMES = "name"
+NS_PER_S = 10**9
+NAMES_FIELD = "name"
 """Of the field with the names of a message's elements."""
-UNSTAMPED = 3
+MAX_UNSTAMPED = 3
 """Messages with the stamp 0 after which they are taken to have none."""
 
 
@@ -87,7 +87,7 @@ class MessageReader:
     def __init__(
         self,
         where: str,
-        topic: OthersTopic,
+        topic: ForeignTopic,
         columns: Mapping[str, MappedColumn],
         wanted: Mapping[str, WantedSignal],
         time: MappedColumn | None,
@@ -111,19 +111,19 @@ class MessageReader:
         try:
             decode = decoding.decoder(Channel(0, topic.name, topic.encoding, {}, 0), schema)
         except ValueError as problem:
-            raise LogRefused(f"{self._where}: {problem}") from None
+            raise LogError(f"{self._where}: {problem}") from None
         if decode is None:
-            raise LogRefused(f"{self._where} is encoded as {topic.encoding}; protobuf, json and cdr are read")
+            raise LogError(f"{self._where} is encoded as {topic.encoding}; protobuf, json and cdr are read")
         self._decode = decode
         self._absent: dict[str, str] = {}
         self._found: set[str] = set()
         self.stamped = False
-        self._undecided = UNSTAMPED
+        self._undecided = MAX_UNSTAMPED
         self._fields: list[_Field] = []
         self._stamp: tuple[tuple[tuple[str | int, ...], float], ...] = ()
         self._places: _Places | None = None
 
-    def read(self, data: bytes, arrived: int) -> Reading:
+    def read_message(self, data: bytes, arrived: int) -> Reading:
         """The signals that a message has; a joint that it does not name is left out.
 
         Args:
@@ -136,8 +136,8 @@ class MessageReader:
         try:
             message = self._decode(data)
         except ValueError as problem:
-            raise LogRefused(f"{self._where}: {problem}") from None
-        if (known := self._places) and known.names == getattr(message, NAMES, None):
+            raise LogError(f"{self._where}: {problem}") from None
+        if (known := self._places) and known.names == getattr(message, NAMES_FIELD, None):
             # shorter arrays, or a stamp that is not a number
             with suppress(IndexError, ValueError, OverflowError):
                 return Reading(
@@ -146,22 +146,22 @@ class MessageReader:
                     tuple([(float(get(message)[k]) + offset) * gain for get, k, offset, gain in known.elements]),
                 )
         if not self._fields:
-            self._settle(message)
+            self._resolve_fields(message)
         columns, values = [], []
         for one in self._fields:
             try:
-                value = decoding.field(message, one.parts)
+                value = decoding.field_value(message, one.parts)
             except decoding.UnknownElement as problem:
                 self._absent.setdefault(one.signal, str(problem))
                 continue
             except (LookupError, ValueError) as problem:
                 # an array of messages that was longer before
-                raise LogRefused(f"{self._where}: {self._columns[one.signal].name}: {problem.args[0]}") from None
+                raise LogError(f"{self._where}: {self._columns[one.signal].name}: {problem.args[0]}") from None
             self._found.add(one.signal)
             columns.append(one.column)
             values.append((value + one.offset) * one.gain)
         try:
-            stamp = sum(round(decoding.field(message, parts) * scale) for parts, scale in self._stamp)
+            stamp = sum(round(decoding.field_value(message, parts) * scale) for parts, scale in self._stamp)
         except (LookupError, ValueError, OverflowError):
             # a message without a time is no sample
             return Reading(arrived, (), ())
@@ -177,7 +177,7 @@ class MessageReader:
 
     def _places_in(self, message: Any) -> _Places | None:
         """See `_Places`; None of a message that is not like that. To look for names takes longer than all the rest."""
-        names: Any = getattr(message, NAMES, None)
+        names: Any = getattr(message, NAMES_FIELD, None)
         elements, paths = [], [parts for parts, _ in self._stamp]
         for one in self._fields:
             array, *rest = one.parts
@@ -194,7 +194,7 @@ class MessageReader:
         stamp = tuple((get, scale) for get, (_, scale) in zip(getters, self._stamp, strict=False))
         return _Places(list(names), tuple(elements), tuple(one.column for one in self._fields), stamp)
 
-    def lacking(self) -> list[str]:
+    def missing_signals(self) -> list[str]:
         """Sentences on signals that no message has had so far."""
         return [
             f"{self._where} has no '{self._columns[signal].name[self._prefix :]}' for {signal}; {there}"
@@ -202,14 +202,14 @@ class MessageReader:
             if signal not in self._found
         ]
 
-    def _settle(self, message: Any) -> None:
+    def _resolve_fields(self, message: Any) -> None:
         """Find out units and the stamp from the first message."""
         mistakes = []
         for signal, column in self._columns.items():
             path = column.name[self._prefix :]
             parts, wanted = decoding.path_parts(path), self._wanted[signal]
             try:
-                decoding.field(message, parts)
+                decoding.field_value(message, parts)
             except decoding.UnknownElement:
                 pass
             except (LookupError, ValueError) as problem:
@@ -221,28 +221,28 @@ class MessageReader:
             # (v * scale + offset) * gain
             self._fields.append(_Field(signal, parts, wanted.column, wanted.offset / scale, wanted.gain * scale))
         if mistakes:
-            raise LogRefused("\n".join(mistakes))
+            raise LogError("\n".join(mistakes))
         self._stamp = self._stamp_parts(message)
 
     def _stamp_parts(self, message: Any) -> tuple[tuple[tuple[str | int, ...], float], ...]:
         """Numbers whose sum is the stamp (ns), with what each is multiplied by; none: there is no stamp."""
-        column = self._time or MappedColumn(STAMP)
+        column = self._time or MappedColumn(STAMP_FIELD)
         parts = decoding.path_parts(column.name)
-        for seconds, nanoseconds in product(decoding.SECONDS, decoding.NANOSECONDS):
+        for seconds, nanoseconds in product(decoding.SECOND_FIELDS, decoding.NANOSECOND_FIELDS):
             try:
                 both = ((*parts, seconds), 1e9), ((*parts, nanoseconds), 1.0)
                 for inner, _ in both:
-                    decoding.field(message, inner)
+                    decoding.field_value(message, inner)
                 return both
             except (LookupError, ValueError):
                 continue
         if self._time is None:
             return ()
         try:
-            decoding.field(message, parts)
+            decoding.field_value(message, parts)
         except (LookupError, ValueError) as problem:
-            raise LogRefused(f"{self._where} has no time '{column.name}'; {problem.args[0]}") from None
-        factor = unit(column.unit or split_unit(column.name)[1] or "s", f"{self._where}: {column.name}")
+            raise LogError(f"{self._where} has no time '{column.name}'; {problem.args[0]}") from None
+        factor = require_unit(column.unit or split_unit(column.name)[1] or "s", f"{self._where}: {column.name}")
         if factor.dimension != Dimension(s=1):
-            raise LogRefused(f"{self._where}: time '{column.name}' is in {column.unit}; expected s, ms, us, ns or min")
-        return ((parts, float(factor.in_si(1.0)) * NANOSECONDS),)
+            raise LogError(f"{self._where}: time '{column.name}' is in {column.unit}; expected s, ms, us, ns or min")
+        return ((parts, float(factor.in_si(1.0)) * NS_PER_S),)

@@ -12,7 +12,7 @@ of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The
 
 import math
 from bisect import bisect_left, bisect_right, insort
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -22,33 +22,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.histogram import Histogram
-from twin.kernel.recording.logs.log import LONGEST, REGULAR
-from twin.kernel.recording.logs.topics import BACK, PERIODS, SAME_CLOCK
+from twin.kernel.recording.logs.log import GAP_RATIO, MIN_REGULAR_SHARE
+from twin.kernel.recording.logs.topics import MAX_CLOCK_DIFFERENCE, MAX_OVERTAKING, MAX_OVERTAKING_PERIODS
 from twin.kernel.recording.sources.signals import Reading
 
-SECOND = 10**9
-LEARNT, REMEMBERED = 20, 101
+NS_PER_S = 10**9
+MIN_INTERVALS, MAX_INTERVALS = 20, 101
 """Intervals after which a period is known, and of which it is the median."""
-WHOLE, MOST = 0.1, 0.9
+WHOLE_TOLERANCE, MIN_WHOLE_SHARE = 0.1, 0.9
 """Multiples of an interval are whole to so much of it, if so large a share of all is; placed at random 0.2 would be."""
-SINGLE, USUAL = 0.2, 0.5
+MIN_SINGLE_SHARE, MIN_MEDIAN_SHARE = 0.2, 0.5
 """The period is shorter than the median interval only if so large a share of all intervals are single periods, or less
-than `USUAL` of them are like the median."""
-CHANGED = 0.1
+than `MIN_MEDIAN_SHARE` of them are like the median."""
+MIN_PERIOD_CHANGE = 0.1
 """Relative change of the period above which earlier losses are counted again with the new period."""
-SURE, SURELY_BACK = 3, 10
-"""Consecutive messages of another clock that make a restart, or a clock set back by less than `BACK`."""
-AHEAD = 10.0
+RESTART_MESSAGES, SET_BACK_MESSAGES = 3, 10
+"""Consecutive messages of another clock that make a restart, or a clock set back by less than `MAX_OVERTAKING`."""
+MIN_ADVANCE = 10.0
 """Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is not known yet."""
-SET_AHEAD = 0.1
+MIN_KNOWN_ADVANCE = 0.1
 """The same once the least delay is known: a delay may grow, but cannot fall below its least value by this much (s)."""
-MOST_BESIDE = 1000
+MAX_SIDE_READINGS = 1000
 """Readings that wait for a sample which they belong to."""
-FLOORS = 5
+FLOOR_SECONDS = 5
 """Seconds whose smallest delay tells what a delay is without waiting."""
-FEWEST_FOR_DRIFT = 10
+MIN_DRIFT_SECONDS = 10
 """Seconds after which a drift is given."""
-NONE: frozenset[int] = frozenset()
+NO_COLUMNS: frozenset[int] = frozenset()
 
 
 class Sample(NamedTuple):
@@ -75,6 +75,8 @@ class Counts:
         samples: that were handed on.
         gaps, missing: intervals without samples, and how many are missing in them.
         incomplete: samples of which a part did not come within the budget; they are missing, too.
+        unmatched: samples before the first complete one of which a part did not come within the budget: messages of two
+            topics are matched by their stamps once their periods are known. The largest number over the topics.
         duplicates: readings that were there already.
         out_of_order: readings that came after later ones.
         late: readings that came after their time was over.
@@ -86,6 +88,7 @@ class Counts:
     gaps: int = 0
     missing: int = 0
     incomplete: int = 0
+    unmatched: int = 0
     duplicates: int = 0
     out_of_order: int = 0
     late: int = 0
@@ -110,21 +113,21 @@ class Clocks:
         self._least: list[int] = []
         self._second = -1
         self._sums = [0.0] * 5
-        self._floors: deque[int] = deque(maxlen=FLOORS)
+        self._floors: deque[int] = deque(maxlen=FLOOR_SECONDS)
 
     def add(self, stamp: int, arrived: int) -> None:
         """A message."""
         delay = arrived - stamp
         if self._first is None:
             self._first, self._offset_0 = arrived, delay
-        second = (arrived - self._first) // SECOND
+        second = (arrived - self._first) // NS_PER_S
         if second > self._second:
             self._finish_second()
             self._second = second
             self._floors.append(delay)
         elif delay < self._floors[-1]:
             self._floors[-1] = delay
-        self.lateness.add((delay - min(self._floors)) / SECOND)
+        self.lateness.add((delay - min(self._floors)) / NS_PER_S)
 
     def _finish_second(self) -> None:
         if self._second >= 0:
@@ -135,20 +138,20 @@ class Clocks:
     @property
     def offset(self) -> float:
         """By how much (s) the robot's clock is behind ours, with the shortest way; NaN: nothing has come."""
-        return min(self._floors) / SECOND if self._floors else math.nan
+        return min(self._floors) / NS_PER_S if self._floors else math.nan
 
     @property
     def drift(self) -> float:
         """By how much its delay grows (s/s): it goes slow by that; NaN: not known yet."""
         n, x, y, xx, xy = self._sums
         determinant = n * xx - x * x
-        if n < FEWEST_FOR_DRIFT or determinant <= 0.0:
+        if n < MIN_DRIFT_SECONDS or determinant <= 0.0:
             return math.nan
-        return (n * xy - x * y) / determinant / SECOND
+        return (n * xy - x * y) / determinant / NS_PER_S
 
 
 @dataclass(order=True, slots=True)
-class _Partial:
+class _PartialSample:
     """A sample on its way."""
 
     stamp: int
@@ -163,7 +166,7 @@ class _ReadingStream:
 
     there: frozenset[int]
     newest: int = 0
-    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=MAX_INTERVALS))
     since: int = 0
     period: float = math.inf
 
@@ -171,7 +174,7 @@ class _ReadingStream:
         self.stamps.append(stamp)
         self.newest = max(self.newest, stamp)
         self.since += 1
-        if self.since > LEARNT and (math.isinf(self.period) or self.since > REMEMBERED):
+        if self.since > MIN_INTERVALS and (math.isinf(self.period) or self.since > MAX_INTERVALS):
             self.since = 0
             self.period = _period(b - a for a, b in pairwise(sorted(self.stamps)))
 
@@ -185,17 +188,17 @@ def _period(intervals: Iterable[int]) -> float:
     """
     lengths = sorted(intervals)
     median = _median(lengths)
-    if 0 < lengths[0] < median / LONGEST:
+    if 0 < lengths[0] < median / GAP_RATIO:
         single = _divisor(lengths[: bisect_right(lengths, 3.5 * lengths[0])], lengths[0])
         times = [round(one / single) for one in lengths]
-        whole = sum(abs(one - k * single) <= WHOLE * single for one, k in zip(lengths, times, strict=True))
+        whole = sum(abs(one - k * single) <= WHOLE_TOLERANCE * single for one, k in zip(lengths, times, strict=True))
         usual = bisect_right(lengths, 1.25 * median) - bisect_left(lengths, 0.75 * median)
-        often = times.count(1) >= SINGLE * len(lengths) or usual < USUAL * len(lengths)
-        if whole >= MOST * len(lengths) and 2 in times and often:
+        often = times.count(1) >= MIN_SINGLE_SHARE * len(lengths) or usual < MIN_MEDIAN_SHARE * len(lengths)
+        if whole >= MIN_WHOLE_SHARE * len(lengths) and 2 in times and often:
             return _divisor(lengths, single)
     near = lengths[bisect_left(lengths, 0.5 * median) : bisect_right(lengths, 1.5 * median)]
     # gaps among the intervals move the median of all
-    return _median(near) if len(near) >= REGULAR * len(lengths) else math.inf
+    return _median(near) if len(near) >= MIN_REGULAR_SHARE * len(lengths) else math.inf
 
 
 def _median(lengths: Sequence[int]) -> float:
@@ -235,18 +238,19 @@ class Aligner:
             needed: columns without which a row is no sample. Others go with the first sample at or after their stamp.
             lateness: budget (s) after which what has not come is missing.
         """
-        self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * SECOND)
-        self._pending: list[_Partial] = []
+        self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * NS_PER_S)
+        self._pending: list[_PartialSample] = []
+        self._unmatched: Counter[frozenset[int]] = Counter()
         self._streams: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
         self._sides: dict[tuple[str, tuple[int, ...]], deque[Reading]] = {}
         self._last = self._last_arrived = self._due = -1
         self._base: int | None = None
         self._after_restart: int | None = None
         self._suspects: list[tuple[str, int, Reading]] = []
-        self._intervals: deque[_Interval] = deque(maxlen=REMEMBERED)
+        self._intervals: deque[_Interval] = deque(maxlen=MAX_INTERVALS)
         self._gap_start, self._after_gap, self._watched_after_gap = 0, 0, 0
-        self.clock_step, self.lacking = 0.0, NONE
-        self._recent: deque[int] = deque(maxlen=REMEMBERED)
+        self.clock_step, self.lacking = 0.0, NO_COLUMNS
+        self._recent: deque[int] = deque(maxlen=MAX_INTERVALS)
         self._learnt = 0
         self.period = math.inf
         self.counts, self.clocks = Counts(), Clocks()
@@ -272,24 +276,24 @@ class Aligner:
             stream.add(reading.stamp)
             side = self._sides.get(key)
             if side is None:
-                side = self._sides[key] = deque(maxlen=MOST_BESIDE)
+                side = self._sides[key] = deque(maxlen=MAX_SIDE_READINGS)
             if len(side) == side.maxlen:
                 # no sample takes them: those that wait longest go
                 side.popleft()
             # two publishers, or a network, mix up the order
             insort(side, reading)  # type: ignore[arg-type]
-            return self.ready(arrived) if self._pending else []
+            return self.ready_samples(arrived) if self._pending else []
         if enough := self._messages_to_restart(reading.stamp, arrived):
             self._suspects.append((topic, arrived, reading))
             self._count_late(reading.stamp)
             if len(self._suspects) < enough:
                 return []
-            return self._restarted(arrived)
+            return self._restart(arrived)
         self._suspects.clear()
         self._place(stream, arrived, reading)
-        return self.ready(arrived)
+        return self.ready_samples(arrived)
 
-    def ready(self, now: int, end: bool = False) -> list[Sample]:
+    def ready_samples(self, now: int, end: bool = False) -> list[Sample]:
         """The samples that nothing can come before any more.
 
         Args:
@@ -307,8 +311,12 @@ class Aligner:
             invalid = not all(map(math.isfinite, map(head.row.__getitem__, head.there)))
             self.counts.invalid += invalid
             if not complete:
-                # at the beginning one has to learn first what belongs together
-                self.counts.incomplete += self._base is not None and not invalid
+                if self._base is not None:
+                    self.counts.incomplete += not invalid
+                elif not invalid:
+                    # at the beginning one has to learn first what belongs together
+                    self._unmatched[head.there] += 1
+                    self.counts.unmatched = max(self._unmatched.values())
                 self.lacking = self._needed - head.there
             elif not invalid:
                 found.append(self._sample(head))
@@ -330,7 +338,7 @@ class Aligner:
         self.counts.out_of_order += reading.stamp < stream.newest
         stream.add(reading.stamp)
         if partial is None:
-            partial = _Partial(reading.stamp, [math.nan] * self._width, NONE, arrived)
+            partial = _PartialSample(reading.stamp, [math.nan] * self._width, NO_COLUMNS, arrived)
             if self._pending:
                 insort(self._pending, partial)
             else:
@@ -344,7 +352,7 @@ class Aligner:
         partial.there |= there
         partial.arrived = arrived
 
-    def _partial(self, stamp: int, there: frozenset[int], period: float) -> _Partial | None:
+    def _partial(self, stamp: int, there: frozenset[int], period: float) -> _PartialSample | None:
         """The sample that a reading belongs to: that of its stamp, or a near one that lacks just what it has."""
         nearest = None
         for one in self._pending:
@@ -358,7 +366,7 @@ class Aligner:
     def _is_next(self, stamp: int) -> bool:
         """Whether nothing can come before `stamp`, and what belongs to it has come."""
         # at the beginning it is not known what comes next
-        if self._learnt < LEARNT or (self._last >= 0 and stamp - self._last > LONGEST * self.period):
+        if self._learnt < MIN_INTERVALS or (self._last >= 0 and stamp - self._last > GAP_RATIO * self.period):
             return False
         for key in self._sides:
             stream = self._streams[key]
@@ -367,7 +375,7 @@ class Aligner:
                 return False
         return True
 
-    def _sample(self, head: _Partial) -> Sample:
+    def _sample(self, head: _PartialSample) -> Sample:
         for readings in self._sides.values():
             newest = None
             while readings and readings[0].stamp <= head.stamp:
@@ -383,14 +391,14 @@ class Aligner:
         self._last, self._last_arrived = head.stamp, head.arrived
         self._recent.append(head.stamp)
         self.counts.samples += 1
-        self.lacking = NONE
+        self.lacking = NO_COLUMNS
         return Sample(head.stamp - self._base, head.row, head.arrived, self._due)
 
     def _note_interval(self, stamp: int) -> None:
         assert self._base is not None
         length = stamp - self._last
         self._intervals.append(_Interval(length, None if math.isinf(self.period) else 0))
-        if length > LONGEST * self.period:
+        if length > GAP_RATIO * self.period:
             self._count(self._intervals[-1], self._missing_in(length))
             self.gaps.append((self._last - self._base, stamp - self._base))
             self._gap, self._gap_start, self._after_gap = self._intervals[-1], self._last, 0
@@ -401,12 +409,12 @@ class Aligner:
             lost = round((stamp - self._gap_start) / self.period) - 1 - self._after_gap
             self._count(self._gap, max(0, min(lost, self._gap.missing or 0)))
         self._learnt += 1
-        if self._learnt % LEARNT == 0:
+        if self._learnt % MIN_INTERVALS == 0:
             self._learn_period()
 
     def _learn_period(self) -> None:
         before, self.period = self.period, _period(one.length for one in self._intervals)
-        if math.isinf(self.period) or abs(self.period - before) <= CHANGED * before < math.inf:
+        if math.isinf(self.period) or abs(self.period - before) <= MIN_PERIOD_CHANGE * before < math.inf:
             return
         for one in self._intervals:
             # losses before the period was known, and losses counted with the previous period
@@ -415,7 +423,7 @@ class Aligner:
 
     def _missing_in(self, length: int) -> int:
         """Samples missing in an interval of `length` (ns)."""
-        return max(1, round(length / self.period) - 1) if length > LONGEST * self.period else 0
+        return max(1, round(length / self.period) - 1) if length > GAP_RATIO * self.period else 0
 
     def _count(self, interval: _Interval, missing: int) -> None:
         before = interval.missing or 0
@@ -428,15 +436,17 @@ class Aligner:
         if self._last < 0:
             return 0
         if stamp > self._last:
-            known = self._learnt >= LEARNT and arrived - stamp < (self.clocks.offset - SET_AHEAD) * SECOND
-            jumped = (stamp - self._last) - (arrived - self._last_arrived) > AHEAD * SECOND
-            return SURE if known or jumped else 0
-        back = max(BACK * SECOND, PERIODS * self.period if self.period < math.inf else 0.0)
+            known = (
+                self._learnt >= MIN_INTERVALS and arrived - stamp < (self.clocks.offset - MIN_KNOWN_ADVANCE) * NS_PER_S
+            )
+            jumped = (stamp - self._last) - (arrived - self._last_arrived) > MIN_ADVANCE * NS_PER_S
+            return RESTART_MESSAGES if known or jumped else 0
+        back = max(MAX_OVERTAKING * NS_PER_S, MAX_OVERTAKING_PERIODS * self.period if self.period < math.inf else 0.0)
         # a message that is late by so much is no message of this clock
-        if stamp < self._last - back and arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND:
-            return SURE
+        if stamp < self._last - back and arrived - stamp > (self.clocks.offset + MAX_CLOCK_DIFFERENCE) * NS_PER_S:
+            return RESTART_MESSAGES
         # overtaken messages arrive between newer ones and out of order
-        return SURELY_BACK if not self._suspects or stamp > self._suspects[-1][2].stamp else 2 * SURELY_BACK
+        return SET_BACK_MESSAGES if not self._suspects or stamp > self._suspects[-1][2].stamp else 2 * SET_BACK_MESSAGES
 
     def _count_late(self, stamp: int, by: int = 1) -> None:
         """Count a message that is not later than the last sample."""
@@ -445,14 +455,14 @@ class Aligner:
             self.counts.duplicates += by * known
             self.counts.late += by * (not known)
 
-    def _restarted(self, arrived: int) -> list[Sample]:
+    def _restart(self, arrived: int) -> list[Sample]:
         """Hand on what is left of the old clock, then begin with the messages of the new one."""
-        found = self.ready(arrived, end=True)
+        found = self.ready_samples(arrived, end=True)
         suspects, self._suspects = self._suspects, []
         for _, _, reading in suspects:
             # they were not late, but of another time
             self._count_late(reading.stamp, -1)
-        self.clock_step = self.clocks.offset - (suspects[0][1] - suspects[0][2].stamp) / SECOND
+        self.clock_step = self.clocks.offset - (suspects[0][1] - suspects[0][2].stamp) / NS_PER_S
         assert self._base is not None
         passed = max(suspects[0][1] - self._last_arrived, 1)
         self._after_restart = self._last - self._base + passed
@@ -463,10 +473,10 @@ class Aligner:
         self.counts.restarts += 1
         for topic, when, reading in suspects:
             self._place(self._stream((topic, reading.columns)), when, reading)
-        return found + self.ready(arrived)
+        return found + self.ready_samples(arrived)
 
 
-def rows_of(samples: Sequence[Sample]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def stack_samples(samples: Sequence[Sample]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Times (n,), ns, and rows (n, width) of samples."""
     times = np.array([sample.t for sample in samples], dtype=np.int64)
     return times, np.array([sample.row for sample in samples], dtype=np.float64)

@@ -13,14 +13,14 @@ from typing import Any
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.sources.arrival import Arrival, Ring, SteadyClock
 from twin.kernel.recording.sources.dds import domain_id
-from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.recording.writer import ForeignTopic
 
-CONFIGURATION = "ZENOH_SESSION_CONFIG_URI"
+CONFIG_VARIABLE = "ZENOH_SESSION_CONFIG_URI"
 """A file for the session, as rmw_zenoh has it."""
-ROUTER = "tcp/localhost:7447"
-TOKENS = "@ros2_lv"
-PUBLISHER = "MP"
-PARTS = 13
+ROUTER_ADDRESS = "tcp/localhost:7447"
+TOKEN_PREFIX = "@ros2_lv"
+PUBLISHER_ENTITY = "MP"
+TOKEN_PARTS = 13
 """Of a token of a publisher."""
 
 
@@ -36,49 +36,49 @@ class ZenohSource:
             import zenoh
         except ImportError:
             raise InputRefused(f"--source {name}: needs eclipse-zenoh; pip install 'twin[shadow]'") from None
-        self.name, self.ended, self.has_messages = name, False, True
+        self.name, self.at_end, self.has_messages = name, False, True
         self._clock, self._ring, self._domain = SteadyClock(), Ring(), domain_id()
-        file = os.environ.get(CONFIGURATION, "")
+        file = os.environ.get(CONFIG_VARIABLE, "")
         try:
             configuration = zenoh.Config.from_file(file) if file else _client(zenoh)
             self._session = zenoh.open(configuration)
         except zenoh.ZError as problem:
-            hint = f"as {CONFIGURATION}={file} has it" if file else f"at {ROUTER}"
+            hint = f"as {CONFIG_VARIABLE}={file} has it" if file else f"at {ROUTER_ADDRESS}"
             why = str(problem).partition("!")[0]
             raise InputRefused(
                 f"--source {name}: no router {hint} ({why}); start it on the robot, or name another one in "
-                f"{CONFIGURATION}"
+                f"{CONFIG_VARIABLE}"
             ) from None
         self._subscriptions: list[Any] = []
 
     @property
-    def dropped(self) -> int:
-        return self._ring.dropped
+    def drop_count(self) -> int:
+        return self._ring.drop_count
 
-    def seen(self) -> Mapping[str, str]:
+    def topic_types(self) -> Mapping[str, str]:
         from twin.kernel.recording.sources.ros_types import ros_name
 
         return {topic: ros_name(kind) for topic, kind in sorted(self._publishers())}
 
-    def subscribe(self, topic: str) -> OthersTopic:
-        from twin.kernel.recording.sources.ros_types import described
+    def subscribe(self, topic: str) -> ForeignTopic:
+        from twin.kernel.recording.sources.ros_types import describe_topic
 
-        found = described(self.name, topic, self.seen()[topic])
+        found = describe_topic(self.name, topic, self.topic_types()[topic])
 
         def taken(sample: Any) -> None:
-            self._ring.put([Arrival(topic, self._clock.now(), sample.payload.to_bytes())])
+            self._ring.push([Arrival(topic, self._clock.now_ns(), sample.payload.to_bytes())])
 
         self._subscriptions.append(self._session.declare_subscriber(f"{self._domain}{topic}/*/*", taken))
         return found
 
-    def publishers(self, topic: str) -> int:
+    def publisher_count(self, topic: str) -> int:
         return sum(one == topic for one, _ in self._publishers())
 
-    def take(self, wait: float) -> list[Arrival]:
-        return self._ring.take(wait)
+    def receive(self, wait: float) -> list[Arrival]:
+        return self._ring.pop_all(wait)
 
-    def now(self) -> int:
-        return self._clock.now()
+    def now_ns(self) -> int:
+        return self._clock.now_ns()
 
     def close(self) -> None:
         self._session.close()
@@ -86,16 +86,16 @@ class ZenohSource:
     def _publishers(self) -> list[tuple[str, str]]:
         """Topic and type of each publisher that is there."""
         found = []
-        for reply in self._session.liveliness().get(f"{TOKENS}/{self._domain}/**", timeout=0.5):
+        for reply in self._session.liveliness().get(f"{TOKEN_PREFIX}/{self._domain}/**", timeout=0.5):
             parts = str(reply.ok.key_expr).split("/") if reply.ok else []
-            if len(parts) == PARTS and parts[5] == PUBLISHER:
+            if len(parts) == TOKEN_PARTS and parts[5] == PUBLISHER_ENTITY:
                 found.append((parts[9].replace("%", "/"), parts[10]))
         return found
 
 
 def _client(zenoh: Any) -> Any:
     configuration = zenoh.Config()
-    for key, value in (("mode", '"client"'), ("connect/endpoints", f'["{ROUTER}"]')):
+    for key, value in (("mode", '"client"'), ("connect/endpoints", f'["{ROUTER_ADDRESS}"]')):
         configuration.insert_json5(key, value)
     configuration.insert_json5("scouting/multicast/enabled", "false")
     return configuration

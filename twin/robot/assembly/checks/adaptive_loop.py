@@ -7,17 +7,17 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.kernel.settings import Triple
-from twin.robot.assembly.build import sensing
+from twin.robot.assembly.build import tissue_sensing
 from twin.robot.controller.pid import low_pass_share
-from twin.robot.controller.schedule import SchedulePoint, gains_at, table_of
+from twin.robot.controller.schedule import SchedulePoint, gains_at, schedule_table
 from twin.robot.controller.task_controller import Computer
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.plant.dynamics import TrueRobot
 
-BEST_BAND = 0.05
+MAX_BAND_RATIO = 0.05
 """Middle of the estimator's band times the controller's period, at most: 20 calls per swing."""
-STEPS = 4
+RUNGE_KUTTA_STEPS = 4
 """Runge-Kutta steps per period of the controller."""
 
 
@@ -44,7 +44,7 @@ class Loop(NamedTuple):
     period: float
 
 
-def radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
+def spectral_radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
     """Largest magnitude of a pole of the sampled loops on a tissue of `stiffness` (N/m) with gains of the force loop.
 
     The states are height, speed, motor, the drive's speed; what is held for a period is the command.
@@ -56,9 +56,9 @@ def radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
     A[2, 3] = 1.0
     # a drive without lag is one with a very short one
     A[3, 3:] = np.array([-1.0, 1.0]) / max(loop.lag, 0.2 * loop.period)
-    z = A * (loop.period / STEPS)
+    z = A * (loop.period / RUNGE_KUTTA_STEPS)
     one = np.eye(5)
-    held = np.linalg.matrix_power(one + z @ (one + z / 2.0 @ (one + z / 3.0 @ (one + z / 4.0))), STEPS)
+    held = np.linalg.matrix_power(one + z @ (one + z / 2.0 @ (one + z / 3.0 @ (one + z / 4.0))), RUNGE_KUTTA_STEPS)
     # then low-passed force, integral, slow force of the springs
     F = np.zeros(8)
     F[[0, 2]] = K, -K
@@ -78,7 +78,7 @@ def radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
     return float(np.abs(np.linalg.eigvals(whole @ sampled)).max())
 
 
-def adapting_mistakes(computer: Computer, plant: TrueRobot | None, start: Triple | None) -> Iterator[str]:
+def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple | None) -> Iterator[str]:
     """Each reason why the controller cannot do it, in a sentence.
 
     Args:
@@ -101,18 +101,18 @@ def adapting_mistakes(computer: Computer, plant: TrueRobot | None, start: Triple
     if computer.mode != "force_position":
         mode = f'[controller] mode = "{computer.mode}"'
         yield f"{mode}: never presses by force, so [controller.tissue] never learns; remove that"
-    if computer.tissue.frequency * computer.period > BEST_BAND:
+    if computer.tissue.frequency * computer.period > MAX_BAND_RATIO:
         yield (
             f"[controller.tissue] frequency_Hz = {computer.tissue.frequency:g}: the controller is called every "
-            f"{1e3 * computer.period:g} ms; expected at most {BEST_BAND / computer.period:g}"
+            f"{1e3 * computer.period:g} ms; expected at most {MAX_BAND_RATIO / computer.period:g}"
         )
     if force.schedule and plant is not None and start is not None:
-        yield from _unstable(computer, plant, start)
+        yield from _unstable_gains(computer, plant, start)
 
 
 def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
     """The loop as the check takes it: a robot at `start` (m), with a drive that lags as the controller believes."""
-    known, model = sensing(computer, start), computer.model
+    known, model = tissue_sensing(computer, start), computer.model
     squares = float(np.sum(jacobian(geometry_of(model), start)[:, 2] ** 2))
     forward, damping = computer.feed_forward, computer.damping
     return Loop(
@@ -128,17 +128,17 @@ def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
     )
 
 
-def _unstable(computer: Computer, plant: TrueRobot, start: Triple) -> Iterator[str]:
+def _unstable_gains(computer: Computer, plant: TrueRobot, start: Triple) -> Iterator[str]:
     """The first set of gains that shakes on the stiffness that it is for: of a point, or between two."""
     loop = believed_loop(computer, plant, start)
-    points = [SchedulePoint.made(point) for point in computer.force.schedule]
-    table = table_of(points).view(np.recarray)
+    points = [SchedulePoint.from_tables(point) for point in computer.force.schedule]
+    table = schedule_table(points).view(np.recarray)
     tried = [(f"point {n}", point) for n, point in enumerate(points, start=1)]
     for n, (below, above) in enumerate(pairwise(points), start=1):
         middle = float(np.sqrt(below.stiffness * above.stiffness))
         tried.append((f"between points {n} and {n + 1}", SchedulePoint(middle, *gains_at(table, 0, middle)[:2])))
     for name, (stiffness, kp, ki) in tried:
-        if radius(loop, stiffness, kp, ki) >= 1.0:
+        if spectral_radius(loop, stiffness, kp, ki) >= 1.0:
             gains = f"kp = {1e3 * kp:.3g} mm/N and ki = {1e3 * ki:.3g} mm/(N s)"
             yield (
                 f"[controller.force] schedule: {name}: {gains} shake on {stiffness:.4g} N/m, with a drive that lags as "

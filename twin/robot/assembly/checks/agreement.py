@@ -4,12 +4,12 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from twin.robot.assembly.build import monitor_belief, plant_parameters
-from twin.robot.assembly.checks.adaptive_loop import adapting_mistakes
+from twin.robot.assembly.checks.adaptive_loop import adaptive_errors
 from twin.robot.assembly.checks.monitor_limits import contradictions
-from twin.robot.assembly.checks.reach import reference_mistakes
-from twin.robot.assembly.checks.tasks import Situation, task_mistakes
+from twin.robot.assembly.checks.reach import reference_errors
+from twin.robot.assembly.checks.tasks import TaskContext, task_errors
 from twin.robot.experiment.experiment import Tables
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import FAULT_KINDS
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import geometry_of
 
@@ -24,21 +24,21 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
     """
     checked = tables.by_name
     other = tables.stand_ins
-    mistakes = _mode_mistakes(checked, named) + _moved_twice(tables, named)
+    mistakes = _mode_errors(checked, named) + _surface_motion_conflicts(tables, named)
     models = [checked["plant"]] if "plant" in checked else []
     models += [checked["controller"].model] if "controller" in checked else []
     geometries = tuple(geometry_of(model) for model in models)
     if reference is not None:
-        mistakes += reference_mistakes(reference, geometries, checked.get("plant"))
+        mistakes += reference_errors(reference, geometries, checked.get("plant"))
     if "monitor" in checked and "monitor" not in other and {"robot", "controller"} <= checked.keys():
         computer = checked["controller"]
         mistakes += contradictions(
             checked["monitor"], monitor_belief(checked["robot"]), computer.period, computer.speed_limit
         )
-    mistakes += _adapting_mistakes(tables, reference)
+    mistakes += _adaptive_errors(tables, reference)
     if tables.tasks and {"plant", "contact", "approach", "controller", "head"} <= checked.keys():
         monitor = checked.get("monitor")
-        situation = Situation(
+        situation = TaskContext(
             plant_parameters(checked["plant"], checked["contact"]),
             checked["plant"],
             geometries,
@@ -46,11 +46,11 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
             checked["controller"],
             monitor if monitor is not None and monitor.enabled and "monitor" not in other else None,
         )
-        mistakes += task_mistakes(situation, tables.tasks, tables.duration)
+        mistakes += task_errors(situation, tables.tasks, tables.duration)
     return mistakes
 
 
-def _adapting_mistakes(tables: Tables, reference: WayPoints | None) -> list[str]:
+def _adaptive_errors(tables: Tables, reference: WayPoints | None) -> list[str]:
     """What the controller does besides the paper's law, where it is twin's own."""
     checked = tables.by_name
     computer = checked.get("controller")
@@ -59,21 +59,21 @@ def _adapting_mistakes(tables: Tables, reference: WayPoints | None) -> list[str]
     start = reference.p[0] if reference is not None else None
     if tables.tasks and "approach" in checked:
         start = (*next(iter(tables.tasks.values())).point, checked["approach"].height)
-    return list(adapting_mistakes(computer, checked.get("plant"), start))
+    return list(adaptive_errors(computer, checked.get("plant"), start))
 
 
-def _moved_twice(tables: Tables, named: Collection[str]) -> list[str]:
+def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[str]:
     """A surface that [body] moves moves as that says alone."""
     if "body" not in tables.stand_ins:
         return []
     contact = tables.by_name.get("contact")
     moving = [f"contact.{name}" for name in ("breathing", "shift") if getattr(contact, name, None) is not None]
-    moving += [f"fault {n}" for n, fault in enumerate(tables.faults, 1) if CATALOGUE[fault.kind].mechanism == "body"]
+    moving += [f"fault {n}" for n, fault in enumerate(tables.faults, 1) if FAULT_KINDS[fault.kind].mechanism == "body"]
     label = tables.stand_ins["body"].label
     return [f"[{name}]: moves the surface, and so does [body], {label}; remove one" for name in moving]
 
 
-def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
+def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
     """Way points or tasks, position or force: what of the other tables that needs is missing, or is too much."""
     has_tasks = "task" in named
     if has_tasks == ("reference" in named):

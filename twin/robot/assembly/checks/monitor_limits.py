@@ -3,12 +3,12 @@
 import math
 
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.monitor.checks import Monitor
-from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution
+from twin.robot.monitor.component import MonitorBelief, Resolution, geometry_of_belief, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share
+from twin.robot.monitor.limits import Monitor
 from twin.robot.monitor.safe_action import retreat
 
-DISTINCT = 3.0
+MIN_RESOLUTION_RATIO = 3.0
 """A limit has to be this many times what the encoders resolve, or rounding alone comes near it."""
 
 
@@ -27,16 +27,16 @@ def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float
         return [
             f"[monitor] z_min_mm = {1e3 * monitor.z_min:g} is not below z_max_mm = {1e3 * monitor.z_max:g}; "
             "exchange them",
-            *_among_times(monitor, sample_period, speed_limit),
+            *_time_contradictions(monitor, sample_period, speed_limit),
         ]
     return [
-        *_among_times(monitor, sample_period, speed_limit),
-        *_against_robot(monitor, belief, sample_period),
-        *_of_retraction(monitor, belief),
+        *_time_contradictions(monitor, sample_period, speed_limit),
+        *_robot_contradictions(monitor, belief, sample_period),
+        *_retraction_contradictions(monitor, belief),
     ]
 
 
-def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:
+def _time_contradictions(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:
     mistakes = []
     shortest = max(monitor.period, sample_period)
     for key in ("stale_time", "frozen_time", "saturation_time", "follow_time", "hidden_time"):
@@ -68,7 +68,7 @@ def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> 
     return mistakes
 
 
-def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float) -> list[str]:
+def _robot_contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float) -> list[str]:
     p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
     at = f"at z = {1e3 * p_B[2]:g} mm"
     try:
@@ -85,16 +85,16 @@ def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float
             "or raise the other"
         )
     share = monitor_share(monitor.filter, sample_period)
-    for key, unit, scale, resolved in _resolved(one_count, share):
-        if getattr(monitor, key) < DISTINCT * resolved:
+    for key, unit, scale, resolved in _resolution_limits(one_count, share):
+        if getattr(monitor, key) < MIN_RESOLUTION_RATIO * resolved:
             mistakes.append(
                 f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is below the resolution of the "
-                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least {DISTINCT:g} times that"
+                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least {MIN_RESOLUTION_RATIO:g} times that"
             )
     return mistakes
 
 
-def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
+def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
     """Limits that encoders bound: attribute, unit of its key, that unit per SI, and one count after the low-pass."""
     return [
         ("force_limit", "N", 1.0, one_count.force),
@@ -109,7 +109,7 @@ def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float
     ]
 
 
-def _of_retraction(monitor: Monitor, belief: MonitorBelief) -> list[str]:
+def _retraction_contradictions(monitor: Monitor, belief: MonitorBelief) -> list[str]:
     """The retraction has to raise the platform from everywhere: looked at around the top and around the bottom."""
     for z in (monitor.z_max, monitor.z_min):
         for angle in range(0, 360, 30):
@@ -117,7 +117,7 @@ def _of_retraction(monitor: Monitor, belief: MonitorBelief) -> list[str]:
             y = monitor.workspace_radius * math.sin(math.radians(angle))
             where = f"from ({1e3 * x:.0f}, {1e3 * y:.0f}, {1e3 * z:.0f}) mm"
             try:
-                rises = retreat(geometry(belief), belief.N, (x, y, z), monitor.retract).slowest > 0.0
+                rises = retreat(geometry_of_belief(belief), belief.N, (x, y, z), monitor.retract).slowest > 0.0
             except Unreachable as problem:
                 return [f"[monitor] the workspace or the retraction leaves the robot's reach {where}: {problem}"]
             if not rises:

@@ -11,20 +11,20 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances
+from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles, clearances
 from twin.robot.plant.dynamics import TrueRobot
 
 WAY_POINT_SPACING = 1e-3
 """How densely (m) straight lines are checked for reach."""
 
 
-def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
+def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
     """(which pose, why) the robot cannot be at one of `p_B` (n, 3) in m, all of which it reaches; None if it can.
 
     What the robot's file does not state does not limit it.
     """
     geometry, places = geometry_of(plant), np.asarray(p_B)
-    if (met := _at_a_stop(plant, geometry, places)) is not None:
+    if (met := _find_stop_obstruction(plant, geometry, places)) is not None:
         return met
     if plant.ball_joint_limit is not None:
         angles = ball_joint_angles(geometry, places)
@@ -40,7 +40,10 @@ def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | 
         gaps, pairs = clearances(geometry, Bars(*sizes), places)  # type: ignore[arg-type]
         if gaps.min() < 0.0:
             pose = int(np.argmax(gaps < 0.0))
-            one, other = (f"{'a rod' if bar % BARS else 'the link'} of leg {bar // BARS + 1}" for bar in pairs[pose])
+            one, other = (
+                f"{'a rod' if bar % BARS_PER_LEG else 'the link'} of leg {bar // BARS_PER_LEG + 1}"
+                for bar in pairs[pose]
+            )
             inside = -1e3 * gaps[pose]
             return pose, (
                 f"at {_format_position(places[pose])} {one} and {other} are {inside:.1f} mm inside each other "
@@ -49,8 +52,8 @@ def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | 
     return None
 
 
-def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
-    """As `obstructed`, of the joints' hard stops."""
+def _find_stop_obstruction(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
+    """As `find_obstruction`, of the joints' hard stops."""
     if plant.joint_lower is None and plant.joint_upper is None:
         return None
     theta_l = joint_angles(geometry, places)
@@ -69,46 +72,44 @@ def _format_position(p_B: NDArray[np.float64]) -> str:
     return "({}) mm".format(", ".join(f"{1e3 * value:.1f}" for value in p_B))
 
 
-def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
+def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
     """Why the robot cannot be at one of `p_B` (..., 3) in m, of that pose alone; None if it can."""
     try:
         joint_angles(geometry, p_B)
     except Unreachable as problem:
         # of many poses the sentence would name the index; of the pose alone it does not
-        return problem if p_B.ndim == 1 else unreachable(geometry, np.array(problem.pose))
+        return problem if p_B.ndim == 1 else reach_error(geometry, np.array(problem.pose))
     return None
 
 
-def reference_mistakes(
-    reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None
-) -> list[str]:
+def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
     """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`, or at
     which `plant` bends too far or meets itself."""
-    return list(_pose_mistakes(reference, tuple(geometries), plant))
+    return list(_pose_errors(reference, tuple(geometries), plant))
 
 
 # the runs of a sweep have one way, mostly, and so have the studies of an experiment
 @lru_cache(64)
-def _pose_mistakes(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
+def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
     for geometry in geometries:
-        if unreachable(geometry, np.array(reference.p)) is None:
+        if reach_error(geometry, np.array(reference.p)) is None:
             continue
         for number, point in enumerate(reference.p, start=1):
-            if problem := unreachable(geometry, np.array(point)):
+            if problem := reach_error(geometry, np.array(point)):
                 if reference.shape:
                     return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
                 return [f"[reference] way point {number}: {problem}"]
     # only now: between points beyond reach a line has any number of points
-    places, ends = _lines(reference.p)
+    places, ends = _line_points(reference.p)
     for geometry in geometries:
-        if unreachable(geometry, places) is None:
+        if reach_error(geometry, places) is None:
             continue
         for number, line in enumerate(np.split(places, ends[:-1]), start=1):
-            if problem := unreachable(geometry, line):
+            if problem := reach_error(geometry, line):
                 return [f"[reference] between way points {number} and {number + 1}: {problem}"]
-    if plant is not None and (found := obstructed(plant, places)):
+    if plant is not None and (found := find_obstruction(plant, places)):
         number = int(np.searchsorted(ends, found[0], side="right")) + 1
         if reference.shape:
             return [f"[reference.{reference.shape}] from {reference.t[number - 1]:g} s on: {found[1]}"]
@@ -116,7 +117,7 @@ def _pose_mistakes(reference: WayPoints, geometries: tuple[Geometry, ...], plant
     return []
 
 
-def _lines(points: tuple[Triple, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _line_points(points: tuple[Triple, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Each way point, with points on the line towards the next: all of them (n, 3), and of each line where it ends."""
     starts = np.array(points)
     ways = np.diff(starts, axis=0, append=starts[-1:])

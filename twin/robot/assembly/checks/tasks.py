@@ -8,26 +8,26 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.robot.assembly.checks.reach import obstructed, unreachable
+from twin.robot.assembly.checks.reach import find_obstruction, reach_error
 from twin.robot.controller.program import Approach, Push, Roll, Tap, Task
 from twin.robot.controller.task_controller import Computer
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian
-from twin.robot.monitor.checks import Monitor
+from twin.robot.monitor.limits import Monitor
 from twin.robot.plant.contact import Shape, surface_depth, surface_frame
 from twin.robot.plant.contact_law import elastic_force
 from twin.robot.plant.dynamics import PlantParameters, TrueRobot
 
-SPACING = 1e-3
+PATH_SPACING = 1e-3
 """How densely (m) paths are looked at."""
-LONGEST = 1.0
+MAX_DENSE_LENGTH = 1.0
 """Length (m) from which on a path is looked at less densely: no robot reaches all of it anyway."""
-DEEPEST = 0.1
+MAX_BODY_DEPTH = 0.1
 """No body gives way further than this (m)."""
 
 
 @dataclass(frozen=True)
-class Situation:
+class TaskContext:
     """Everything that decides whether a task is possible.
 
     Attributes:
@@ -46,10 +46,10 @@ class Situation:
     monitor: Monitor | None
 
 
-def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: float) -> list[str]:
+def task_errors(situation: TaskContext, tasks: Mapping[int, Task], duration: float) -> list[str]:
     """Why `tasks`, by number, cannot or should not be carried out within `duration` (s): each reason in a sentence."""
-    mistakes = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
-    seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
+    mistakes = [f"[task {n}] {text}" for n, task in tasks.items() for text in _single_task_errors(situation, task)]
+    seconds = sum(_task_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
     ways = ((getattr(before, "to", before.point), task.point) for before, task in pairwise(tasks.values()))
     seconds += sum(math.dist(*way) / situation.approach.speed for way in ways)
     if not mistakes and seconds > duration:
@@ -57,36 +57,36 @@ def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: flo
     return mistakes
 
 
-def _time(approach: Approach, task: Task, surface: float) -> float:
+def _task_time(approach: Approach, task: Task, surface: float) -> float:
     """How long a task takes (s), about: down, work, up."""
     way = approach.height - surface
     work = task.times * task.period + task.lift / approach.speed if isinstance(task, Tap) else _contact_time(task)
     return way / approach.descent + work + approach.release + way / approach.speed + 3.0 * approach.ramp
 
 
-def _mistakes(s: Situation, task: Task) -> Iterator[str]:
-    path = _path(task)
+def _single_task_errors(s: TaskContext, task: Task) -> Iterator[str]:
+    path = _task_path(task)
     surface = np.array([_surface_height(s.plant, *point) for point in path])
     if not np.isfinite(surface).all():
         x, y = path[~np.isfinite(surface)][0]
         yield f"there is nothing to press on under ({1e3 * x:.1f}, {1e3 * y:.1f}) mm: this body ends before"
         return
-    yield from _against_approach(s, task, path, surface)
+    yield from _approach_errors(s, task, path, surface)
     if s.controller.touch is not None and task.force <= s.controller.touch.contact:
         yield (
             f"force_N = {task.force:g} is not above [controller.touch] contact_N = {s.controller.touch.contact:g}, "
             "at which contact is felt"
         )
-    if problem := _out_of_reach(s, path):
+    if problem := _reach_error(s, path):
         yield problem
         return
-    depth = _depth(s.plant, task.force)
+    depth = _pressing_depth(s.plant, task.force)
     # a third-party controller has limits of its own
-    limit = s.controller.force.limit if s.controller.force is not None else DEEPEST
+    limit = s.controller.force.limit if s.controller.force is not None else MAX_BODY_DEPTH
     if depth is None or depth > limit:
         yield (
             f"force_N = {task.force:g} cannot be built up: this body needs "
-            + (f"{1e3 * depth:.1f} mm" if depth else f"more than {1e3 * DEEPEST:g} mm")
+            + (f"{1e3 * depth:.1f} mm" if depth else f"more than {1e3 * MAX_BODY_DEPTH:g} mm")
             + f" of depth for it, [controller.force] limit_mm = {1e3 * limit:g}"
         )
         return
@@ -95,12 +95,12 @@ def _mistakes(s: Situation, task: Task) -> Iterator[str]:
             f"presses down to z = {1e3 * (surface.min() - depth):.1f} mm on this body; "
             f"[approach] floor_mm = {1e3 * s.approach.floor:g} does not let it"
         )
-    yield from _too_fast(s, task, path, surface)
+    yield from _motor_speed_errors(s, task, path, surface)
     if s.monitor is not None:
-        yield from _against_monitor(s.monitor, s.approach, task, path, surface.min() - depth, depth)
+        yield from _monitor_errors(s.monitor, s.approach, task, path, surface.min() - depth, depth)
 
 
-def _path(task: Task) -> NDArray[np.float64]:
+def _task_path(task: Task) -> NDArray[np.float64]:
     """Points (n, 2) in m over which the task works."""
     point = np.array(task.point)
     if isinstance(task, Roll):
@@ -109,7 +109,7 @@ def _path(task: Task) -> NDArray[np.float64]:
     if isinstance(task, Push):
         way = np.array(task.to) - point
         # a line that is longer than any robot needs no more points to be refused
-        count = 2 + int(min(float(np.linalg.norm(way)), LONGEST) / SPACING)
+        count = 2 + int(min(float(np.linalg.norm(way)), MAX_DENSE_LENGTH) / PATH_SPACING)
         return point + np.linspace(0.0, 1.0, count)[:, None] * way
     return point[None, :]
 
@@ -121,8 +121,8 @@ def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
         return float(surface_depth(plant, x, y, z))
 
     # a thin limb has an underside: from its axis upwards there is but one surface
-    low = plant.z_s - (DEEPEST if plant.shape == Shape.PLANE else plant.radius)
-    high = plant.z_s + DEEPEST
+    low = plant.z_s - (MAX_BODY_DEPTH if plant.shape == Shape.PLANE else plant.radius)
+    high = plant.z_s + MAX_BODY_DEPTH
     below, above = depth(low), depth(high)
     if below * above >= 0.0:
         return -math.inf
@@ -135,17 +135,17 @@ def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
     return float(brentq(depth, low, high))
 
 
-def _depth(plant: PlantParameters, force: float) -> float | None:
+def _pressing_depth(plant: PlantParameters, force: float) -> float | None:
     """Depth (m) at which the body answers with `force` (N)."""
-    if plant.K == 0.0 or elastic_force(plant, DEEPEST) < force:
+    if plant.K == 0.0 or elastic_force(plant, MAX_BODY_DEPTH) < force:
         return None
     from scipy.optimize import brentq
 
-    return float(brentq(lambda d: elastic_force(plant, d) - force, 0.0, DEEPEST))
+    return float(brentq(lambda d: elastic_force(plant, d) - force, 0.0, MAX_BODY_DEPTH))
 
 
-def _against_approach(
-    s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
+def _approach_errors(
+    s: TaskContext, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
 ) -> Iterator[str]:
     if surface.max() >= s.approach.height:
         yield (
@@ -172,19 +172,25 @@ def _against_approach(
             return
 
 
-def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:
+def _reach_error(s: TaskContext, path: NDArray[np.float64]) -> str | None:
     """Straight down from the travelling height to the floor, everywhere on the path."""
     height, floor = s.approach.height, s.approach.floor
-    heights = np.arange(floor, height + SPACING, SPACING) if height - floor < LONGEST else np.array([floor, height])
+    heights = (
+        np.arange(floor, height + PATH_SPACING, PATH_SPACING)
+        if height - floor < MAX_DENSE_LENGTH
+        else np.array([floor, height])
+    )
     columns = np.array([[x, y, z] for x, y in path for z in heights])
-    problems = (unreachable(geometry, columns) for geometry in s.geometries)
+    problems = (reach_error(geometry, columns) for geometry in s.geometries)
     if mistake := next((str(problem) for problem in problems if problem), None):
         return mistake
-    found = obstructed(s.robot, columns)
+    found = find_obstruction(s.robot, columns)
     return found[1] if found else None
 
 
-def _too_fast(s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]) -> Iterator[str]:
+def _motor_speed_errors(
+    s: TaskContext, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
+) -> Iterator[str]:
     points, velocities, heights = map(np.array, zip(*_velocities(s, task, path, surface), strict=True))
     J = jacobian(s.geometries[0], np.column_stack([points, heights]))
     omega = np.abs(s.plant.N * np.einsum("nij,nj->ni", J, velocities))
@@ -198,7 +204,7 @@ def _too_fast(s: Situation, task: Task, path: NDArray[np.float64], surface: NDAr
 
 
 def _velocities(
-    s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
+    s: TaskContext, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
     """(x and y, velocity, z) where the task moves: SI."""
     for point, z in zip(path, surface, strict=True):
@@ -214,7 +220,7 @@ def _velocities(
             yield point, np.array([0.0, 0.0, fastest]), height
 
 
-def _against_monitor(
+def _monitor_errors(
     monitor: Monitor, approach: Approach, task: Task, path: NDArray[np.float64], lowest: float, depth: float
 ) -> Iterator[str]:
     if task.force >= monitor.force_limit:

@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
-from twin.robot.plant.component import INPUTS, OUTPUTS
+from twin.robot.plant.component import PLANT_INPUTS, PLANT_OUTPUTS
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.plant.equations import PlantEquations
 from twin.studies.analyse.linear import loops
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
 AXES = ("x", "y", "z")
-NEUTRAL = 1e-9
+ROUNDING_TOLERANCE = 1e-9
 """What rounding may add to the magnitude of a pole, and take from a share of power."""
-LOWEST = 0.02
+MIN_FREQUENCY = 0.02
 """Hz. Below this a robot drifts rather than answers."""
-DRIFT = 0.01
+DRIFT_RATE = 0.01
 """1/s. A force loop whose surface is gone drifts, and its weight and geometry change on the way; that is no swing."""
 
 
@@ -65,8 +65,8 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
         _derivative,
         _outputs,
         params=parameters._asdict(),
-        inputs=signal_labels(INPUTS),
-        outputs=signal_labels(OUTPUTS),
+        inputs=signal_labels(PLANT_INPUTS),
+        outputs=signal_labels(PLANT_OUTPUTS),
         states=STATE_LABELS,
         name="plant",
     )
@@ -85,8 +85,8 @@ def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> c
         linear.B[:6],
         linear.C @ bristle,
         linear.D,
-        inputs=signal_labels(INPUTS),
-        outputs=signal_labels(OUTPUTS),
+        inputs=signal_labels(PLANT_INPUTS),
+        outputs=signal_labels(PLANT_OUTPUTS),
         states=STATE_LABELS[:6],
         name="plant",
     )
@@ -104,7 +104,7 @@ def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArra
 Complex = NDArray[np.complex128]
 
 
-class Held(NamedTuple):
+class HandLoad(NamedTuple):
     """What is in the hand besides force: passive, and fixed to the platform.
 
     Attributes:
@@ -118,13 +118,13 @@ class Held(NamedTuple):
     damping: loops.Matrix
 
 
-NOTHING = Held(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+EMPTY_HAND = HandLoad(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-def along(direction: loops.Matrix, mass: float, stiffness: float) -> Held:
+def load_along(direction: loops.Matrix, mass: float, stiffness: float) -> HandLoad:
     """A mass (kg) and a spring (N/m) that only feel what goes along `direction` (3,)."""
     n = np.outer(direction, direction) / float(np.dot(direction, direction))
-    return Held(mass * n, stiffness * n, np.zeros((3, 3)))
+    return HandLoad(mass * n, stiffness * n, np.zeros((3, 3)))
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class FreePlant:
         """(3, 3), N/m: of the springs as the hand feels them with the motors held."""
         return -self.force[:, :3]
 
-    def holding(self, held: Held) -> control.StateSpace:
+    def with_load(self, held: HandLoad) -> control.StateSpace:
         """The plant with `held` on it and, behind its 6 states, the three of a force (N) that nothing changes."""
         A, B = np.zeros((9, 9)), np.zeros((9, 3))
         inertia = np.linalg.inv(self.mass + held.mass)
@@ -210,14 +210,14 @@ class Hand:
     @property
     def stable(self) -> bool:
         """Whether nothing grows, or so slowly that it is a drift."""
-        return self.growth < DRIFT
+        return self.growth < DRIFT_RATE
 
 
 def robot_with(
-    free: FreePlant, held: Held, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
+    free: FreePlant, held: HandLoad, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
 ) -> control.StateSpace:
     """Drives and plant from one call of the controller to the next, with `held` in the hand."""
-    return loops.period_map(loops.tick_map(free.holding(held), drives, stepping), stepping)
+    return loops.period_map(loops.tick_map(free.with_load(held), drives, stepping), stepping)
 
 
 def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, float]) -> Hand:
@@ -227,14 +227,14 @@ def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, fl
     rest = np.setdiff1d(np.arange(closed.nstates), force)
     A, B = closed.A[np.ix_(rest, rest)], closed.A[np.ix_(rest, force)]
     C = np.eye(3, len(rest))
-    linked = loops.connected(A, B, C)
+    linked = loops.linked_states(A, B, C)
     return Hand(A[np.ix_(linked, linked)], B[linked], C[:, linked], closed.dt)
 
 
 def hertz(period: float, count: int) -> loops.Matrix:
     """Frequencies (Hz) that are looked at, up to half the controller's rate; more of them where drives and springs
     are."""
-    return np.geomspace(LOWEST, 0.499 / period, count)
+    return np.geomspace(MIN_FREQUENCY, 0.499 / period, count)
 
 
 def power_share(Y: Complex) -> loops.Matrix:

@@ -36,24 +36,24 @@ from numpy.typing import NDArray
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.port import memory_of, record
 from twin.kernel.errors import InputRefused
-from twin.robot.controller.compliance import DAMPER, Damping, damp, damper
-from twin.robot.controller.controller import BELIEF, ESTIMATE, Belief, estimate
-from twin.robot.controller.pid import PID, Gains, accept, low_pass_share, proposal
+from twin.robot.controller.compliance import DAMPER_RECORD, Damping, damp, damper
+from twin.robot.controller.controller import BELIEF_RECORD, ESTIMATE_RECORD, Belief, estimate
+from twin.robot.controller.pid import PID_RECORD, Gains, accept, low_pass_share, proposal
 
 Matrix = NDArray[np.float64]
 
-CENTRE = 20.0
+CENTRE_FREQUENCY = 20.0
 """f_p (Hz): near the bandwidth of drives and loops."""
 
-MOST_STATES = 8
-GOOD = 0.003
+MAX_STATES = 8
+GOOD_RESIDUAL = 0.003
 """Residual with which no more states are tried, if the measurement is certain."""
-NOTHING = 1e-9
+STANDSTILL_GAIN = 1e-9
 """Speed per commanded speed of a shaft that stands still but for rounding."""
-WORST = 0.3
+MAX_RESIDUAL = 0.3
 """Residual beyond which there is no linear model to speak of."""
-ITERATIONS = 12
-VANISHED = 1e-9
+FIT_ITERATIONS = 12
+MIN_DENOMINATOR = 1e-9
 """Of the largest: rounding is all that is left of a denominator there."""
 
 
@@ -87,7 +87,7 @@ class DriveModel:
         return np.array([(self.D + self.C @ np.linalg.solve(point * states - self.A, self.B))[0] for point in z])
 
 
-def fitted_drive(
+def fit_drive(
     frequencies: Matrix, response: NDArray[np.complex128], uncertainty: Matrix, tick: float, label: str
 ) -> DriveModel:
     """The smallest stable model that is close to a measured response.
@@ -102,9 +102,9 @@ def fitted_drive(
         InputRefused: no stable model comes close: the drive does not answer in proportion.
     """
     z = np.exp(2j * np.pi * tick * frequencies)
-    p = np.exp(-2.0 * np.pi * CENTRE * tick)
+    p = np.exp(-2.0 * np.pi * CENTRE_FREQUENCY * tick)
     size = np.abs(response)
-    if not size[:, 0].max() > NOTHING * tick:
+    if not size[:, 0].max() > STANDSTILL_GAIN * tick:
         raise InputRefused(
             f"{label}: no linear model describes it: its shaft does not respond to small commands; "
             "see `twin drive check`"
@@ -113,10 +113,10 @@ def fitted_drive(
     largest = np.maximum(size.max(axis=0), 1e-9 * size.max())
     weight = 1.0 / np.maximum(np.maximum(size, 0.1 * largest), 10.0 * uncertainty)
     # a model that is as close as the measurement is certain needs no more states
-    enough = GOOD + np.sqrt(np.mean((uncertainty * weight) ** 2, axis=0)).max()
+    enough = GOOD_RESIDUAL + np.sqrt(np.mean((uncertainty * weight) ** 2, axis=0)).max()
     best: DriveModel | None = None
-    for states in range(MOST_STATES + 1):
-        model = _realised(*_rational_fit((z - p) / (1.0 - p * z), response, weight, states), p)
+    for states in range(MAX_STATES + 1):
+        model = _state_space(*_rational_fit((z - p) / (1.0 - p * z), response, weight, states), p)
         if states and np.abs(np.linalg.eigvals(model.A)).max() >= 1.0:
             continue
         distance = np.abs(model.response(z) - response) * weight
@@ -125,11 +125,11 @@ def fitted_drive(
             best = DriveModel(model.A, model.B, model.C, model.D, residual)
         if best.residual < enough:
             break
-    if best is None or best.residual > WORST:
+    if best is None or best.residual > MAX_RESIDUAL:
         worst = best.residual if best else 1.0
         raise InputRefused(
             f"{label}: no linear model describes it: the best misses its measured frequency response by {worst:.0%}, "
-            f"expected at most {WORST:.0%}. Its response to small signals is not linear; simulate instead (twin run)"
+            f"expected at most {MAX_RESIDUAL:.0%}. Its response to small signals is not linear; simulate instead (twin run)"
         )
     return best
 
@@ -140,9 +140,9 @@ def _rational_fit(
     """(denominator (states + 1,) with 1 first, numerators (states + 1, 2)): polynomials in 1 / `variable`."""
     powers = (1.0 / variable)[:, None] ** np.arange(states + 1)
     denominator = np.ones(len(variable), dtype=complex)
-    for _ in range(ITERATIONS if states else 1):
+    for _ in range(FIT_ITERATIONS if states else 1):
         # a denominator may vanish at a line: where only the steady gain is answered, a pole lies on it
-        scale = weight / np.maximum(np.abs(denominator), VANISHED * np.abs(denominator).max())[:, None]
+        scale = weight / np.maximum(np.abs(denominator), MIN_DENOMINATOR * np.abs(denominator).max())[:, None]
         blocks, right = [], []
         for channel in range(2):
             numerator = np.zeros((len(variable), 2 * (states + 1)), dtype=complex)
@@ -157,7 +157,7 @@ def _rational_fit(
     return coefficients, found[: 2 * (states + 1)].reshape(2, states + 1).T
 
 
-def _realised(denominator: Matrix, numerators: Matrix, p: float) -> DriveModel:
+def _state_space(denominator: Matrix, numerators: Matrix, p: float) -> DriveModel:
     """The polynomials in 1/lambda as a state-space model in z.
 
     In lambda it is the observer form; with A, B, C, D there, (lambda 1 - A)^-1 = (1 - p z)(z 1 - A_z)^-1 (1 + p A)^-1
@@ -174,32 +174,32 @@ def _realised(denominator: Matrix, numerators: Matrix, p: float) -> DriveModel:
     return DriveModel(A_z, turned @ B, C @ (np.eye(n) - p * A_z), D - p * C @ turned @ B)
 
 
-STEP = 1e-6
+ANGLE_STEP = 1e-6
 """Of the central differences (rad): their error is below 1e-9, and no spring is that near its backlash."""
 
 LOOPS = ("position_x", "position_y", "position_z", "force")
 """Where the loops can be opened: the three outputs of the position law (m/s), and dp_z of the force law (m)."""
-REFERENCES = ("p_ref_B_x", "p_ref_B_y", "p_ref_B_z", "F_z_ref")
-ESTIMATED = ("p_B_x_estimated", "p_B_y_estimated", "p_B_z_estimated", "F_z")
+REFERENCE_SIGNALS = ("p_ref_B_x", "p_ref_B_y", "p_ref_B_z", "F_z_ref")
+ESTIMATED_SIGNALS = ("p_B_x_estimated", "p_B_y_estimated", "p_B_z_estimated", "F_z")
 
 
-_ESTIMATION = record(belief=BELIEF, gravity_compensation="i8", counts=("f8", (6,)), y=ESTIMATE)
+_ESTIMATION_RECORD = record(belief=BELIEF_RECORD, gravity_compensation="i8", counts=("f8", (6,)), y=ESTIMATE_RECORD)
 
 
-@entry("nothing", _ESTIMATION)
+@entry("nothing", _ESTIMATION_RECORD)
 def _estimate(m):
     estimate(m.belief, m.gravity_compensation, m.counts[:3], m.counts[3:], m.y)
 
 
-@entry("double", PID, "double", "double")
+@entry("double", PID_RECORD, "double", "double")
 def _control(pid, error, h):
     output, integral = proposal(pid, error, h)
     accept(pid, integral)
     return output
 
 
-@entry("nothing", DAMPER, "double", "doubles", "double", "doubles")
-def _give_way(felt, torque_per_spring, tau_l, h, lead):
+@entry("nothing", DAMPER_RECORD, "double", "doubles", "double", "doubles")
+def _damp_motors(felt, torque_per_spring, tau_l, h, lead):
     damp(felt, torque_per_spring, tau_l, h, lead)
 
 
@@ -250,7 +250,7 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
     Raises:
         numpy.linalg.LinAlgError: the pose is singular.
     """
-    at = memory_of(_ESTIMATION, belief=tuple(belief), gravity_compensation=gravity_compensation)
+    at = memory_of(_ESTIMATION_RECORD, belief=tuple(belief), gravity_compensation=gravity_compensation)
     per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)
 
     def estimated(angles: Matrix) -> np.void:
@@ -259,10 +259,10 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
         y: np.void = at["y"][0].copy()
         return y
 
-    ahead, behind = ([estimated(read + way * e) for e in np.eye(6)] for way in (STEP, -STEP))
+    ahead, behind = ([estimated(read + way * e) for e in np.eye(6)] for way in (ANGLE_STEP, -ANGLE_STEP))
 
     def slope(port: str) -> Matrix:
-        return np.stack([(a[port] - b[port]) / (2.0 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=1)
+        return np.stack([(a[port] - b[port]) / (2.0 * ANGLE_STEP) for a, b in zip(ahead, behind, strict=True)], axis=1)
 
     J = estimated(read)["J"].reshape(3, 3)
     u = np.linalg.solve(belief.N * J, standing)
@@ -273,8 +273,8 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
 class LinearLaw(NamedTuple):
     """c(j+1) = A c + B (angles, a), (omega_ref, b) = C c + D (angles, a), with the period of the controller.
 
-    The inputs are the six angles, then `LOOPS`, then `REFERENCES`; the outputs three omega_ref, then `LOOPS`, then
-    `ESTIMATED`. With every loop closed the inputs `LOOPS` are the outputs `LOOPS`.
+    The inputs are the six angles, then `LOOPS`, then `REFERENCE_SIGNALS`; the outputs three omega_ref, then `LOOPS`, then
+    `ESTIMATED_SIGNALS`. With every loop closed the inputs `LOOPS` are the outputs `LOOPS`.
     """
 
     A: Matrix
@@ -283,16 +283,21 @@ class LinearLaw(NamedTuple):
     D: Matrix
 
 
-STATES = 9 + 3 + 1 + 3
+LAW_STATES = 9 + 3 + 1 + 3
 """Integral, derivative and last error of three position loops and the force loop, low-passed force, slow torques."""
 
 
 def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
     """The controller's matrices: one call of it for each unit vector."""
-    inputs = 6 + len(LOOPS) + len(REFERENCES)
-    columns = [_call(settings, estimation, z[:STATES], z[STATES:]) for z in np.eye(STATES + inputs)]
+    inputs = 6 + len(LOOPS) + len(REFERENCE_SIGNALS)
+    columns = [_call(settings, estimation, z[:LAW_STATES], z[LAW_STATES:]) for z in np.eye(LAW_STATES + inputs)]
     whole = np.stack(columns, axis=1)
-    return LinearLaw(whole[:STATES, :STATES], whole[:STATES, STATES:], whole[STATES:, :STATES], whole[STATES:, STATES:])
+    return LinearLaw(
+        whole[:LAW_STATES, :LAW_STATES],
+        whole[:LAW_STATES, LAW_STATES:],
+        whole[LAW_STATES:, :LAW_STATES],
+        whole[LAW_STATES:, LAW_STATES:],
+    )
 
 
 def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
@@ -305,7 +310,7 @@ def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs:
     error = p_ref - p
     error[2] += dp_in[0]
     position = [_pid(settings.position, state[3 * i : 3 * i + 3], error[i], h) for i in range(3)]
-    lead, slow = _damped(settings, state[13:], estimation.tau_l @ angles)
+    lead, slow = _damping_speeds(settings, state[13:], estimation.tau_l @ angles)
     omega_ref = settings.N * estimation.J @ u_in + estimation.turned @ angles + lead
     u_out, pid_states = [u for u, _ in position], [state for _, state in position]
     return np.concatenate([*pid_states, force_state, [F_z], slow, omega_ref, u_out, [-force], p, [F_z]])
@@ -313,25 +318,25 @@ def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs:
 
 def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:
     """(output, state) of one loop that nothing limits; its state is integral, derivative, last error."""
-    pid = np.array([(*gains, *state, 1)], dtype=PID)
+    pid = np.array([(*gains, *state, 1)], dtype=PID_RECORD)
     output = _control(pid, error, h)
     return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
 
 
-def _damped(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
+def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
     """(motor speeds (3,) by which the motors give way, low-passed torques (3,))."""
     lead = np.zeros(3)
     if settings.damping is None:
         return lead, slow
-    felt = np.array([damper(settings.damping, slow, started=True)], dtype=DAMPER)
-    _give_way(felt, settings.N * settings.eta, tau_l, settings.period, lead)
+    felt = np.array([damper(settings.damping, slow, started=True)], dtype=DAMPER_RECORD)
+    _damp_motors(felt, settings.N * settings.eta, tau_l, settings.period, lead)
     return lead, felt["slow"][0].copy()
 
 
-MEASURED = ("theta_m_1", "theta_m_2", "theta_m_3", "theta_l_1", "theta_l_2", "theta_l_3")
-TRUE = ("p_B_x", "p_B_y", "p_B_z", "F_ee_B_z")
-COMMANDS = ("omega_ref_1", "omega_ref_2", "omega_ref_3")
-LOADS = ("tau_load_1", "tau_load_2", "tau_load_3")
+MEASURED_ANGLES = ("theta_m_1", "theta_m_2", "theta_m_3", "theta_l_1", "theta_l_2", "theta_l_3")
+TRUE_SIGNALS = ("p_B_x", "p_B_y", "p_B_z", "F_ee_B_z")
+SPEED_COMMANDS = ("omega_ref_1", "omega_ref_2", "omega_ref_3")
+LOAD_TORQUES = ("tau_load_1", "tau_load_2", "tau_load_3")
 
 
 class LoopStepping(NamedTuple):
@@ -369,7 +374,7 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
 
 
 def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
-    """One tick: commands `COMMANDS` in, `MEASURED` and `TRUE` out, all as small deviations.
+    """One tick: commands `SPEED_COMMANDS` in, `MEASURED_ANGLES` and `TRUE_SIGNALS` out, all as small deviations.
 
     Args:
         plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
@@ -391,14 +396,21 @@ def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: 
     seen, seen_of_command = (np.eye(n)[angle], np.zeros((3, 3))) if stepping.jacobi else (A[angle], B[angle])
     A[:n_p], B[:n_p] = B_p @ seen, B_p @ seen_of_command
     A[:n_p, :n_p] += A_p
-    torque = [rows[name] for name in LOADS]
+    torque = [rows[name] for name in LOAD_TORQUES]
     A[load] = plant.C[torque] @ A[:n_p] + plant.D[torque] @ seen
     B[load] = plant.C[torque] @ B[:n_p] + plant.D[torque] @ seen_of_command
-    C = np.zeros((len(MEASURED) + len(TRUE), n))
+    C = np.zeros((len(MEASURED_ANGLES) + len(TRUE_SIGNALS), n))
     C[range(3), angle] = 1.0
-    C[3:, :n_p] = plant.C[[rows[name] for name in (*MEASURED[3:], *TRUE)]]
+    C[3:, :n_p] = plant.C[[rows[name] for name in (*MEASURED_ANGLES[3:], *TRUE_SIGNALS)]]
     return control.ss(
-        A, B, C, np.zeros((len(C), 3)), stepping.tick, inputs=list(COMMANDS), outputs=[*MEASURED, *TRUE], name="tick"
+        A,
+        B,
+        C,
+        np.zeros((len(C), 3)),
+        stepping.tick,
+        inputs=list(SPEED_COMMANDS),
+        outputs=[*MEASURED_ANGLES, *TRUE_SIGNALS],
+        name="tick",
     )
 
 
@@ -429,7 +441,7 @@ def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.Stat
         B_[n : n + 3] = np.eye(3)
     C = np.hstack([tick.C, np.zeros((len(tick.C), 3 * delays))])
     T = stepping.period * stepping.tick
-    return control.ss(A_, B_, C, tick.D, T, inputs=list(COMMANDS), outputs=tick.output_labels, name="robot")
+    return control.ss(A_, B_, C, tick.D, T, inputs=list(SPEED_COMMANDS), outputs=tick.output_labels, name="robot")
 
 
 Loops: TypeAlias = control.StateSpace
@@ -437,16 +449,16 @@ Loops: TypeAlias = control.StateSpace
 
 
 def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -> Loops:
-    """All loops open: inputs `LOOPS`, `REFERENCES`, `COMMANDS`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS` and the truth.
+    """All loops open: inputs `LOOPS`, `REFERENCE_SIGNALS`, `SPEED_COMMANDS`; outputs `LOOPS`, `ESTIMATED_SIGNALS`, `SPEED_COMMANDS` and the truth.
 
-    What comes in at one of `COMMANDS` is added to what the law commands, behind the output of that name.
+    What comes in at one of `SPEED_COMMANDS` is added to what the law commands, behind the output of that name.
 
     Args:
         robot: `period_map`, of which no output depends directly on an input.
         law: with the same period.
         whole: keep the states that no input reaches or no output sees, those of `robot` first.
     """
-    angles = len(MEASURED)
+    angles = len(MEASURED_ANGLES)
     C_m, C_true = robot.C[:angles], robot.C[angles:]
     omega, rest = slice(0, 3), slice(3, None)
     A = np.block(
@@ -456,7 +468,7 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
         ]
     )
     at_the_law = np.vstack([robot.B @ law.D[omega, angles:], law.B[:, angles:]])
-    at_the_drives = np.vstack([robot.B, np.zeros((len(law.A), len(COMMANDS)))])
+    at_the_drives = np.vstack([robot.B, np.zeros((len(law.A), len(SPEED_COMMANDS)))])
     B = np.hstack([at_the_law, at_the_drives])
     C = np.vstack(
         [
@@ -467,13 +479,15 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
     )
     D = np.zeros((len(C), B.shape[1]))
     D[: len(law.D), : at_the_law.shape[1]] = np.vstack([law.D[rest, angles:], law.D[omega, angles:]])
-    outputs = [*LOOPS, *ESTIMATED, *COMMANDS, *robot.output_labels[angles:]]
-    used = np.arange(len(A)) if whole else connected(A, B, C)
+    outputs = [*LOOPS, *ESTIMATED_SIGNALS, *SPEED_COMMANDS, *robot.output_labels[angles:]]
+    used = np.arange(len(A)) if whole else linked_states(A, B, C)
     A, B, C = A[np.ix_(used, used)], B[used], C[:, used]
-    return control.ss(A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCES, *COMMANDS], outputs=outputs, name="loops")
+    return control.ss(
+        A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCE_SIGNALS, *SPEED_COMMANDS], outputs=outputs, name="loops"
+    )
 
 
-def connected(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
+def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
     """Indices of the states that an input can reach and an output can see.
 
     Others are at rest for ever, like the integral of a loop with ki = 0 or the bristle of a surface that is not

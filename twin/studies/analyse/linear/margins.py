@@ -35,10 +35,10 @@ from twin.studies.analyse.linear.loops import LOOPS, Loops, Matrix, closed_loops
 
 Complex = NDArray[np.complex128]
 
-LOWEST = 0.02
+MIN_FREQUENCY = 0.02
 """rad/s. Two decades below the slowest loop."""
-POINTS = 1500
-TOLERANCE = 0.01
+GRID_POINTS = 1500
+MARGIN_TOLERANCE = 0.01
 """Relative. What eigenvalues and frequency response may differ by about a gain margin."""
 LARGEST_GAIN = 1000.0
 """A gain that can be raised so far has no margin worth a number."""
@@ -73,7 +73,7 @@ class Margins(NamedTuple):
 
 def frequencies(period: float) -> Matrix:
     """Frequencies (rad/s) up to nearly half the sampling rate, evenly spaced over their logarithm."""
-    return np.geomspace(LOWEST, 0.999 * np.pi / period, POINTS)
+    return np.geomspace(MIN_FREQUENCY, 0.999 * np.pi / period, GRID_POINTS)
 
 
 def response(system: control.StateSpace, omega: Matrix) -> Complex:
@@ -111,10 +111,10 @@ def margins(loops: Loops, gains: dict[str, float], name: str) -> Margins:
         complementary=float(np.max(T)),
         bandwidth=float(omega[below[0]]) if len(below) and below[0] else None,
     )
-    return _confirmed(loops, gains, name, found)
+    return _cross_check(loops, gains, name, found)
 
 
-def _confirmed(loops: Loops, gains: dict[str, float], name: str, found: Margins) -> Margins:
+def _cross_check(loops: Loops, gains: dict[str, float], name: str, found: Margins) -> Margins:
     """The margins if the eigenvalues agree with the gain margin, else without it."""
 
     def stable(factor: float) -> bool:
@@ -123,7 +123,7 @@ def _confirmed(loops: Loops, gains: dict[str, float], name: str, found: Margins)
     if found.gain is None:
         agree = stable(LARGEST_GAIN)
     else:
-        agree = stable(found.gain * (1.0 - TOLERANCE)) and not stable(found.gain * (1.0 + TOLERANCE))
+        agree = stable(found.gain * (1.0 - MARGIN_TOLERANCE)) and not stable(found.gain * (1.0 + MARGIN_TOLERANCE))
     if agree:
         return found
     remark = "eigenvalues and frequency response disagree about the gain margin"
@@ -188,19 +188,19 @@ def poles(z: Complex, period: float) -> list[Pole]:
     return [Pole(float(magnitude[i]), float(-s.real[i] / magnitude[i])) for i in np.argsort(-s.real)]
 
 
-EXPONENTS = (4.0, 32.0, 256.0, 2048.0)
+NORM_EXPONENTS = (4.0, 32.0, 256.0, 2048.0)
 """Of the norms that end up as the largest singular value: seven singular values that are equal count 0.1 % too much."""
-STEPS, LONGEST, SHORTEST = 60, 3.0, 1e-9
+MAX_STEPS, MAX_STEP_LENGTH, MIN_STEP_SHARE = 60, 3.0, 1e-9
 """How often log D is moved on, how far at most, and to which share of a step it is tried."""
-WIDEST = 60.0
+MAX_SPREAD = 60.0
 """Spread of log D: a loop that nothing comes back to wants an infinite one."""
-FLAT, TINY = 1e-13, 1e-300
+MIN_FALL, MIN_NORM = 1e-13, 1e-300
 """A fall of the norm that is none, and a matrix that is none."""
-CLOSE = 1e-5
+BOUND_TOLERANCE = 1e-5
 """Relative. Bounds that are no farther apart are one."""
 
 
-def scaled(M: Complex, log_D: Matrix) -> Complex:
+def scale_matrix(M: Complex, log_D: Matrix) -> Complex:
     """D M D^-1 of matrices (..., k, k), for the logarithms (..., k) of D."""
     return M * np.exp(log_D[..., :, None] - log_D[..., None, :])
 
@@ -216,33 +216,33 @@ def best_scaling(M: Complex, start: Matrix) -> Matrix:
         start: log D to begin with.
     """
     found = start
-    for exponent in EXPONENTS:
-        found = _lowest(M, found, exponent)
+    for exponent in NORM_EXPONENTS:
+        found = _minimise_norm(M, found, exponent)
     return found - found.mean()
 
 
 def _norm(M: Complex, log_D: Matrix, exponent: float) -> tuple[float, Matrix]:
     """Logarithm of the norm of D M D^-1, and its derivatives (k,) by log D."""
-    left, sizes, right = np.linalg.svd(scaled(M, log_D))
-    share = (sizes / max(sizes[0], TINY)) ** exponent
+    left, sizes, right = np.linalg.svd(scale_matrix(M, log_D))
+    share = (sizes / max(sizes[0], MIN_NORM)) ** exponent
     total = share.sum()
     # a singular value's logarithm goes with |u_k|^2 - |v_k|^2
     slopes = np.abs(left.T) ** 2 - np.abs(right) ** 2
-    return float(np.log(max(sizes[0], TINY)) + np.log(total) / exponent), share @ slopes / total
+    return float(np.log(max(sizes[0], MIN_NORM)) + np.log(total) / exponent), share @ slopes / total
 
 
-def _lowest(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
+def _minimise_norm(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
     """log D with the smallest norm, by the method of Broyden, Fletcher, Goldfarb and Shanno."""
     value, slope = _norm(M, log_D, exponent)
     inverse = np.eye(len(log_D))
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         way = -inverse @ slope
         fall = float(way @ slope)
-        if fall > -FLAT or np.ptp(log_D) > WIDEST:
+        if fall > -MIN_FALL or np.ptp(log_D) > MAX_SPREAD:
             break
-        length = min(1.0, LONGEST / np.abs(way).max())
+        length = min(1.0, MAX_STEP_LENGTH / np.abs(way).max())
         ahead = _norm(M, log_D + length * way, exponent)
-        while ahead[0] > value + 0.1 * length * fall and length > SHORTEST:
+        while ahead[0] > value + 0.1 * length * fall and length > MIN_STEP_SHARE:
             length *= 0.4
             ahead = _norm(M, log_D + length * way, exponent)
         if not ahead[0] < value:
@@ -256,7 +256,7 @@ def _lowest(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
     return log_D
 
 
-def largest(M: Complex) -> tuple[int, float]:
+def largest_mu(M: Complex) -> tuple[int, float]:
     """(which, bound) of the matrix (n, k, k) whose upper bound of mu is largest.
 
     The scaling of the one that seems largest is the best for it and good for its neighbours, so that few have to be
@@ -266,16 +266,16 @@ def largest(M: Complex) -> tuple[int, float]:
     log_D, looked_at = np.zeros(M.shape[-1]), 0.0
     for _ in range(len(M)):
         which = int(np.argmax(bounds))
-        if bounds[which] <= looked_at * (1.0 + CLOSE):
+        if bounds[which] <= looked_at * (1.0 + BOUND_TOLERANCE):
             break
         log_D = best_scaling(M[which], log_D)
-        bounds = np.minimum(bounds, np.linalg.svd(scaled(M, log_D), compute_uv=False)[:, 0])
+        bounds = np.minimum(bounds, np.linalg.svd(scale_matrix(M, log_D), compute_uv=False)[:, 0])
         looked_at = max(looked_at, float(bounds[which]))
     which = int(np.argmax(bounds))
     return which, float(bounds[which])
 
 
-BETWEEN = 25
+REFINED_POINTS = 25
 """Frequencies looked at between that of the smallest margin and the next ones, twice."""
 
 
@@ -306,7 +306,7 @@ class DiskMargin:
 
 def smallest_disk(S: Complex, skew: float = 0.0) -> tuple[int, float]:
     """(which, alpha) of the sensitivity (n, k, k) that leaves the smallest disk, with sigma = `skew`."""
-    which, mu = largest(S + 0.5 * (skew - 1.0) * np.eye(S.shape[-1]))
+    which, mu = largest_mu(S + 0.5 * (skew - 1.0) * np.eye(S.shape[-1]))
     return which, 1.0 / mu
 
 
@@ -316,11 +316,11 @@ def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) ->
     for _ in range(3):
         which, alpha = smallest_disk(sensitivity(loops, gains, breaks, omega))
         found = DiskMargin(alpha, float(omega[which]))
-        omega = _around(omega, which)
+        omega = _refined_frequencies(omega, which)
     return found
 
 
-def _around(omega: Matrix, which: int) -> Matrix:
+def _refined_frequencies(omega: Matrix, which: int) -> Matrix:
     """Frequencies from the one before `which` to the one after it."""
     low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
-    return np.unique(np.concatenate([np.geomspace(low, high, 2 * BETWEEN + 1), [omega[which]]]))
+    return np.unique(np.concatenate([np.geomspace(low, high, 2 * REFINED_POINTS + 1), [omega[which]]]))

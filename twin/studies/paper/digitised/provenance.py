@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import toml_of
-from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
-from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.files import parse_toml
+from twin.kernel.recording.logs.column_map import TIME_NAMES, require_unit, split_unit
+from twin.kernel.recording.logs.log import Log, LogError
 from twin.kernel.settings import Settings
-from twin.robot.experiment.mistakes import sentences
+from twin.robot.experiment.mistakes import error_messages
 
 Points = tuple[tuple[float, float], tuple[float, float]]
 
@@ -26,7 +26,7 @@ class Figure(Settings):
     image: str
 
 
-class Digitised(Settings):
+class Digitisation(Settings):
     """Who did it, when and with what."""
 
     by: str
@@ -38,7 +38,7 @@ class FileHead(Settings):
     """The head of a file, by column: two points (pixel, value) of its axis, and the uncertainty."""
 
     figure: Figure
-    digitised: Digitised
+    digitised: Digitisation
     calibration: dict[str, Points]
     uncertainty: dict[str, float]
 
@@ -75,37 +75,35 @@ def provenance(log: Log) -> Provenance | None:
     if "[figure]" not in log.comments:
         return None
     try:
-        head = FileHead.model_validate(_by_column(toml_of("\n".join(log.comments), str(log.path))))
+        head = FileHead.model_validate(_by_column(parse_toml("\n".join(log.comments), str(log.path))))
     except InputRefused as problem:
-        raise LogRefused(f"{problem}; its head is not TOML behind #") from None
+        raise LogError(f"{problem}; its head is not TOML behind #") from None
     except ValidationError as error:
-        raise LogRefused("\n".join(f"{log.path}: {text}" for text in sentences(error, FileHead, "head"))) from None
+        raise LogError("\n".join(f"{log.path}: {text}" for text in error_messages(error, FileHead, "head"))) from None
     if len(log.series) != 1:
-        raise LogRefused(f"{log.path}: {len(log.series)} curves, expected one in a file of a digitised figure")
+        raise LogError(f"{log.path}: {len(log.series)} curves, expected one in a file of a digitised figure")
     signal = next(iter(log.series))
     found = {}
     for column, width in head.uncertainty.items():
         name, spelled = split_unit(column)
         _check(log, column, width, head.calibration)
-        found[name] = unit(spelled or "1", f"{log.path}: [uncertainty] {column}").in_si(width)
+        found[name] = require_unit(spelled or "1", f"{log.path}: [uncertainty] {column}").in_si(width)
     time = next((found[name] for name in TIME_NAMES if name in found), None)
     if time is None or signal not in found:
         missing = "the time" if time is None else signal
-        raise LogRefused(
-            f"{log.path}: [uncertainty] says nothing about {missing}; it has {', '.join(head.uncertainty)}"
-        )
+        raise LogError(f"{log.path}: [uncertainty] says nothing about {missing}; it has {', '.join(head.uncertainty)}")
     return Provenance(head, signal, found[signal], time)
 
 
 def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) -> None:
     if column not in calibration:
-        raise LogRefused(f"{log.path}: [calibration] {column} is missing; expected two points [pixel, value]")
+        raise LogError(f"{log.path}: [calibration] {column} is missing; expected two points [pixel, value]")
     (first, low), (second, high) = calibration[column]
     if first == second or low == high:
-        raise LogRefused(f"{log.path}: [calibration] {column}: two points of one pixel or value make no axis")
+        raise LogError(f"{log.path}: [calibration] {column}: two points of one pixel or value make no axis")
     half = 0.5 * abs((high - low) / (second - first))
     if not half <= width:
-        raise LogRefused(f"{log.path}: [uncertainty] {column} = {width:g} is less than half a pixel, {half:.3g}")
+        raise LogError(f"{log.path}: [uncertainty] {column} = {width:g} is less than half a pixel, {half:.3g}")
 
 
 def _by_column(content: dict[str, Any]) -> dict[str, Any]:

@@ -20,16 +20,16 @@ from distributed.comm import connect
 
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.warm import BATCH_TIMEOUT
-from twin.robot.places import PACKAGE, sources
-from twin.studies.sweep.interrupts import raise_if_pressed
+from twin.robot.paths import PACKAGE_FOLDER, package_sources
+from twin.studies.sweep.interrupts import raise_interrupt
 
-PATIENCE = 5.0
+CONNECT_TIMEOUT = 5.0
 """Timeout (s) for a scheduler to answer, and for its first worker."""
-ANSWER = 60.0
+ANSWER_TIMEOUT = 60.0
 """Timeout (s) for an answer of a cluster in use."""
-END = 20.0
+END_TIMEOUT = 20.0
 """Timeout (s) for each step of ending a sweep."""
-PACKAGES = ("numba", "llvmlite", "numpy", "fmpy")
+COMPARED_PACKAGES = ("numba", "llvmlite", "numpy", "fmpy")
 
 T = TypeVar("T")
 
@@ -38,8 +38,8 @@ class ClusterLost(ComponentFailed):
     """The scheduler or all of its workers are gone, or do not answer; rows until then are kept."""
 
 
-def within(
-    limit: float, call: Callable[..., T], *arguments: Any, hear: Callable[[], None] = raise_if_pressed, **named: Any
+def call_with_timeout(
+    limit: float, call: Callable[..., T], *arguments: Any, hear: Callable[[], None] = raise_interrupt, **named: Any
 ) -> T:
     """What `call` returns, if that is within `limit` s.
 
@@ -70,14 +70,14 @@ def within(
     return answer.result()
 
 
-def ended_within(limit: float, call: Callable[..., object], *arguments: Any, **named: Any) -> None:
+def attempt_with_timeout(limit: float, call: Callable[..., object], *arguments: Any, **named: Any) -> None:
     """`call` something at the end of a sweep, whose failure makes no difference any more; after `limit` s leave it."""
     with suppress(Exception):
-        within(limit, call, *arguments, hear=lambda: None, **named)
+        call_with_timeout(limit, call, *arguments, hear=lambda: None, **named)
 
 
 @contextmanager
-def connected(scheduler: str) -> Iterator[Client]:
+def connect_client(scheduler: str) -> Iterator[Client]:
     """Yield a client of the cluster at the address `scheduler`.
 
     Raises:
@@ -85,24 +85,26 @@ def connected(scheduler: str) -> Iterator[Client]:
         ClusterLost: it stops answering.
     """
     with ExitStack() as ends:
-        ends.enter_context(_quiet())
+        ends.enter_context(_silence_dask())
         _refuse_no_scheduler(scheduler)
         try:
-            client = within(ANSWER, Client, scheduler, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
+            client = call_with_timeout(
+                ANSWER_TIMEOUT, Client, scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False, name="twin-sweep"
+            )
         except TimeoutError:
-            raise ClusterLost(f"{scheduler}: no answer within {ANSWER:g} s") from None
-        ends.callback(ended_within, END, client.close, timeout=PATIENCE)
+            raise ClusterLost(f"{scheduler}: no answer within {ANSWER_TIMEOUT:g} s") from None
+        ends.callback(attempt_with_timeout, END_TIMEOUT, client.close, timeout=CONNECT_TIMEOUT)
         try:
-            within(ANSWER, client.wait_for_workers, 1, timeout=PATIENCE)
+            call_with_timeout(ANSWER_TIMEOUT, client.wait_for_workers, 1, timeout=CONNECT_TIMEOUT)
         except TimeoutError:
             raise InputRefused(
                 f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler} --nthreads 1"
             ) from None
-        refuse_unlike(client)
+        refuse_other_versions(client)
         yield client
 
 
-def refuse_unlike(client: Client) -> None:
+def refuse_other_versions(client: Client) -> None:
     """Ask the scheduler and every worker what they run.
 
     Raises:
@@ -110,8 +112,8 @@ def refuse_unlike(client: Client) -> None:
     """
     workers: dict[str, Any] = {}
     try:
-        scheduler: Any = within(ANSWER, client.run_on_scheduler, versions)
-        workers = within(ANSWER, client.run, versions, on_error="return")
+        scheduler: Any = call_with_timeout(ANSWER_TIMEOUT, client.run_on_scheduler, versions)
+        workers = call_with_timeout(ANSWER_TIMEOUT, client.run, versions, on_error="return")
     # whatever pickle makes of a module that is not there, or not there yet
     except Exception as problem:
         scheduler = problem
@@ -128,12 +130,12 @@ def versions() -> dict[str, str]:
     twin's is followed by a hash of its files: in a clone the number stays while the code changes.
     """
     content = hashlib.sha256()
-    for name, source in sources(str(PACKAGE)).items():
+    for name, source in package_sources(str(PACKAGE_FOLDER)).items():
         content.update(f"{name}\0".encode() + source)
     return {
         "twin": f"{_version('twin')} (files {content.hexdigest()[:8]})",
         "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
-        **{package: _version(package) for package in PACKAGES},
+        **{package: _version(package) for package in COMPARED_PACKAGES},
         "machine": f"{platform.system()} {platform.machine()}",
     }
 
@@ -177,7 +179,7 @@ def _refuse_no_scheduler(address: str) -> None:
     """
 
     async def role() -> str:
-        comm = await connect(address, timeout=PATIENCE, **Security().get_connection_args("client"))
+        comm = await connect(address, timeout=CONNECT_TIMEOUT, **Security().get_connection_args("client"))
         try:
             await comm.write({"op": "identity", "reply": True})
             return (await comm.read())["type"]
@@ -186,13 +188,13 @@ def _refuse_no_scheduler(address: str) -> None:
 
     try:
         # not in this thread, where a notebook's event loop may be running; and to look up a name has no limit of ours
-        found = within(2.0 * PATIENCE, lambda: asyncio.run(asyncio.wait_for(role(), PATIENCE)))
+        found = call_with_timeout(2.0 * CONNECT_TIMEOUT, lambda: asyncio.run(asyncio.wait_for(role(), CONNECT_TIMEOUT)))
         if found == "Scheduler":
             return
         reason = f"a {found} does"
     # whatever a foreign server says or an address can be mistaken for
     except (OSError, ValueError, KeyError, TypeError) as problem:
-        reason = str(problem).splitlines()[0] if str(problem) else f"not within {PATIENCE:g} s"
+        reason = str(problem).splitlines()[0] if str(problem) else f"not within {CONNECT_TIMEOUT:g} s"
     raise InputRefused(
         f"--scheduler {address}: no Dask scheduler answers there ({reason}); expected the address that dask scheduler "
         "prints, such as tcp://127.0.0.1:8786"
@@ -200,7 +202,7 @@ def _refuse_no_scheduler(address: str) -> None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_dask() -> Iterator[None]:
     """What Dask has to say of lost connections is said here in a sentence, not by it in a hundred lines."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)

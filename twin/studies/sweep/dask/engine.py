@@ -11,28 +11,35 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, as_completed
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.studies.sweep.dask.cluster import ANSWER, END, ClusterLost, connected, ended_within, within
+from twin.studies.sweep.dask.cluster import (
+    ANSWER_TIMEOUT,
+    END_TIMEOUT,
+    ClusterLost,
+    attempt_with_timeout,
+    call_with_timeout,
+    connect_client,
+)
 from twin.studies.sweep.dask.worker import EndPlugin, RunFacts, SweepPlugin, run_tasks
 from twin.studies.sweep.engine import Job, Result
-from twin.studies.sweep.interrupts import raise_if_pressed
+from twin.studies.sweep.interrupts import raise_interrupt
 from twin.studies.sweep.measures import failure
-from twin.studies.sweep.plan import Task, files_digest, texts
+from twin.studies.sweep.plan import Task, files_digest, text_settings
 
 BATCH_SECONDS = 0.5
 """What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
-PER_THREAD = 0.004
+MIN_SECONDS_PER_THREAD = 0.004
 """Seconds that it should take at least for each thread there is: all of them share one scheduler and one client, which
 need about 2 ms for a batch (docs/cluster.md)."""
-MOST_OF_BATCH = 256
-AHEAD = 2
+MAX_BATCH_SIZE = 256
+BATCHES_PER_THREAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
-PAUSE = 0.01
+POLL_PERIOD = 0.01
 """Seconds between two looks for batches that have ended."""
-LOOK = 1.0
+CHECK_PERIOD = 1.0
 """How often (s) the cluster is looked at: connection, threads."""
-NO_WORKERS = 30.0
+WORKER_TIMEOUT = 30.0
 """Seconds without any worker after which the sweep ends."""
-DIED = failure("the Dask worker died whenever it was tried")
+WORKER_DEATH = failure("the Dask worker died whenever it was tried")
 
 
 class DaskEngine:
@@ -48,9 +55,9 @@ class DaskEngine:
             InputRefused: there is no such cluster, it has no workers, or they are not like this machine.
             ClusterLost: it was there and is gone.
         """
-        files = dict.fromkeys((task.drive, texts(task.settings)) for task in tasks)
+        files = dict.fromkeys((task.drive, text_settings(task.settings)) for task in tasks)
         job = replace(job, files={each: files_digest(job.experiment, *each) for each in files})
-        with connected(self._scheduler) as client:
+        with connect_client(self._scheduler) as client:
             batches = _Batches(client, job, tasks)
             try:
                 batches.begin()
@@ -70,7 +77,7 @@ class _Batches:
         self._under_way: dict[Future, list[Task]] = {}
         self._ended = as_completed(loop=client.loop, with_results=True, raise_errors=False)
         self._seconds = BATCH_SECONDS
-        self._threads, self._looked, self._worker_seen = 1, -LOOK, time.monotonic()
+        self._threads, self._looked, self._worker_seen = 1, -CHECK_PERIOD, time.monotonic()
 
     def begin(self) -> None:
         """Register the sweep with the scheduler and every worker, also those that join later.
@@ -80,7 +87,7 @@ class _Batches:
         """
         for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job)):
             try:
-                within(ANSWER, self._client.register_plugin, plugin)
+                call_with_timeout(ANSWER_TIMEOUT, self._client.register_plugin, plugin)
             except OSError as problem:
                 raise ClusterLost(
                     f"{self._address}: its workers did not take the sweep ({problem}); give the same command again"
@@ -94,56 +101,56 @@ class _Batches:
         # a batch whose worker died is tried again run by run: only that shows which of them is to blame
         suspects: deque[Task] = deque()
         while left:
-            raise_if_pressed()
-            self._look()
-            while (suspects or waiting) and len(self._under_way) < AHEAD * self._threads:
+            raise_interrupt()
+            self._check_cluster()
+            while (suspects or waiting) and len(self._under_way) < BATCHES_PER_THREAD * self._threads:
                 self._send([suspects.popleft()] if suspects else self._batch(waiting))
             results: list[Result] = []
             for future, reply in self._ended.next_batch(block=False):
                 batch = self._under_way.pop(future)
-                if not self._died(reply):
-                    results += self._received(reply)
+                if not self._is_worker_death(reply):
+                    results += self._unpack_reply(reply)
                 elif len(batch) > 1:
                     suspects.extend(batch)
                 else:
-                    results.append((self._tasks[batch[0].run], DIED))
+                    results.append((self._tasks[batch[0].run], WORKER_DEATH))
             if results:
                 left -= len(results)
                 yield results
             else:
-                time.sleep(PAUSE)
+                time.sleep(POLL_PERIOD)
 
     def stop(self) -> None:
         """End what is under way, in every worker."""
         # of a cluster that is gone there is nothing to end, and that it is gone has been said
         if self._client.status == "running":
-            ended_within(END, self._client.cancel, list(self._under_way), force=True)
-            ended_within(END, self._client.unregister_worker_plugin, self._sweep)
+            attempt_with_timeout(END_TIMEOUT, self._client.cancel, list(self._under_way), force=True)
+            attempt_with_timeout(END_TIMEOUT, self._client.unregister_worker_plugin, self._sweep)
 
-    def _look(self) -> None:
+    def _check_cluster(self) -> None:
         """Look after the cluster, now and then.
 
         Raises:
             ClusterLost: it is gone.
         """
         if self._client.status != "running":
-            raise self._lost()
-        if time.monotonic() - self._looked < LOOK:
+            raise self._cluster_error()
+        if time.monotonic() - self._looked < CHECK_PERIOD:
             return
         try:
-            threads = sum(within(ANSWER, self._client.nthreads).values())
+            threads = sum(call_with_timeout(ANSWER_TIMEOUT, self._client.nthreads).values())
         except OSError:
-            raise self._lost() from None
+            raise self._cluster_error() from None
         self._looked = time.monotonic()
         if threads:
             self._threads, self._worker_seen = threads, self._looked
-        elif self._looked - self._worker_seen > NO_WORKERS:
+        elif self._looked - self._worker_seen > WORKER_TIMEOUT:
             raise ClusterLost(
-                f"the last worker of {self._address} has been gone for {NO_WORKERS:g} s; finished runs are kept. "
+                f"the last worker of {self._address} has been gone for {WORKER_TIMEOUT:g} s; finished runs are kept. "
                 f"Start others with dask worker {self._address} --nthreads 1, then give the same command to go on"
             )
 
-    def _lost(self) -> ClusterLost:
+    def _cluster_error(self) -> ClusterLost:
         return ClusterLost(
             f"the scheduler {self._address} is gone; finished runs are kept. "
             "Start it and its workers again, then give the same command to go on"
@@ -151,9 +158,9 @@ class _Batches:
 
     def _batch(self, waiting: deque[Task]) -> list[Task]:
         """As many runs as a batch should take; fewer towards the end, so that all threads end together."""
-        share = -(-len(waiting) // (AHEAD * self._threads))
-        seconds = max(BATCH_SECONDS, PER_THREAD * self._threads)
-        size = max(1, min(int(seconds / self._seconds), MOST_OF_BATCH, share))
+        share = -(-len(waiting) // (BATCHES_PER_THREAD * self._threads))
+        seconds = max(BATCH_SECONDS, MIN_SECONDS_PER_THREAD * self._threads)
+        size = max(1, min(int(seconds / self._seconds), MAX_BATCH_SIZE, share))
         return [waiting.popleft() for _ in range(size)]
 
     def _send(self, batch: list[Task]) -> None:
@@ -161,7 +168,7 @@ class _Batches:
         self._under_way[future] = batch
         self._ended.add(future)
 
-    def _died(self, reply: Any) -> bool:
+    def _is_worker_death(self, reply: Any) -> bool:
         """Whether all workers that tried a batch have died, which ended with `reply`: results, or what was raised.
 
         Raises:
@@ -176,11 +183,11 @@ class _Batches:
             case _, TwinError() as problem, _:
                 raise problem
             case CancelledError():
-                raise self._lost()
+                raise self._cluster_error()
         problem = reply[1] if isinstance(reply, tuple) else reply
         raise ComponentFailed(f"a worker of {self._address} cannot run a sweep: {type(problem).__name__}: {problem}")
 
-    def _received(self, reply: Sequence[RunFacts]) -> list[Result]:
+    def _unpack_reply(self, reply: Sequence[RunFacts]) -> list[Result]:
         """The results in `reply`."""
         costs = [facts["seconds"] for _, facts in reply if facts["seconds"]]
         if costs:

@@ -8,17 +8,17 @@ from distributed import Scheduler, SchedulerPlugin, Worker, WorkerPlugin, get_wo
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.warm import WarmProcess
-from twin.studies.sweep import SERVED
+from twin.studies.sweep import WORKER_JOB
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.engine import Job, run_facts
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.stored import FACTS
+from twin.studies.sweep.stored import SWEEP_FILE
 
 RunFacts = tuple[int, dict[str, Any]]
 """(number of a run, facts of its `RunFinding`)."""
 
 
-class _SweepOver(Exception):
+class _SweepEnd(Exception):
     """The sweep, or the worker, has ended."""
 
 
@@ -38,7 +38,7 @@ class SweepPlugin(WorkerPlugin):
         self._who = f"worker {worker.address}"
         self._difference = difference(self._who, versions(), self._versions)
         sweep = self._job.here / self._job.recordings.parent
-        unseen = [path for path in (self._job.here, sweep / FACTS) if not path.exists()]
+        unseen = [path for path in (self._job.here, sweep / SWEEP_FILE) if not path.exists()]
         if unseen and not self._difference:
             self._difference = f"{self._who} does not see {unseen[0]}, and needs a folder that all machines share"
         self._stopping, self._lock = threading.Event(), threading.Lock()
@@ -65,23 +65,23 @@ class SweepPlugin(WorkerPlugin):
             if self._stopping.is_set():
                 return []
             # a process dies with the thread that started it
-            own = threading.Lock(), WarmProcess(SERVED, self._job.limits, self._raise_if_over)
+            own = threading.Lock(), WarmProcess(WORKER_JOB, self._job.limits, self._raise_if_stopping)
             guard, process = self._processes.setdefault(threading.get_ident(), own)
         found: list[RunFacts] = []
         try:
             for task in tasks:
                 with guard:
-                    self._raise_if_over()
+                    self._raise_if_stopping()
                     found.append((task.run, run_facts(self._job, process, task)))
-        except _SweepOver:
+        except _SweepEnd:
             pass
         except InputRefused as problem:
             raise InputRefused(f"{self._who}: {problem}") from None
         return found
 
-    def _raise_if_over(self) -> None:
+    def _raise_if_stopping(self) -> None:
         if self._stopping.is_set():
-            raise _SweepOver
+            raise _SweepEnd
 
 
 class EndPlugin(SchedulerPlugin):

@@ -7,36 +7,43 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin.kernel.errors import InputRefused, nearest, plain
-from twin.studies.result import Block, Column, Note, Table, counted, laid_out
+from twin.kernel.errors import InputRefused, nearest, terminal_text
+from twin.studies.result import Block, Column, Note, Table, count_text, lay_out
 from twin.studies.sweep.columns import Column as Values
 from twin.studies.sweep.columns import Columns, Positions
-from twin.studies.sweep.measures import BY_COLUMN, FELT_STIFFNESS, HOLD_ERROR, OVERSHOOT, SETTLING, SINCE_TOUCH
+from twin.studies.sweep.measures import (
+    BY_COLUMN,
+    FELT_STIFFNESS,
+    HOLD_ERROR,
+    HOLD_OVERSHOOT,
+    SETTLING_TIME,
+    SINCE_TOUCH,
+)
 from twin.studies.sweep.statistics import ranking, sensitivity
-from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
+from twin.studies.sweep.statistics.ranking import HISTOGRAM_BINS, value, worst_over
 from twin.studies.sweep.stored import SweepRows
 
-LIKELY = 0.95
+LIKELY_SHARE = 0.95
 """Share of runs from which on a claim is called likely."""
-MEDIAN = ranking.QUANTILES.index(0.5)
-WIDE = 0.3
+MEDIAN_INDEX = ranking.QUANTILES.index(0.5)
+WIDE_INTERVAL = 0.3
 """Width of an interval that leaves open whether a parameter matters."""
-COVERED = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
+COVERAGE_NOTE = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
 """Counted, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py counts a part of it again."""
-SURE = 0.05
+FAMILYWISE_LEVEL = 0.05
 """Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
-MOST_EQUAL = 12
+MAX_EQUAL_ROWS = 12
 """Maximum number of rows of the best run and of those that equal it."""
-COMPANIONS = {SETTLING: "settles s", OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
+COMPANION_TITLES = {SETTLING_TIME: "settles s", HOLD_OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
 """Measures beside the one that is ranked by, and their titles."""
-MOST_OF_FRONT = 8
-MOST_REASONS = 5
-MOST_WORST = 40
-MOST_VARIED = 3
+MAX_FRONT_ROWS = 8
+MAX_REASONS = 5
+MAX_WORST_ROWS = 40
+MAX_HEADLINE_VALUES = 3
 """Values of the best run that stand in the first sentence; of more, the table of the best runs is the place."""
-SHADES = " .:-=+*#"
+BIN_SHADES = " .:-=+*#"
 """Of a histogram's bins in text, from none to the fullest."""
-SKETCH = "least to most"
+HISTOGRAM_TITLE = "least to most"
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class ReportPart:
     text_only: Sequence[str] = ()
 
 
-def short(labels: Sequence[str]) -> dict[str, str]:
+def short_names(labels: Sequence[str]) -> dict[str, str]:
     """Each label by as few of its last parts as tell it from the others; a number never stands alone."""
     names = {}
     for label in labels:
@@ -88,7 +95,7 @@ def interval(ends: tuple[float, float], form: str = ".2f") -> str:
     return "-" if math.isnan(low) or math.isnan(high) else f"{low:{form}} .. {high:{form}}"
 
 
-def shown(parameters: Values | None, row: int) -> str:
+def parameter_text(parameters: Values | None, row: int) -> str:
     """The value of a parameter in a row; `-` if the run does not have it."""
     parameter = None if parameters is None else parameters[row]
     if parameter is None or parameter != parameter:
@@ -96,15 +103,15 @@ def shown(parameters: Values | None, row: int) -> str:
     return f"{parameter:.4g}" if isinstance(parameter, float) else str(parameter)
 
 
-def least_sure(found: Sequence[ranking.Likelihood]) -> str:
+def claims_sentence(found: Sequence[ranking.Likelihood]) -> str:
     """`17 of 20 claims hold in 95 % of the runs; least sure is 'F_z stays lower' (41 %)`."""
     judged = [one for one in found if one.judged]
     if not judged:
         return "no claim could be judged"
-    likely = sum(one.share >= LIKELY for one in judged)
+    likely = sum(one.share >= LIKELY_SHARE for one in judged)
     least = min(judged, key=lambda one: one.share)
-    text = f"{likely} of {len(judged)} claims hold in at least {100 * LIKELY:g} % of the runs"
-    return text if least.share >= LIKELY else f"{text}; least sure: {least.claim.key} ({100 * least.share:.0f} %)"
+    text = f"{likely} of {len(judged)} claims hold in at least {100 * LIKELY_SHARE:g} % of the runs"
+    return text if least.share >= LIKELY_SHARE else f"{text}; least sure: {least.claim.key} ({100 * least.share:.0f} %)"
 
 
 def claims_part(sweep: SweepRows) -> ReportPart | None:
@@ -118,15 +125,15 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
             one.claim.key,
             f"{one.holds} of {one.judged}",
             interval(one.interval) if one.judged else "-",
-            f"{one.claim.expected} {one.claim.unit}".rstrip(),
-            _measured(one, MEDIAN),
-            f"{_measured(one, 0)} .. {_measured(one, -1)}",
+            f"{one.claim.bounds_text} {one.claim.unit}".rstrip(),
+            _quantile_text(one, MEDIAN_INDEX),
+            f"{_quantile_text(one, 0)} .. {_quantile_text(one, -1)}",
         ]
         for one in found
     ]
     columns = sweep.columns
-    verdicts = (columns.words(name) for name in columns.under("verdicts").values())
-    judged = int(np.any([one.are(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
+    verdicts = (columns.categorical(name) for name in columns.names_in_group("verdicts").values())
+    judged = int(np.any([one.mask(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
     remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
     if missing := len(columns) - judged:
         remarks.append(f"{missing} of {len(columns)} runs did not end and are not judged: reasons below")
@@ -141,7 +148,7 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
     )
 
 
-def _measured(one: ranking.Likelihood, quantile: int) -> str:
+def _quantile_text(one: ranking.Likelihood, quantile: int) -> str:
     value = one.quantiles[quantile]
     return number(value) if not math.isfinite(value) else f"{value:.{one.claim.digits}f}"
 
@@ -151,7 +158,7 @@ def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
     found: list[ReportPart | None] = []
     drives = ranking.drives_in(sweep.columns)
     for drive in drives:
-        columns = sweep.columns if len(drives) == 1 else sweep.columns.at(ranking.of_drive(sweep.columns, drive))
+        columns = sweep.columns if len(drives) == 1 else sweep.columns.select(ranking.drive_mask(sweep.columns, drive))
         of = f", {drive}" if len(drives) > 1 else ""
         found += [_correlations(sweep, columns, metric, of), _indices(sweep, columns, metric, of)]
     parts = [part for part in found if part is not None]
@@ -160,22 +167,22 @@ def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
     return parts
 
 
-def starred(correlations: dict[str, sensitivity.Correlation]) -> set[str]:
-    """Parameters whose correlation is none by chance, all of them together at `SURE`.
+def significant_parameters(correlations: dict[str, sensitivity.Correlation]) -> set[str]:
+    """Parameters whose correlation is none by chance, all of them together at `FAMILYWISE_LEVEL`.
 
     Source: Holm (1979), A simple sequentially rejective multiple test procedure.
     """
     stars: set[str] = set()
     ordered = sorted(correlations.items(), key=lambda item: item[1].p)
     for tested, (label, found) in enumerate(ordered):
-        if found.p > SURE / (len(ordered) - tested):
+        if found.p > FAMILYWISE_LEVEL / (len(ordered) - tested):
             break
         stars.add(label)
     return stars
 
 
 def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> ReportPart | None:
-    names = short(sweep.labels)
+    names = short_names(sweep.labels)
     found = {
         label: correlation
         for label in ranking.numeric_labels(sweep.labels, columns)
@@ -183,7 +190,7 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
     }
     if not found:
         return None
-    stars = starred(found)
+    stars = significant_parameters(found)
     lines = [
         [
             names[label],
@@ -193,9 +200,9 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
         ]
         for label, one in sorted(found.items(), key=lambda item: -abs(item[1].rho))
     ]
-    remarks = [f"* not by chance: 5 % for {counted(len(found), 'parameter')} together (Holm)"]
+    remarks = [f"* not by chance: 5 % for {count_text(len(found), 'parameter')} together (Holm)"]
     fewest = min(one.runs for one in found.values())
-    if fewest < sensitivity.FEW:
+    if fewest < sensitivity.RELIABLE_RUNS:
         remarks.append(f"only {fewest} runs: intervals are wide, and parameters without a star may matter too")
     title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
     return ReportPart("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
@@ -207,22 +214,22 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Report
     found = sensitivity.sobol_indices(columns, sweep.labels, sweep.runs // max(1, len(sweep.drives)), metric)
     title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
     remarks = [found.remark] if found.remark else []
-    if not found.of:
+    if not found.entries:
         return ReportPart("indices", title, [], [], remarks)
-    names = short(sweep.labels)
+    names = short_names(sweep.labels)
     lines = [
         [names[one.label], f"{one.first:.2f}", _range(one.first_interval), f"{one.total:.2f}",
          _range(one.total_interval)]
-        for one in sorted(found.of, key=lambda one: -one.total)
+        for one in sorted(found.entries, key=lambda one: -one.total)
     ]  # fmt: skip
-    ranges = [some for one in found.of for some in (one.first_interval, one.total_interval) if some]
+    ranges = [some for one in found.entries for some in (one.first_interval, one.total_interval) if some]
     if ranges:
-        remarks.append(f"95 %: {COVERED}")
-    elif found.blocks < sensitivity.LEAST_FOR_INTERVALS:
+        remarks.append(f"95 %: {COVERAGE_NOTE}")
+    elif found.blocks < sensitivity.MIN_INTERVAL_BLOCKS:
         remarks.append(
-            f"no intervals: with fewer than {sensitivity.LEAST_FOR_INTERVALS} blocks they cover much less than stated"
+            f"no intervals: with fewer than {sensitivity.MIN_INTERVAL_BLOCKS} blocks they cover much less than stated"
         )
-    if max((high - low for low, high in ranges), default=0.0) > WIDE:
+    if max((high - low for low, high in ranges), default=0.0) > WIDE_INTERVAL:
         remarks.append("some intervals are wide: four times the blocks make them half as wide")
     remarks.append("first: share of the variance that it explains alone; total: together with others")
     return ReportPart("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
@@ -233,7 +240,7 @@ def _range(found: sensitivity.Interval) -> str:
 
 
 @dataclass(frozen=True)
-class Asked:
+class SweepQuery:
     """What a user wants to know.
 
     Attributes:
@@ -249,7 +256,7 @@ class Asked:
     worst_over: str | None = None
 
 
-def parts(sweep: SweepRows, asked: Asked) -> list[ReportPart]:
+def parts(sweep: SweepRows, asked: SweepQuery) -> list[ReportPart]:
     """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
     is drawn there cannot be chosen."""
     judged = claims_part(sweep)
@@ -267,40 +274,43 @@ def headline(sweep: SweepRows, by: str) -> str:
     """`NAME  20 runs: smallest hold_error_N 0.031 (run 4: k_s_Nm_per_rad = 0.5); 2 failed`."""
     columns = sweep.columns
     begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
-    text = f"{sweep.name}  {begun}{counted(sweep.runs, 'run')}"
-    ranked = ranking.best(columns, by)
+    text = f"{sweep.name}  {begun}{count_text(sweep.runs, 'run')}"
+    ranked = ranking.ranked_rows(columns, by)
     if found := ranking.likelihoods(columns):
-        text += f": {least_sure(found)}"
+        text += f": {claims_sentence(found)}"
     elif len(ranked):
-        best_run = f"run {columns.run(ranked[0])}{_varied(sweep, ranked[0])}"
+        best_run = f"run {columns.run_number(ranked[0])}{_varied_values(sweep, ranked[0])}"
         text += f": smallest {by} {number(value(columns, by)[ranked[0]], 3)} ({best_run})"
         if equal := len(ranking.equal_to_best(columns, by)):
             floor = ranking.floor_text(by)
-            text += f", equal to {counted(equal, 'other')}" + (f" within {floor}" if floor else "")
-        names = short(sweep.labels)
+            text += f", equal to {count_text(equal, 'other')}" + (f" within {floor}" if floor else "")
+        names = short_names(sweep.labels)
         if edges := [names[label] for label in ranking.at_edges(columns, sweep.labels, ranked[0])]:
             text += f"; {', '.join(edges)} at the edge of what was tried"
         if by == SINCE_TOUCH and np.isnan(value(columns, HOLD_ERROR)).all():
             text += "; this is the error since the first touch, as no run has a hold error"
     elif len(columns):
         text += ": none with " + by + (" keeps the limits" if sweep.limits else "")
-    statuses = columns.words("status").counts
+    statuses = columns.categorical("status").counts
     counts = [f"{count} {status}" for status, count in sorted(statuses.items()) if status != "done"]
     if sweep.limits:
-        counts.append(f"{columns.words('within_limits').counts.get(True, 0)} within limits")
+        counts.append(f"{columns.categorical('within_limits').counts.get(True, 0)} within limits")
     return text + "".join(f"; {one}" for one in counts)
 
 
-def _varied(sweep: SweepRows, row: int) -> str:
+def _varied_values(sweep: SweepRows, row: int) -> str:
     """`: k_s_Nm_per_rad = 1.5, kp = 2`: what varies, as the run in that row has it; "" where that is too much."""
-    names = short(sweep.labels)
-    found = [f"{names[label]} = {shown(sweep.columns.of.get(f'parameters/{label}'), row)}" for label in sweep.labels]
+    names = short_names(sweep.labels)
+    found = [
+        f"{names[label]} = {parameter_text(sweep.columns.by_name.get(f'parameters/{label}'), row)}"
+        for label in sweep.labels
+    ]
     if len(sweep.drives) > 1:
-        found.append(f"drive {sweep.columns.words('drive')[row] or '-'}")
-    return f": {', '.join(found)}" if 0 < len(found) <= MOST_VARIED else ""
+        found.append(f"drive {sweep.columns.categorical('drive')[row] or '-'}")
+    return f": {', '.join(found)}" if 0 < len(found) <= MAX_HEADLINE_VALUES else ""
 
 
-def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
+def _best(sweep: SweepRows, asked: SweepQuery) -> ReportPart | None:
     rows = best_rows(sweep, asked)
     if not len(rows):
         return None
@@ -315,110 +325,112 @@ def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
         rest = f" ({len(equal) - len(rows) + 1} more not shown)" if len(equal) >= len(rows) else ""
         order = [
             name
-            for metric, name in ((SETTLING, "settling time"), (OVERSHOOT, "overshoot"), (asked.by, asked.by))
+            for metric, name in ((SETTLING_TIME, "settling time"), (HOLD_OVERSHOOT, "overshoot"), (asked.by, asked.by))
             if not np.isnan(value(columns, metric)).all()
         ]
         remarks.append(f"=: equal to the best{within}{rest}; ordered by {', then '.join(order[:2])}")
-    missing = columns.words("status").are(lambda status: status == "done") & np.isnan(value(columns, asked.by))
-    reasons = [why for why in columns.words("no_hold").at(missing).counts if why] if asked.by == HOLD_ERROR else []
+    missing = columns.categorical("status").mask(lambda status: status == "done") & np.isnan(value(columns, asked.by))
+    reasons = (
+        [why for why in columns.categorical("no_hold").select(missing).counts if why] if asked.by == HOLD_ERROR else []
+    )
     if missing.any() and asked.by != "chatter_N":
         why = f": {'; '.join(reasons)}" if reasons else ""
-        remarks.append(f"{counted(int(missing.sum()), 'run')} without {asked.by}{why}")
+        remarks.append(f"{count_text(int(missing.sum()), 'run')} without {asked.by}{why}")
     remarks += [
         f"{title}, -: {BY_COLUMN[metric].missing}"
-        for metric, title in COMPANIONS.items()
+        for metric, title in COMPANION_TITLES.items()
         if title in head and any(row[head.index(title)] == "-" for row in cells)
     ]
     return ReportPart("best", f"best runs by {asked.by}", head, cells, remarks)
 
 
-def best_rows(sweep: SweepRows, asked: Asked) -> Positions:
+def best_rows(sweep: SweepRows, asked: SweepQuery) -> Positions:
     """Rows of the best runs that are shown: the best one, those that equal it, the next ones."""
-    ranked, equal = (find(sweep.columns, asked.by) for find in (ranking.best, ranking.equal_to_best))
+    ranked, equal = (find(sweep.columns, asked.by) for find in (ranking.ranked_rows, ranking.equal_to_best))
     others = ranked[1:][~np.isin(ranked[1:], equal)]
-    shown = max(asked.top, min(MOST_EQUAL, 1 + len(equal)))
+    shown = max(asked.top, min(MAX_EQUAL_ROWS, 1 + len(equal)))
     return np.concatenate([ranked[:1], equal, others])[:shown]
 
 
-def _margins(sweep: SweepRows, asked: Asked) -> ReportPart | None:
+def _margins(sweep: SweepRows, asked: SweepQuery) -> ReportPart | None:
     """Margins of the force loop of the best runs; None if none were computed."""
-    keys = sweep.columns.words("key").at(best_rows(sweep, asked))
+    keys = sweep.columns.categorical("key").select(best_rows(sweep, asked))
     found = [sweep.margins[key] for key in keys if key in sweep.margins]
     if not found:
         return None
     rows = [
-        [str(one["run"]), _scaled(one["gain"]), _scaled(one["phase_rad"], 180.0 / math.pi)]
+        [str(one["run"]), _margin_text(one["gain"]), _margin_text(one["phase_rad"], 180.0 / math.pi)]
         for one in found
         if not one["reason"]
     ]
     reasons = Counter(one["reason"] for one in found if one["reason"])
-    remarks = [f"none of {counted(runs, 'run')}: {plain(reason)}" for reason, runs in reasons.items()]
+    remarks = [f"none of {count_text(runs, 'run')}: {terminal_text(reason)}" for reason, runs in reasons.items()]
     if any("-" in row for row in rows):
         remarks.append("-: no gain up to 1000, or no change of phase, makes the loop unstable")
     title = "margins of the force loop where it presses, linear model; other loops: twin analyse"
     return ReportPart("margins", title, ["run", "gain", "phase deg"] if rows else [], rows, remarks)
 
 
-def _scaled(found: float | None, factor: float = 1.0) -> str:
+def _margin_text(found: float | None, factor: float = 1.0) -> str:
     return "-" if found is None else number(factor * found, 3)
 
 
-def _worst(sweep: SweepRows, asked: Asked, label: str) -> ReportPart:
-    columns, names = sweep.columns, short(sweep.labels)
+def _worst(sweep: SweepRows, asked: SweepQuery, label: str) -> ReportPart:
+    columns, names = sweep.columns, short_names(sweep.labels)
     found = worst_over(columns, asked.by, label, sweep.labels)
     others = [other for other in sweep.labels if other != label]
     several = len(sweep.drives) > 1
     rows = [
         [
-            *(shown(columns.of.get(f"parameters/{other}"), one.row) for other in others),
-            *([columns.words("drive")[one.row] or ""] if several else []),
+            *(parameter_text(columns.by_name.get(f"parameters/{other}"), one.row) for other in others),
+            *([columns.categorical("drive")[one.row] or ""] if several else []),
             "failed" if math.isinf(one.metric) else number(one.metric),
-            shown(columns.of.get(f"parameters/{label}"), one.row),
+            parameter_text(columns.by_name.get(f"parameters/{label}"), one.row),
             str(one.runs),
             str(one.bad) if one.bad else "-",
         ]
-        for one in found[:MOST_WORST]
+        for one in found[:MAX_WORST_ROWS]
     ]
     head = [*(names[other] for other in others), *(["drive"] if several else [])]
     head += [f"worst {asked.by}", f"at {names[label]}", "runs", "failed"]
     remarks = ["failed: also tripped, beyond a limit, or without that number; it counts as worst"]
-    if len(found) > MOST_WORST:
-        remarks.append(f"and {len(found) - MOST_WORST} more")
+    if len(found) > MAX_WORST_ROWS:
+        remarks.append(f"and {len(found) - MAX_WORST_ROWS} more")
     if found and max(one.runs for one in found) == 1:
         remarks.append(f"each choice has one run: {names[label]} does not vary by itself, as it does in a grid")
     return ReportPart("worst", f"worst {asked.by} over {names[label]}, least worst first", head, rows, remarks)
 
 
-def _front(sweep: SweepRows, asked: Asked) -> ReportPart | None:
+def _front(sweep: SweepRows, asked: SweepQuery) -> ReportPart | None:
     front = ranking.pareto_front(sweep.columns, asked.by, asked.against)
     if not len(front) or asked.by == asked.against:
         return None
-    head, rows = _runs(sweep, front[:MOST_OF_FRONT], asked)
-    more = [f"and {len(front) - MOST_OF_FRONT} more"] if len(front) > MOST_OF_FRONT else []
-    ranked = len(ranking.best(sweep.columns, asked.by))
-    title = f"Pareto front of {asked.by} and {asked.against}: {counted(len(front), 'run')} of {ranked}"
+    head, rows = _runs(sweep, front[:MAX_FRONT_ROWS], asked)
+    more = [f"and {len(front) - MAX_FRONT_ROWS} more"] if len(front) > MAX_FRONT_ROWS else []
+    ranked = len(ranking.ranked_rows(sweep.columns, asked.by))
+    title = f"Pareto front of {asked.by} and {asked.against}: {count_text(len(front), 'run')} of {ranked}"
     return ReportPart("front", title, head, rows, more)
 
 
-def _runs(sweep: SweepRows, rows: Positions, asked: Asked) -> tuple[list[str], list[list[str]]]:
-    columns, names = sweep.columns, short(sweep.labels)
-    metrics = [m for m in dict.fromkeys((asked.by, asked.against)) if m == asked.by or m not in COMPANIONS]
-    beside = [m for m in COMPANIONS if m != asked.by and not np.isnan(value(columns, m)).all()]
+def _runs(sweep: SweepRows, rows: Positions, asked: SweepQuery) -> tuple[list[str], list[list[str]]]:
+    columns, names = sweep.columns, short_names(sweep.labels)
+    metrics = [m for m in dict.fromkeys((asked.by, asked.against)) if m == asked.by or m not in COMPANION_TITLES]
+    beside = [m for m in COMPANION_TITLES if m != asked.by and not np.isnan(value(columns, m)).all()]
     several = len(sweep.drives) > 1
     head = ["run", *metrics, *(["drive"] if several else []), *(names[label] for label in sweep.labels)]
-    return [*head, *(COMPANIONS[metric] for metric in beside)], [
+    return [*head, *(COMPANION_TITLES[metric] for metric in beside)], [
         [
-            str(columns.run(row)),
+            str(columns.run_number(row)),
             *(number(value(columns, metric)[row]) for metric in metrics),
-            *([columns.words("drive")[row] or ""] if several else []),
-            *(shown(columns.of.get(f"parameters/{label}"), row) for label in sweep.labels),
+            *([columns.categorical("drive")[row] or ""] if several else []),
+            *(parameter_text(columns.by_name.get(f"parameters/{label}"), row) for label in sweep.labels),
             *(number(value(columns, metric)[row]) for metric in beside),
         ]
         for row in rows
     ]
 
 
-def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
+def _drives(sweep: SweepRows, asked: SweepQuery) -> ReportPart | None:
     if len(ranking.drives_in(sweep.columns)) < 2:
         return None
     scores = ranking.drive_ranking(sweep.columns, asked.by)
@@ -450,39 +462,39 @@ def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
 
 def _distributions(sweep: SweepRows) -> ReportPart | None:
     spreads = [
-        found for metric in ranking.metrics_in(sweep.columns) if (found := ranking.spread(sweep.columns, metric))
+        found for metric in ranking.metrics_in(sweep.columns) if (found := ranking.metric_spread(sweep.columns, metric))
     ]
     if not spreads or len(sweep.columns) < 2:
         return None
-    head = ["metric", *(f"{100 * share:g} %" for share in ranking.QUANTILES), SKETCH, "missing"]
+    head = ["metric", *(f"{100 * share:g} %" for share in ranking.QUANTILES), HISTOGRAM_TITLE, "missing"]
     rows = [
         [
             one.metric,
             *map(number, one.quantiles),
-            f"|{''.join(SHADES[math.ceil(n / max(one.counts) * (len(SHADES) - 1))] for n in one.counts):{BINS}}|",
+            f"|{''.join(BIN_SHADES[math.ceil(n / max(one.counts) * (len(BIN_SHADES) - 1))] for n in one.counts):{HISTOGRAM_BINS}}|",
             str(one.missing) if one.missing else "-",
         ]
         for one in spreads
     ]
-    return ReportPart("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))
+    return ReportPart("metrics", "each metric over all runs, quantiles", head, rows, text_only=(HISTOGRAM_TITLE,))
 
 
 def _reasons(sweep: SweepRows) -> ReportPart | None:
     reasons: dict[tuple[str, str], list[int]] = {}
     columns = sweep.columns
-    rows = columns.words("status").are(lambda status: status != "done")
-    words = [columns.words(name).at(rows) for name in ("status", "reason")]
+    rows = columns.categorical("status").mask(lambda status: status != "done")
+    words = [columns.categorical(name).select(rows) for name in ("status", "reason")]
     for run, status, reason in zip(columns.numbers("run")[rows], *words, strict=True):
         reasons.setdefault((status, "".join(reason.splitlines()[:1])), []).append(int(run))
     if not reasons:
         return None
     most_first = sorted(reasons.items(), key=lambda item: -len(item[1]))
     lines = []
-    for (status, reason), runs in most_first[:MOST_REASONS]:
-        others = f" and {counted(len(runs) - 1, 'other')}" if len(runs) > 1 else ""
-        lines.append(plain(f"run {runs[0]}{others} {status}: {reason}"))
-    if len(reasons) > MOST_REASONS:
-        lines.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
+    for (status, reason), runs in most_first[:MAX_REASONS]:
+        others = f" and {count_text(len(runs) - 1, 'other')}" if len(runs) > 1 else ""
+        lines.append(terminal_text(f"run {runs[0]}{others} {status}: {reason}"))
+    if len(reasons) > MAX_REASONS:
+        lines.append(f"{len(reasons) - MAX_REASONS} other reasons are in the rows")
     return ReportPart("reasons", "runs that are not done", [], [], lines)
 
 
@@ -493,7 +505,7 @@ def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] |
         InputRefused: one asked for does not vary.
     """
     numeric = ranking.numeric_labels(sweep.labels, sweep.columns)
-    names = short(sweep.labels)
+    names = short_names(sweep.labels)
     chosen = []
     for option, wanted in (("--x", x), ("--y", y)):
         found = [label for label in numeric if wanted in (label, names[label])]
@@ -514,29 +526,29 @@ def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
     Raises:
         InputRefused: none of that name varies.
     """
-    names = short(sweep.labels)
+    names = short_names(sweep.labels)
     found = next((label for label in sweep.labels if wanted in (label, names[label])), None)
     if wanted is not None and found is None:
         raise InputRefused(f"--worst-over {wanted}: does not vary here; {nearest(wanted, sweep.labels)}")
     return found
 
 
-def sweep_text(sweep: SweepRows, asked: Asked) -> str:
+def sweep_text(sweep: SweepRows, asked: SweepQuery) -> str:
     """The report of a sweep."""
     found = (block for part in parts(sweep, asked) for block in _blocks(part))
-    return laid_out([_folded(headline(sweep, asked.by)), *found])
+    return lay_out([_fold(headline(sweep, asked.by)), *found])
 
 
 def _blocks(part: ReportPart) -> list[Block]:
     columns = [Column(title, left=number == 0, gap=2) for number, title in enumerate(part.head)]
     table: list[Block] = [Table(columns, part.rows, left_out="--html")] if part.rows else []
-    return ["", _folded(part.title), *table, *(Note(remark, "  ", 4, whole=True) for remark in part.remarks)]
+    return ["", _fold(part.title), *table, *(Note(remark, "  ", 4, whole=True) for remark in part.remarks)]
 
 
 def headline_text(sweep: SweepRows, by: str) -> str:
     """The first sentence in lines of at most 80 characters."""
-    return laid_out([_folded(headline(sweep, by))])
+    return lay_out([_fold(headline(sweep, by))])
 
 
-def _folded(text: str) -> Note:
+def _fold(text: str) -> Note:
     return Note(text, later=2, whole=True)

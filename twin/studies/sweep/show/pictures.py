@@ -13,49 +13,49 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from twin.studies.figure import (
-    BARE,
+    BARE_STYLE,
     BLUE,
     GREEN,
     INK,
     LESS_IS_BETTER,
     LIGHT_IS_GOOD,
-    MAP,
+    MAP_STYLE,
     ORANGE,
     PINK,
     SKY,
     VERMILION,
     picture,
 )
-from twin.studies.result import counted
+from twin.studies.result import count_text
 from twin.studies.sweep.columns import Columns, Numbers, Positions
-from twin.studies.sweep.show.parts import Asked, axes_of, short
+from twin.studies.sweep.show.parts import SweepQuery, axes_of, short_names
 from twin.studies.sweep.statistics.ranking import (
     Bands,
     bands,
-    best,
     claims_in,
+    drive_mask,
     drives_in,
+    metric_spread,
     metrics_in,
-    of_drive,
     parameter,
     pareto_front,
-    spread,
+    ranked_rows,
     value,
 )
 from twin.studies.sweep.stored import SweepRows
 
-CROWD = 50_000
+MAX_DOTS = 50_000
 """Dots up to which all are drawn."""
 
 
-def visible(x: Numbers, y: Numbers, most: int, cells: int = 150) -> Positions:
+def visible_dots(x: Numbers, y: Numbers, most: int, cells: int = 150) -> Positions:
     """Positions of the dots to draw, in their order: of a crowd the last `most`, which lie on top, in each cell.
 
     Args:
         x, y: where the dots are on the paper, in any unit.
         cells: along each axis; of 150 each is smaller than a dot.
     """
-    if len(x) <= CROWD:
+    if len(x) <= MAX_DOTS:
         return np.arange(len(x))
     cell = _cells(x, cells) * (cells + 1) + _cells(y, cells)
     # of short numbers this takes time with their number alone
@@ -70,15 +70,15 @@ def _cells(along: Numbers, cells: int) -> NDArray[np.int64]:
     return ((along - along.min()) / span * cells).astype(np.int64)
 
 
-COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
-MARKERS = "osD^vP*X"
-DEEP = 4
+DRIVE_COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
+DRIVE_MARKERS = "osD^vP*X"
+MAX_STACKED_DOTS = 4
 """Dots of a crowd on top of each other that are drawn: beneath so many nothing shines through."""
-FINE = 1000
+FRONT_CELLS = 1000
 """Cells of the front of a crowd, which is a line: smaller than a pixel."""
 
 
-def draw_front(sweep: SweepRows, asked: Asked, path: Path) -> None:
+def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:
@@ -87,37 +87,37 @@ def draw_front(sweep: SweepRows, asked: Asked, path: Path) -> None:
     with picture(path, 7.5, 4.8) as figure:
         axes = figure.subplots()
         columns = sweep.columns
-        ranked = best(columns, asked.by)
+        ranked = ranked_rows(columns, asked.by)
         for number, drive in enumerate(drives_in(columns)):
-            mine = ranked[of_drive(columns, drive)[ranked]]
+            mine = ranked[drive_mask(columns, drive)[ranked]]
             x, y = _points(columns, mine, asked)
-            drawn = visible(x, y, DEEP)
+            drawn = visible_dots(x, y, MAX_STACKED_DOTS)
             axes.scatter(
-                x[drawn], y[drawn], s=26, color=COLORS[number % len(COLORS)], marker=MARKERS[number % len(MARKERS)],
+                x[drawn], y[drawn], s=26, color=DRIVE_COLORS[number % len(DRIVE_COLORS)], marker=DRIVE_MARKERS[number % len(DRIVE_MARKERS)],
                 alpha=0.75, lw=0, label=f"{drive or 'runs'} ({len(mine)})",
             )  # fmt: skip
         x, y = _points(columns, pareto_front(columns, asked.by, asked.against), asked)
-        drawn = visible(x, y, 1, FINE)
+        drawn = visible_dots(x, y, 1, FRONT_CELLS)
         x, y = x[drawn], y[drawn]
         axes.step(x, y, where="post", color=INK, lw=1.2, label="Pareto front")
         axes.scatter(x, y, s=70, facecolors="none", edgecolors=INK, lw=1.2)
         axes.set(xlabel=f"{asked.by} (less is better)", ylabel=f"{asked.against} (less is better)")
         axes.legend()
         absent = len(columns) - len(ranked)
-        text = f"; {counted(absent, 'run')} not shown: failed, tripped or beyond the limits" if absent else ""
+        text = f"; {count_text(absent, 'run')} not shown: failed, tripped or beyond the limits" if absent else ""
         figure.suptitle(f"{sweep.name}: {len(ranked)} of {sweep.runs} runs{text}", x=0.01, ha="left", fontsize=10)
 
 
-def _points(columns: Columns, rows: Positions, asked: Asked) -> tuple[Numbers, Numbers]:
+def _points(columns: Columns, rows: Positions, asked: SweepQuery) -> tuple[Numbers, Numbers]:
     return value(columns, asked.by)[rows], value(columns, asked.against)[rows]
 
 
-FAILED = VERMILION
-MOST_NUMBERS = 2_500
+FAILED_COLOR = VERMILION
+MAX_NUMBERED_CELLS = 2_500
 """Cells of a grid with a number in each; of more, in none of which one could be read, only the colours are drawn."""
-FEW_LEVELS = 10
+MAX_NAMED_LEVELS = 10
 """Named along an axis of so many cells."""
-FAR = 3.0
+FENCE_FACTOR = 3.0
 """Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
 
 
@@ -134,17 +134,17 @@ def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path)
     values = numbers[on_map & ~np.isnan(numbers)]
     across = min(3, len(drives))
     lines = -(-len(drives) // across)
-    with picture(path, 2.2 + 4.0 * across, 1.4 + 3.4 * lines, look=MAP) as figure:
+    with picture(path, 2.2 + 4.0 * across, 1.4 + 3.4 * lines, look=MAP_STYLE) as figure:
         panels = figure.subplots(lines, across, squeeze=False, sharex=True, sharey=True).ravel()
         low, high, remark = shown_range(values)
         shade = ScalarMappable(Normalize(low, high), LESS_IS_BETTER)
         for panel, drive in zip(panels, drives, strict=False):
-            mine = on_map & of_drive(columns, drive)
+            mine = on_map & drive_mask(columns, drive)
             _draw_panel(panel, shade, x[mine], y[mine], numbers[mine])
             panel.set_title(drive or "", fontsize=10, fontweight="bold")
         for panel in panels[len(drives) :]:
             panel.set_visible(False)
-        names = short(sweep.labels)
+        names = short_names(sweep.labels)
         # below the axis' name, for a legend there would lie upon it
         legend = [f"orange cross: no {metric}, see the row's reason"] if len(values) < on_map.sum() else []
         figure.supxlabel("\n".join([names[axes[0]], *legend, *filter(None, [remark])]), fontsize=10)
@@ -165,7 +165,7 @@ def shown_range(values: Numbers) -> tuple[float, float, str]:
     if not len(values):
         return 0.0, 1.0, ""
     first, third = np.quantile(values, [0.25, 0.75])
-    reach = FAR * (third - first)
+    reach = FENCE_FACTOR * (third - first)
     inside = values[(first - reach <= values) & (values <= third + reach)]
     least, most = float(values.min()), float(values.max())
     outside = len(values) - len(inside)
@@ -190,9 +190,9 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numb
     octaves = [len(x) > 0 and along.min() > 0.0 and along.max() / along.min() >= 4.0 for along in (x, y)]
     on_paper = [np.log(along) if is_so else along for along, is_so in zip((x, y), octaves, strict=True)]
     good, bad = (np.flatnonzero(some) for some in (np.isfinite(numbers), ~np.isfinite(numbers)))
-    good, bad = (some[visible(on_paper[0][some], on_paper[1][some], 1)] for some in (good, bad))
+    good, bad = (some[visible_dots(on_paper[0][some], on_paper[1][some], 1)] for some in (good, bad))
     panel.scatter(x[good], y[good], c=shade.to_rgba(numbers[good]), s=42, ec=INK, lw=0.5)
-    panel.scatter(x[bad], y[bad], marker="x", color=FAILED, s=42, lw=2)
+    panel.scatter(x[bad], y[bad], marker="x", color=FAILED_COLOR, s=42, lw=2)
     for letter, axis, is_so in zip("xy", (panel.xaxis, panel.yaxis), octaves, strict=True):
         if is_so:
             panel.set(**{f"{letter}scale": "log"})
@@ -217,18 +217,18 @@ def _draw_grid(
     panel: Axes, shade: ScalarMappable, levels: Sequence[Numbers], best: Numbers, cells: NDArray[np.int64]
 ) -> None:
     """The best number of each of the `cells`, by position in the table `best`, that some run is in."""
-    many = len(cells) > MOST_NUMBERS
+    many = len(cells) > MAX_NUMBERED_CELLS
     if many:
         colours = shade.to_rgba(best)
         failed = cells[np.isnan(best.ravel()[cells])]
-        colours.reshape(-1, 4)[failed] = to_rgba(FAILED)
+        colours.reshape(-1, 4)[failed] = to_rgba(FAILED_COLOR)
         panel.imshow(colours.swapaxes(0, 1), origin="lower", aspect="auto", interpolation="nearest")
     else:
         for cell in cells.tolist():
             i, j = divmod(cell, best.shape[1])
             _draw_cell(panel, shade, i, j, best[i, j])
     for axis, level in zip((panel.xaxis, panel.yaxis), levels, strict=True):
-        named = np.arange(0, len(level), -(-len(level) // FEW_LEVELS) if many else 1)
+        named = np.arange(0, len(level), -(-len(level) // MAX_NAMED_LEVELS) if many else 1)
         axis.set_ticks(named, [f"{number:.4g}" for number in level[named]])
     panel.tick_params(length=0, labelsize=8)
     panel.set(xlim=(-0.5, best.shape[0] - 0.5), ylim=(-0.5, best.shape[1] - 0.5))
@@ -237,7 +237,7 @@ def _draw_grid(
 def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) -> None:
     if np.isnan(best):
         panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc="#f0f0f0", ec="white"))
-        panel.plot(i, j, marker="x", color=FAILED, ms=9, mew=2)
+        panel.plot(i, j, marker="x", color=FAILED_COLOR, ms=9, mew=2)
         return
     r, g, b, _ = color = shade.to_rgba(best)  # type: ignore[arg-type]
     panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=color, ec="white"))
@@ -245,7 +245,7 @@ def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) 
     panel.text(i, j, f"{best:.3g}", ha="center", va="center", color=ink, fontsize=8)
 
 
-COLUMNS = 3
+PANEL_COLUMNS = 3
 
 
 def draw_spreads(sweep: SweepRows, path: Path) -> None:
@@ -256,18 +256,18 @@ def draw_spreads(sweep: SweepRows, path: Path) -> None:
     """
     columns = sweep.columns
     metrics, drives = metrics_in(columns), drives_in(columns)
-    lines = -(-len(metrics) // COLUMNS)
-    with picture(path, 11, 0.8 + 2.3 * lines, look=BARE) as figure:
-        panels = figure.subplots(lines, COLUMNS, squeeze=False).ravel()
+    lines = -(-len(metrics) // PANEL_COLUMNS)
+    with picture(path, 11, 0.8 + 2.3 * lines, look=BARE_STYLE) as figure:
+        panels = figure.subplots(lines, PANEL_COLUMNS, squeeze=False).ravel()
         for axes, metric in zip(panels, metrics, strict=False):
-            found = spread(columns, metric)
+            found = metric_spread(columns, metric)
             assert found is not None
             for number, drive in enumerate(drives):
-                values = value(columns, metric)[of_drive(columns, drive)] if len(drives) > 1 else found.numbers
+                values = value(columns, metric)[drive_mask(columns, drive)] if len(drives) > 1 else found.numbers
                 counts, _ = np.histogram(values[~np.isnan(values)], len(found.counts), tuple(found.edges[[0, -1]]))
                 # of a million runs only their counts
                 axes.hist(
-                    found.edges[:-1], found.edges, weights=counts, color=COLORS[number % len(COLORS)],
+                    found.edges[:-1], found.edges, weights=counts, color=DRIVE_COLORS[number % len(DRIVE_COLORS)],
                     histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
                 )  # fmt: skip
             axes.axvline(found.quantiles[2], color=INK, lw=1.0, ls="--")
@@ -281,7 +281,7 @@ def draw_spreads(sweep: SweepRows, path: Path) -> None:
         figure.suptitle(f"{sweep.name}: {len(columns)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
 
 
-PANELS = (
+BAND_PANELS = (
     ("A", "z", "z position, estimated (mm)", 1e3),
     ("B", "F_z", "F_z, pressing, estimated (N)", 1.0),
     ("C", "F_x", "F_x, estimated (N)", 1.0),
@@ -290,9 +290,9 @@ PANELS = (
     ("F", "true_F_z", "F_z, pressing, true (N)", 1.0),
 )
 """The force-position run on top, as in the paper."""
-SETTLED = 8.0
+SETTLED_TIME = 8.0
 """Since when (s) the height changes by so little that E shows it larger."""
-MARGIN = 0.1
+HEIGHT_MARGIN = 0.1
 """Around it (mm)."""
 
 
@@ -308,7 +308,7 @@ def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
     runs = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
     with picture(path, 12, 10.5) as figure:
         panels = figure.subplots(3, 2, sharex=True)
-        for axes, (letter, name, label, scale) in zip(panels.ravel(), PANELS, strict=True):
+        for axes, (letter, name, label, scale) in zip(panels.ravel(), BAND_PANELS, strict=True):
             if letter == "A":
                 _draw(axes, bands, "force_position.z_cmd", scale, FP_REFERENCE, "F&P-based-ref")
             for run, color, who in runs:
@@ -321,9 +321,9 @@ def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
             limits = [axes.get_ylim() for axes in pair]
             for axes in pair:
                 axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
-        settled = bands.t >= SETTLED
+        settled = bands.t >= SETTLED_TIME
         z = [1e3 * bands[f"{run}.true_z"][:, settled] for run, _, _ in runs]
-        panels[2, 0].set_ylim(min(map(np.min, z)) - MARGIN, max(map(np.max, z)) + MARGIN)
+        panels[2, 0].set_ylim(min(map(np.min, z)) - HEIGHT_MARGIN, max(map(np.max, z)) + HEIGHT_MARGIN)
         for axes in panels[2]:
             axes.set_xlabel("time (s)")
         figure.suptitle(
@@ -339,7 +339,7 @@ def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: 
     axes.plot(bands.t, median, color=color, lw=1.4, label=label)
 
 
-def write_pictures(sweep: SweepRows, asked: Asked, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
+def write_pictures(sweep: SweepRows, asked: SweepQuery, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
     """Write them into `folder` (PNG), which exists: what each shows -> its file.
 
     Args:
@@ -351,7 +351,7 @@ def write_pictures(sweep: SweepRows, asked: Asked, x: str | None, y: str | None,
     files: dict[str, Path] = {}
     axes = axes_of(sweep, x, y)
     # curves are in no column
-    found = bands(sweep.rows) if True in sweep.columns.words("has_curves").counts else None
+    found = bands(sweep.rows) if True in sweep.columns.categorical("has_curves").counts else None
     if found:
         files["bands"] = folder / "bands.png"
         draw_bands(found, sweep, files["bands"])

@@ -10,99 +10,99 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import Claim
-from twin.studies.sweep.columns import Columns, Numbers, Positions, Row, Words, once
+from twin.studies.sweep.columns import CategoricalColumn, Columns, Numbers, Positions, Row, cache_per_columns
 from twin.studies.sweep.measures import (
     BY_COLUMN,
-    CHATTER,
+    CHATTER_AMPLITUDE,
     HOLD_ERROR,
+    HOLD_OVERSHOOT,
     METRICS,
-    OVERSHOOT,
-    SETTLING,
+    SETTLING_TIME,
     SINCE_TOUCH,
-    checked_metric,
+    require_metric,
 )
-from twin.studies.sweep.rows import ROWS
+from twin.studies.sweep.rows import ROWS_FILE
 
 USUAL_METRICS = (HOLD_ERROR, SINCE_TOUCH, "lateral_error_mm")
 """Metrics to rank by unless one is chosen: the first that some run has."""
-USUAL_AGAINST = (SETTLING, HOLD_ERROR, OVERSHOOT, "lateral_error_mm")
+USUAL_AGAINST = (SETTLING_TIME, HOLD_ERROR, HOLD_OVERSHOOT, "lateral_error_mm")
 """The other metric of the Pareto front, likewise."""
-UNRANKED = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "holds_count",
+UNRANKED_METRICS = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "holds_count",
             "felt_stiffness_N_per_m", "chatter_frequency_Hz")  # fmt: skip
 UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
 """Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
 other metric less is better."""
 
-ROUNDING = 12
+METRIC_DECIMALS = 12
 """Decimals of a metric: what runs differ by beyond them is the rounding of doubles, and no run is better for it."""
 
 
-@once
+@cache_per_columns
 def value(columns: Columns, metric: str) -> Numbers:
     """The number of each run, (n,), a metric or what a claim measured; nan if it has none, because it failed or no
     force was controlled, or it never happened."""
     name = f"metrics/{metric}"
-    found = columns.numbers(name) if name in columns.of else np.full(len(columns), np.nan)
-    if f"verdicts/{metric}" in columns.of:
-        judged = columns.words(f"verdicts/{metric}").are(lambda verdict: verdict is not None)
+    found = columns.numbers(name) if name in columns.by_name else np.full(len(columns), np.nan)
+    if f"verdicts/{metric}" in columns.by_name:
+        judged = columns.categorical(f"verdicts/{metric}").mask(lambda verdict: verdict is not None)
         found = np.where(judged, columns.numbers(f"values/{metric}"), found)
-    return rounded(found)
+    return round_metrics(found)
 
 
 def rank_value(columns: Columns, metric: str) -> Numbers:
     """The same as `value`, but 0 for a held force without chatter, which has no amplitude."""
     numbers = value(columns, metric)
-    if metric != CHATTER:
+    if metric != CHATTER_AMPLITUDE:
         return numbers
     return np.where(np.isnan(numbers) & ~np.isnan(value(columns, HOLD_ERROR)), 0.0, numbers)
 
 
-def rounded(numbers: Numbers) -> Numbers:
-    """`numbers` to `ROUNDING` decimals as Python's `round` has them: what is written is the nearest double.
+def round_metrics(numbers: Numbers) -> Numbers:
+    """`numbers` to `METRIC_DECIMALS` decimals as Python's `round` has them: what is written is the nearest double.
 
     To scale by a power of ten and back, as numpy does, is exact but where the product, which is rounded, too, comes
     near the middle between two decimals. From 2^13 on doubles are further apart than decimals.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        scaled = numbers * 10.0**ROUNDING
+        scaled = numbers * 10.0**METRIC_DECIMALS
         whole = np.rint(scaled)
         near_middle = np.abs(np.abs(scaled - whole) - 0.5) <= 2.0**-52 * np.abs(scaled)
     coarse = np.abs(numbers) >= 2.0**13
-    found = np.where(coarse, numbers, whole / 10.0**ROUNDING)
+    found = np.where(coarse, numbers, whole / 10.0**METRIC_DECIMALS)
     doubtful = np.flatnonzero(near_middle & ~coarse)
-    found[doubtful] = [round(number, ROUNDING) for number in numbers[doubtful].tolist()]
+    found[doubtful] = [round(number, METRIC_DECIMALS) for number in numbers[doubtful].tolist()]
     return found
 
 
 def usual_metric(columns: Columns) -> str:
     """Metric to rank by unless one is chosen: the hold error; where no run held a force, or rows are of an older twin,
     the error since the first touch; where no force was controlled, the lateral error."""
-    return _first_measured(columns, USUAL_METRICS)
+    return _first_available(columns, USUAL_METRICS)
 
 
 def usual_against(columns: Columns, by: str) -> str:
     """The other metric of the Pareto front unless one is chosen."""
-    return _first_measured(columns, [metric for metric in USUAL_AGAINST if metric != by])
+    return _first_available(columns, [metric for metric in USUAL_AGAINST if metric != by])
 
 
-def _first_measured(columns: Columns, metrics: Sequence[str]) -> str:
+def _first_available(columns: Columns, metrics: Sequence[str]) -> str:
     return next((metric for metric in metrics if not np.isnan(value(columns, metric)).all()), metrics[0])
 
 
-@once
+@cache_per_columns
 def metrics_in(columns: Columns) -> list[str]:
     """Names of all metrics that some run has a number for, those of every sweep first."""
-    there = {name: ~np.isnan(columns.numbers(column)) for name, column in columns.under("metrics").items()}
+    there = {name: ~np.isnan(columns.numbers(column)) for name, column in columns.names_in_group("metrics").items()}
     found = sorted((name for name, has in there.items() if has.any()), key=lambda name: int(there[name].argmax()))
     return [name for name in METRICS if name in found] + [name for name in found if name not in METRICS]
 
 
 def claims_in(columns: Columns) -> list[str]:
     """Keys of the paper's claims that some run was judged by; where there are any, no run is better than another."""
-    return list(columns.under("verdicts"))
+    return list(columns.names_in_group("verdicts"))
 
 
-def checked_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
+def require_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
     """`metric` as it was given with `option`.
 
     Args:
@@ -112,24 +112,24 @@ def checked_rank(option: str, metric: str, known: Sequence[str], claims: Sequenc
     Raises:
         InputRefused: there is no such metric, or less of it is not better.
     """
-    checked_metric(option, metric, [*known, *claims])
-    if not claims and _unranked(metric):
-        others = ", ".join(name for name in known if not _unranked(name))
+    require_metric(option, metric, [*known, *claims])
+    if not claims and _has_no_rank(metric):
+        others = ", ".join(name for name in known if not _has_no_rank(name))
         raise InputRefused(f"{option} {metric}: less of it is not better; rank by {others}")
     return metric
 
 
-def _unranked(metric: str) -> bool:
-    return metric in UNRANKED or metric.rpartition(".")[2] in UNRANKED_MEASURES
+def _has_no_rank(metric: str) -> bool:
+    return metric in UNRANKED_METRICS or metric.rpartition(".")[2] in UNRANKED_MEASURES
 
 
-@once
-def best(columns: Columns, metric: str) -> Positions:
+@cache_per_columns
+def ranked_rows(columns: Columns, metric: str) -> Positions:
     """Rows of runs that did not trip and keep the sweep's limits and have the metric, least first; ties in the order of
     rows."""
     numbers = rank_value(columns, metric)
-    fit = columns.words("status").are(lambda status: status == "done")
-    fit &= columns.words("within_limits").are(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
+    fit = columns.categorical("status").mask(lambda status: status == "done")
+    fit &= columns.categorical("within_limits").mask(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
     (rows,) = fit.nonzero()
     return rows[np.argsort(numbers[rows], kind="stable")]
 
@@ -150,19 +150,19 @@ def floor(metric: str, numbers: Numbers) -> Numbers:
     return np.maximum(measure.unit.per_SI * measure.floor, measure.share * np.abs(numbers))
 
 
-@once
+@cache_per_columns
 def equal_to_best(columns: Columns, metric: str) -> Positions:
     """Rows that differ from the best one by no more than the floor of the measure, without it: those that settle first
     (in steps of the floor of settling times), then least overshoot, then least metric."""
-    ranked = best(columns, metric)
+    ranked = ranked_rows(columns, metric)
     numbers = rank_value(columns, metric)[ranked]
     if not len(ranked):
         return ranked
     equal = numbers - numbers[0] <= floor(metric, numbers)
     equal[0] = False
     rows = ranked[equal]
-    settling = value(columns, SETTLING)[rows] // BY_COLUMN[SETTLING].floor
-    return rows[np.lexsort((numbers[equal], value(columns, OVERSHOOT)[rows], settling))]
+    settling = value(columns, SETTLING_TIME)[rows] // BY_COLUMN[SETTLING_TIME].floor
+    return rows[np.lexsort((numbers[equal], value(columns, HOLD_OVERSHOOT)[rows], settling))]
 
 
 def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
@@ -178,10 +178,11 @@ def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
 
 def parameter(columns: Columns, label: str) -> Numbers:
     """The parameter of each run, (n,); nan where it has no rank: truth values and texts have none."""
-    found = columns.of.get(f"parameters/{label}")
-    if isinstance(found, Words):
+    found = columns.by_name.get(f"parameters/{label}")
+    if isinstance(found, CategoricalColumn):
         numbers = (
-            word if isinstance(word, int | float) and not isinstance(word, bool) else np.nan for word in found.words
+            word if isinstance(word, int | float) and not isinstance(word, bool) else np.nan
+            for word in found.categories
         )
         of_words = [float(word) for word in numbers]
         return np.array(of_words)[found.codes]
@@ -195,16 +196,16 @@ def numeric_labels(labels: Sequence[str], columns: Columns) -> list[str]:
 
 def drives_in(columns: Columns) -> list[str | None]:
     """The drives of the runs, in the order of these; None is the experiment's own."""
-    return list(columns.words("drive").counts)
+    return list(columns.categorical("drive").counts)
 
 
-def of_drive(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
+def drive_mask(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
     """Which runs are those of a drive, (n,)."""
-    return columns.words("drive").are(lambda name: name == drive)
+    return columns.categorical("drive").mask(lambda name: name == drive)
 
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-BINS = 12
+HISTOGRAM_BINS = 12
 
 
 @dataclass(frozen=True)
@@ -216,7 +217,7 @@ class MetricSpread:
         numbers: of the runs that have one, in the order of runs.
         missing: runs that have none.
         quantiles: at `QUANTILES`.
-        counts: of `BINS` bins of equal width from the least number to the largest; of one bin around them all if they
+        counts: of `HISTOGRAM_BINS` bins of equal width from the least number to the largest; of one bin around them all if they
             differ by no more than rounding.
         edges: of the bins, one more than these.
     """
@@ -229,8 +230,8 @@ class MetricSpread:
     edges: Numbers
 
 
-@once
-def spread(columns: Columns, metric: str) -> MetricSpread | None:
+@cache_per_columns
+def metric_spread(columns: Columns, metric: str) -> MetricSpread | None:
     """Over all finished runs, limits kept or not; None if none has the metric."""
     numbers = value(columns, metric)
     numbers = numbers[~np.isnan(numbers)]
@@ -247,18 +248,18 @@ def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
     """(bins, range of them all): neighbouring doubles have nothing between them that twelve bins could share."""
     scale = max(1.0, float(np.abs(numbers).max()))
     low, high = float(numbers.min()), float(numbers.max())
-    if high - low <= 10.0**-ROUNDING * scale:
+    if high - low <= 10.0**-METRIC_DECIMALS * scale:
         return 1, (low - 0.5 * scale, high + 0.5 * scale)
-    return BINS, (low, high)
+    return HISTOGRAM_BINS, (low, high)
 
 
-@once
+@cache_per_columns
 def pareto_front(columns: Columns, one: str, other: str) -> Positions:
     """Of the rows that `best` would rank by `one` and that have `other`, those that no other beats; least `one` first.
 
     A run beats another if it has no more of either metric and less of one of them.
     """
-    rows = best(columns, one)
+    rows = ranked_rows(columns, one)
     rows = rows[~np.isnan(rank_value(columns, other)[rows])]
     a, b = rank_value(columns, one)[rows], rank_value(columns, other)[rows]
     # a run with more of the other than one with no more of the first is dominated; few are left to be sorted by both
@@ -274,7 +275,7 @@ def pareto_front(columns: Columns, one: str, other: str) -> Positions:
 
 
 @dataclass(frozen=True)
-class Worst:
+class WorstRun:
     """The runs of one choice of all other parameters and of the drive.
 
     Attributes:
@@ -290,7 +291,7 @@ class Worst:
     bad: int
 
 
-def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[Worst]:
+def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[WorstRun]:
     """For each choice of the other parameters its worst run over `label`, least worst first, ties in order of rows.
 
     Args:
@@ -299,23 +300,28 @@ def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str])
     """
     if not len(columns):
         return []
-    others = [columns.of[name] for one in labels if one != label and (name := f"parameters/{one}") in columns.of]
-    keys = [found.codes if isinstance(found, Words) else np.unique(found, return_inverse=True)[1] for found in others]
-    keys.append(columns.words("drive").codes)
+    others = [
+        columns.by_name[name] for one in labels if one != label and (name := f"parameters/{one}") in columns.by_name
+    ]
+    keys = [
+        found.codes if isinstance(found, CategoricalColumn) else np.unique(found, return_inverse=True)[1]
+        for found in others
+    ]
+    keys.append(columns.categorical("drive").codes)
     _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
     group = group.reshape(-1)
     numbers = np.full(len(columns), np.inf)
-    counting = best(columns, metric)
+    counting = ranked_rows(columns, metric)
     numbers[counting] = rank_value(columns, metric)[counting]
     # of each group the largest number, of equal ones the first row
     order = np.lexsort((-np.arange(len(columns)), numbers, group))
     last: Positions = order[np.flatnonzero(np.diff(group[order], append=-1))]
     runs, bad = np.bincount(group), np.bincount(group, np.isinf(numbers))
-    found = [Worst(int(row), float(numbers[row]), int(runs[group[row]]), int(bad[group[row]])) for row in last]
+    found = [WorstRun(int(row), float(numbers[row]), int(runs[group[row]]), int(bad[group[row]])) for row in last]
     return sorted(found, key=lambda one: (one.metric, one.row))
 
 
-RESAMPLES = 2000
+BOOTSTRAP_SAMPLES = 2000
 
 
 @dataclass(frozen=True)
@@ -358,32 +364,34 @@ def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
     intervals.
     """
     drives = drives_in(columns)
-    mine = [of_drive(columns, drive) for drive in drives]
+    mine = [drive_mask(columns, drive) for drive in drives]
     # of runs that came to their end without a trip
-    ended = columns.words("status").are(lambda status: status == "done")
+    ended = columns.categorical("status").mask(lambda status: status == "done")
     done = np.where(ended, value(columns, metric), np.nan)
     own = [done[is_mine & ~np.isnan(done)] for is_mine in mine]
     runs = [int(is_mine.sum()) for is_mine in mine]
-    table = _at_shared_points(columns, mine, done)
+    table = _shared_points(columns, mine, done)
     ranks = [(-len(numbers) / n, _median(numbers)) for n, numbers in zip(runs, own, strict=True)]
     order = sorted(range(len(drives)), key=lambda d: (ranks[d][0], math.isnan(ranks[d][1]), ranks[d][1]))
     chances = _chances(table)
     scores = []
     for d in order:
-        behind = (math.nan, (math.nan, math.nan)) if d == order[0] else _behind(table[d] - table[order[0]])
+        behind = (math.nan, (math.nan, math.nan)) if d == order[0] else _median_and_interval(table[d] - table[order[0]])
         worst = float(own[d].max()) if len(own[d]) else math.nan
         name = drives[d] or ""
         scores.append(DriveScore(name, runs[d], len(own[d]), ranks[d][1], worst, *behind, float(chances[d])))
     return scores
 
 
-def _at_shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
+def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
     """The metric, (drives, points), at the points that every drive has finished; nan: not completed."""
     point = np.zeros(len(columns), np.intp)
-    for name in columns.under("parameters").values():
-        column = columns.of[name]
+    for name in columns.names_in_group("parameters").values():
+        column = columns.by_name[name]
         # bit by bit: a parameter that is not there is one, too
-        _, codes = np.unique(column.codes if isinstance(column, Words) else column.view(np.int64), return_inverse=True)
+        _, codes = np.unique(
+            column.codes if isinstance(column, CategoricalColumn) else column.view(np.int64), return_inverse=True
+        )
         _, first, point = np.unique(point * (1 + codes.max()) + codes, return_index=True, return_inverse=True)
         # in the order of rows
         point = np.argsort(np.argsort(first))[point]
@@ -394,10 +402,10 @@ def _at_shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Num
     return shared
 
 
-def _resampled(points: int) -> Iterator[NDArray[np.int64]]:
+def _resample(points: int) -> Iterator[NDArray[np.int64]]:
     """So many points drawn from as many, anew each time: one at a time, as all together need not fit in memory."""
     rng = np.random.default_rng(0)
-    return (rng.integers(max(1, points), size=points) for _ in range(RESAMPLES))
+    return (rng.integers(max(1, points), size=points) for _ in range(BOOTSTRAP_SAMPLES))
 
 
 def _chances(table: Numbers) -> Numbers:
@@ -405,22 +413,22 @@ def _chances(table: Numbers) -> Numbers:
     if table.shape[1] == 0:
         return np.full(len(table), np.nan)
     first = np.zeros(len(table))
-    for pick in _resampled(table.shape[1]):
+    for pick in _resample(table.shape[1]):
         drawn = table[:, pick]
         completed = np.isfinite(drawn).sum(axis=1)
         medians = np.array([_median(numbers[np.isfinite(numbers)]) for numbers in drawn])
         medians[completed < completed.max()] = np.inf
         leaders = medians == medians.min() if completed.max() else np.ones(len(table), bool)
         first += leaders / leaders.sum()
-    return first / RESAMPLES
+    return first / BOOTSTRAP_SAMPLES
 
 
-def _behind(differences: Numbers) -> tuple[float, tuple[float, float]]:
+def _median_and_interval(differences: Numbers) -> tuple[float, tuple[float, float]]:
     """(median, 95 % interval) of the differences at points that both drives completed."""
     known = differences[np.isfinite(differences)]
     if len(known) == 0:
         return math.nan, (math.nan, math.nan)
-    low, high = np.percentile([np.median(known[pick]) for pick in _resampled(len(known))], [2.5, 97.5])
+    low, high = np.percentile([np.median(known[pick]) for pick in _resample(len(known))], [2.5, 97.5])
     return float(np.median(known)), (float(low), float(high))
 
 
@@ -428,7 +436,7 @@ def _median(numbers: Numbers) -> float:
     return float(np.median(numbers)) if len(numbers) else math.nan
 
 
-HOLDS, FAILS = ("holds", "reproduced after all"), ("fails", "not reproduced")
+HOLDS_VERDICTS, FAILS_VERDICTS = ("holds", "reproduced after all"), ("fails", "not reproduced")
 """Verdicts: of a draw it is asked whether a claim holds, not whether that was known."""
 
 
@@ -457,24 +465,26 @@ class Likelihood:
         return self.holds / self.judged if self.judged else float("nan")
 
 
-@once
+@cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
     """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
-    judged = columns.under("verdicts")
+    judged = columns.names_in_group("verdicts")
     if not judged:
         return []
     # takes a while to import, and few sweeps judge claims
-    from twin.studies.paper.fig4 import CLAIMS, QUALITY
+    from twin.studies.paper.fig4 import FIG4_CLAIMS, QUALITY_CLAIMS
 
     found = []
-    for claim in (*CLAIMS, *QUALITY):
+    for claim in (*FIG4_CLAIMS, *QUALITY_CLAIMS):
         if claim.key not in judged:
             continue
-        verdicts = columns.words(f"verdicts/{claim.key}")
-        numbers = columns.numbers(f"values/{claim.key}")[verdicts.are(lambda verdict: verdict is not None)]
+        verdicts = columns.categorical(f"verdicts/{claim.key}")
+        numbers = columns.numbers(f"values/{claim.key}")[verdicts.mask(lambda verdict: verdict is not None)]
         if not len(numbers):
             continue
-        holds, fails = (sum(verdicts.counts.get(one, 0) for one in either) for either in (HOLDS, FAILS))
+        holds, fails = (
+            sum(verdicts.counts.get(one, 0) for one in either) for either in (HOLDS_VERDICTS, FAILS_VERDICTS)
+        )
         numbers = np.where(np.isnan(numbers), np.inf, numbers)
         # between two runs there may be infinity: a quantile is the number of a run
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
@@ -511,7 +521,7 @@ class Bands:
 
     def __getitem__(self, name: str) -> Curve:
         if name not in self.quantiles:
-            raise InputRefused(f"{ROWS}: no run kept its curve {name}; run the sweep anew in another --out")
+            raise InputRefused(f"{ROWS_FILE}: no run kept its curve {name}; run the sweep anew in another --out")
         return self.quantiles[name]
 
 
@@ -522,27 +532,27 @@ def bands(rows: Sequence[Row]) -> Bands | None:
         InputRefused: curves of a run that twin sweep does not write, or other ones than those of the runs before.
     """
     # judging takes a while to import, and few sweeps have claims
-    from twin.studies.sweep.claims import unpacked
+    from twin.studies.sweep.claims import unpack_curves
 
     all_curves = []
     for row in rows:
         if not row.get("curves"):
             continue
         try:
-            all_curves.append(unpacked(row["curves"]))
+            all_curves.append(unpack_curves(row["curves"]))
         except ValueError as problem:
-            raise _odd(row) from problem
+            raise _curves_refusal(row) from problem
         (t, first), (now, curves) = all_curves[0], all_curves[-1]
         if len(now) != len(t) or curves.keys() != first.keys():
-            raise _odd(row)
+            raise _curves_refusal(row)
     if not all_curves:
         return None
     quantiles = {name: np.quantile([values[name] for _, values in all_curves], QUANTILES, axis=0) for name in first}
     return Bands(t, quantiles, len(all_curves))
 
 
-def _odd(row: Row) -> InputRefused:
+def _curves_refusal(row: Row) -> InputRefused:
     return InputRefused(
-        f"{ROWS}: run {row['run']} has damaged curves, or others than the other runs; remove its line, the run "
+        f"{ROWS_FILE}: run {row['run']} has damaged curves, or others than the other runs; remove its line, the run "
         "is then done again"
     )

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.studies.sweep.columns import Columns, Numbers, once
+from twin.studies.sweep.columns import Columns, Numbers, cache_per_columns
 from twin.studies.sweep.statistics.ranking import parameter, value
 
-LEAST = 4
+MIN_RUNS = 4
 """Runs below which the interval has no width to speak of: its variance is 1 / (n - 3)."""
-FEW = 30
+RELIABLE_RUNS = 30
 """Runs below which only a correlation of 0.36 and more differs from none at 5 %."""
 _NORMAL_95 = 1.959963984540054
 """Quantile of the standard normal distribution at 0.975."""
-LEAST_BLOCKS = 8
-LEAST_FOR_INTERVALS = 32
+MIN_BLOCKS = 8
+MIN_INTERVAL_BLOCKS = 32
 """Blocks below which an interval holds far less often than it says: of 16 it may miss an index four times in five, for
 in so short a Sobol' sequence A and B are not independent."""
 
@@ -49,7 +49,7 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
     x, y = parameter(columns, label), value(columns, metric)
     both = ~(np.isnan(x) | np.isnan(y))
     n = int(both.sum())
-    if n < LEAST:
+    if n < MIN_RUNS:
         return None
     x, y = _ranks(x[both]), _ranks_of(columns, metric) if n == np.isfinite(y).sum() else _ranks(y[both])
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
@@ -68,7 +68,7 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
     return Correlation(rho, math.tanh(z - half), math.tanh(z + half), float(2.0 * stdtr(n - 2, -t)), n)
 
 
-@once
+@cache_per_columns
 def _ranks_of(columns: Columns, metric: str) -> Numbers:
     """Of the runs that have the metric: every parameter is held against it."""
     numbers = value(columns, metric)
@@ -113,7 +113,7 @@ class Indices:
         blocks, planned: blocks of d + 2 runs that are whole, and in the design.
     """
 
-    of: tuple[Index, ...]
+    entries: tuple[Index, ...]
     remark: str
     blocks: int
     planned: int
@@ -144,8 +144,8 @@ def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: st
     blocks = np.full((planned, width), np.nan)
     blocks[block[inside], place[inside]] = value(columns, metric)[inside]
     whole = blocks[np.isfinite(blocks).all(axis=1)]
-    if len(whole) < LEAST_BLOCKS:
-        return Indices((), f"{len(whole)} whole blocks of {width} runs; needs {LEAST_BLOCKS}", len(whole), planned)
+    if len(whole) < MIN_BLOCKS:
+        return Indices((), f"{len(whole)} whole blocks of {width} runs; needs {MIN_BLOCKS}", len(whole), planned)
     if np.ptp(whole) <= 1e-12 * np.abs(whole).max():
         return Indices((), f"{metric} does not vary", len(whole), planned)
     lost = planned - len(whole)
@@ -176,7 +176,7 @@ def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbe
 def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
     """Of whole blocks (n, d + 2)."""
     first, total = estimates(blocks[:, 0], blocks[:, 1], blocks[:, 2:].T)
-    halves = half_widths(blocks) if len(blocks) >= LEAST_FOR_INTERVALS else np.full((2, len(labels)), np.nan)
+    halves = half_widths(blocks) if len(blocks) >= MIN_INTERVAL_BLOCKS else np.full((2, len(labels)), np.nan)
 
     def around(index: float, half: float) -> Interval:
         return (index - half, index + half) if np.isfinite(half) else None

@@ -1,0 +1,47 @@
+"""The drives of fmus/, as `twin drive list` and `twin doctor` see them."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from twin.kernel.errors import InputRefused
+from twin.studies.qualify import drive_list
+from twin.studies.qualify.drive_list import listed_drives
+
+DRIVE = "brushed_dc"
+
+
+@pytest.fixture
+def place(root: Path, tmp_path: Path) -> Path:
+    """A folder with a fmus/ of one drive with its mapping."""
+    shutil.copytree(root / "fmus" / DRIVE, tmp_path / "here" / "fmus" / DRIVE)
+    return tmp_path / "here"
+
+
+def test_a_drive_that_fits_is_described(place: Path):
+    (drive,) = listed_drives(place)
+    assert (drive.name, drive.kind, drive.command, drive.problem) == (DRIVE, "motor", "voltage", "")
+    assert json.loads(json.dumps(listed_drives(place))) == [list(drive)]
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda here: (here / f"{DRIVE}.fmu").write_bytes(b"PK"), "not a complete FMU"),
+        (lambda here: (here / "mapping.toml").write_text(f'fmu = "{DRIVE}.fmu"\nsing = -1\n'), "sing"),
+        (lambda here: (here / "mapping.toml").write_text('fmu = "nowhere.fmu"'), "nowhere.fmu"),
+    ],
+)
+def test_why_a_drive_does_not_fit_is_its_problem(change: Callable[[Path], object], problem: str, place: Path):
+    change(place / "fmus" / DRIVE)
+    (drive,) = listed_drives(place)
+    assert problem in drive.problem and drive.kind == ""
+
+
+def test_no_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(drive_list, "locate_file", lambda name, start: start / name)
+    with pytest.raises(InputRefused, match="no such folder"):
+        listed_drives(tmp_path)

@@ -1,0 +1,294 @@
+"""A component stepped in another process: inputs and outputs in shared memory, one word to ask, one to answer.
+
+The page stands in the black box of the process that has the component, where inputs stand in that of a run: four words
+and the status, a cache line for each side; then t and h, the inputs, the outputs.
+
+A word in shared memory that one process sets and another waits for, from compiled code. The waiter sleeps in the kernel
+(futex(2)); the setter wakes it only if it sleeps. A side that is about to sleep marks this before its last look,
+and the setter looks for sleepers after it has set the word; both orders are sequentially consistent, so one of the two
+sees the other.
+
+Neither side looks twice before sleeping: the two take turns on one processor (see `isolated_drive.py`), where looking
+would only keep the other from running.
+"""
+
+import ctypes
+import mmap
+import os
+import platform
+import struct
+import sys
+
+import numpy as np
+
+from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import call_step, doubles_at, step_function
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.black_box import INPUTS_AT
+from twin.kernel.process.job import MAX_WAIT_RATIO
+
+_SYSCALL_NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
+"""By processor: numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""
+_FUTEX_WAIT, _FUTEX_WAKE = 0, 1
+_P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
+_integers = pointer_to(np.int64)
+ASKED_OFFSET, HOST_ASLEEP_OFFSET, CLOSED_OFFSET = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
+ANSWERED_OFFSET, CALLER_ASLEEP_OFFSET, STATUS_OFFSET = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
+_TIME_OFFSET, _INPUTS_OFFSET = INPUTS_AT + 128, INPUTS_AT + 144
+SLEEP_INTERVAL = 0.02
+"""How long (s) either side sleeps before it looks whether the other still lives."""
+HOST_DIED, HOST_STUCK = 1 << 20, 1 << 21
+"""Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
+SERVE_IDLE, SERVE_STOPPED, SERVE_ORDERED = 1 << 22, 1 << 23, 1 << 24
+"""What `serve` returns besides statuses: no question for a while, no more questions at all, or an order, which is a
+question with a step of `NO_STEP` and the order's number for its time."""
+NO_STEP = -1.0
+CALLER_TYPE = np.dtype(
+    [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
+    align=True,
+)
+"""Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
+until the host is taken for stuck, if it has been on a processor for as long, else `MAX_WAIT_RATIO` times as many; address of
+their length; see `futex.kernel` and `futex.is_zombie`; the host, and the clock of its time on a processor."""
+
+
+def syscall_numbers() -> np.ndarray:
+    """How compiled code reaches the kernel: address of libc's `syscall`, numbers of futex, waitid and clock_gettime,
+    (4,) int64.
+
+    Raises:
+        InputRefused: this system has none.
+    """
+    if sys.platform != "linux" or platform.machine() not in _SYSCALL_NUMBERS:
+        raise InputRefused(
+            f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} on "
+            f"{platform.machine()}; use --isolate run, and drives that allow three instances per process"
+        )
+    syscall = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
+    return np.array([syscall, *_SYSCALL_NUMBERS[platform.machine()]], dtype=np.int64)
+
+
+@intrinsic
+def load(typingctx, address):
+    """The int32 at `address`, sequentially consistent."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.load_atomic(builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
+
+    return types.int32(types.int64), codegen
+
+
+@intrinsic
+def store(typingctx, address, value):
+    """Set the int32 at `address`, sequentially consistent."""
+
+    def codegen(context, builder, signature, arguments):
+        builder.store_atomic(arguments[1], builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int32), codegen
+
+
+@intrinsic
+def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
+    """`long syscall(long number, ...)` with five arguments."""
+
+    def codegen(context, builder, signature, arguments):
+        kind = ir.FunctionType(c.i64, [c.i64] * 6)
+        return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
+
+    return types.int64(*[types.int64] * 7), codegen
+
+
+@njit(cache=True, nogil=True)
+def set_and_wake(kernel, word, asleep, value):
+    """Set `word` to `value` and wake who waits for it.
+
+    Args:
+        kernel: address of what `kernel` returns.
+        word, asleep: addresses of int32: what is set, and whether somebody sleeps on it.
+    """
+    store(word, value)
+    if load(asleep) != 0:
+        store(asleep, 0)
+        call = carray(_integers(kernel), 4)
+        _syscall(call[0], call[1], word, _FUTEX_WAKE, 1, 0, 0)
+
+
+@njit(cache=True, nogil=True)
+def wait_once(kernel, word, asleep, value, patience):
+    """Whether `word` is `value`, or became it while this slept once.
+
+    Args:
+        patience: address of a `struct timespec`, how long to sleep. The rest as for `set_and_wake`.
+    """
+    present = load(word)
+    if present == value:
+        return True
+    store(asleep, 1)
+    if load(word) == present:
+        call = carray(_integers(kernel), 4)
+        _syscall(call[0], call[1], word, _FUTEX_WAIT, present, patience, 0)
+    store(asleep, 0)
+    return load(word) == value
+
+
+@njit(cache=True, nogil=True)
+def is_zombie(kernel, pid, info):
+    """Whether the child process `pid` has ended; it can still be waited for.
+
+    Args:
+        info: address of 128 bytes for a `siginfo_t`, whose first int is the signal if there was news.
+    """
+    call = carray(_integers(kernel), 4)
+    carray(_integers(info), 1)[0] = 0
+    _syscall(call[0], call[2], _P_PID, pid, info, _WEXITED_WNOHANG_WNOWAIT, 0)
+    return carray(_integers(info), 1)[0] != 0
+
+
+@njit(cache=True, nogil=True)
+def clock_time(kernel, clock, info):
+    """Of a clock (s); 0 if there is no such clock.
+
+    Args:
+        info: address of 16 bytes for a `struct timespec`.
+    """
+    call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
+    times[0] = times[1] = 0
+    _syscall(call[0], call[3], clock, info, 0, 0, 0)
+    return times[0] + 1e-9 * times[1]
+
+
+def timespec(seconds: float) -> np.ndarray:
+    """`struct timespec` of a 64-bit system: (2,) int64, seconds and nanoseconds."""
+    return np.array([int(seconds), round(1e9 * (seconds % 1.0))], dtype=np.int64)
+
+
+_i32 = pointer_to(np.int32)
+
+
+class SharedPage:
+    """The page in this process.
+
+    Args:
+        fd: of the black box.
+        inputs, outputs: numbers of doubles.
+
+    Attributes:
+        address: of byte 0.
+        number: of the next question, for the host (1,).
+    """
+
+    def __init__(self, fd: int, inputs: int, outputs: int):
+        self._fd, self._end = fd, _INPUTS_OFFSET + 8 * (inputs + outputs)
+        size = self._end
+        os.ftruncate(fd, max(size, os.fstat(fd).st_size))
+        # the array keeps the mapping alive
+        self._bytes = np.frombuffer(mmap.mmap(fd, size), dtype=np.uint8)
+        self.address = self._bytes.ctypes.data
+        self.inputs, self.outputs = inputs, outputs
+        self.kernel, self.nap = syscall_numbers(), timespec(SLEEP_INTERVAL)
+        self.number = np.ones(1, dtype=np.int64)
+
+    def clear(self) -> None:
+        """Forget what another drive left; for the host, before anybody asks."""
+        self._bytes[INPUTS_AT:] = 0
+
+    @property
+    def order(self) -> int:
+        """The number of the order that `serve` returned for."""
+        return int(self._bytes[_TIME_OFFSET : _TIME_OFFSET + 8].view(np.float64)[0])
+
+    def write_content(self, content: bytes) -> None:
+        """Leave `content` behind the page, for the other side to `read_content`; instead of what was left before."""
+        os.pwrite(self._fd, struct.pack("<Q", len(content)) + content, self._end)
+
+    def read_content(self) -> bytes:
+        """What the other side has left."""
+        (length,) = struct.unpack("<Q", os.pread(self._fd, 8, self._end))
+        return os.pread(self._fd, length, self._end + 8)
+
+    def answer(self, status: int) -> None:
+        """Let the caller of an order go on; for the host."""
+        answer(self.address, status, self.number, self.kernel.ctypes.data)
+
+    def close(self) -> None:
+        """Let the host's `serve` return STOPPED."""
+        self._bytes[CLOSED_OFFSET] = 1
+
+
+@njit(cache=True, inline="always")
+def next_number(number):
+    # a word has 31 bits for it
+    return (number + 1) & 0x7FFFFFFF
+
+
+@step_function(CALLER_TYPE)
+def ask(m, t, h, u, y):
+    """A component's step: let the host do it."""
+    page = m.page
+    times, there = (
+        carray(doubles_at(page + _TIME_OFFSET), 2),
+        carray(doubles_at(page + _INPUTS_OFFSET), m.inputs + m.outputs),
+    )
+    u_, y_ = carray(u, m.inputs), carray(y, m.outputs)
+    times[0], times[1] = t, h
+    for j in range(m.inputs):
+        there[j] = u_[j]
+    m.number = next_number(m.number)
+    set_and_wake(m.kernel, page + ASKED_OFFSET, page + HOST_ASLEEP_OFFSET, m.number)
+    naps, used = 0, 0.0
+    while not wait_once(m.kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, m.number, m.nap):
+        naps += 1
+        if is_zombie(m.kernel, m.pid, m.info):
+            return HOST_DIED
+        if naps == 1:
+            used = clock_time(m.kernel, m.clock, m.info)
+        # the first nap is not counted
+        if naps > m.naps and (
+            naps > MAX_WAIT_RATIO * m.naps
+            or clock_time(m.kernel, m.clock, m.info) - used > SLEEP_INTERVAL * (m.naps - 1)
+        ):
+            return HOST_STUCK
+    for j in range(m.outputs):
+        y_[j] = there[m.inputs + j]
+    return carray(_i32(page + STATUS_OFFSET), 1)[0]
+
+
+@entry("int", "int", "int", "int", "int", "integers", "int", "int")
+def serve(page, inputs, step, memory, numbers, kernel, nap):
+    """Answer questions from `numbers[0]` on, until one gives a bad status or no more come.
+
+    Args:
+        page: address.
+        inputs: their number.
+        step, memory: addresses of the component's step and memory.
+        kernel, nap: addresses of what `futex.kernel` and `futex.timespec` return.
+
+    Returns:
+        Status, or IDLE, STOPPED or ORDERED, with `numbers[0]` the next question's, or the order's to be answered.
+    """
+    number = carray(numbers, 1)
+    times = carray(doubles_at(page + _TIME_OFFSET), 2)
+    while True:
+        if not wait_once(kernel, page + ASKED_OFFSET, page + HOST_ASLEEP_OFFSET, number[0], nap):
+            return SERVE_STOPPED if carray(_i32(page + CLOSED_OFFSET), 1)[0] else SERVE_IDLE
+        if times[1] == NO_STEP:
+            return SERVE_ORDERED
+        u = page + _INPUTS_OFFSET
+        status = call_step(step, memory, times[0], times[1], u, u + 8 * inputs)
+        carray(_i32(page + STATUS_OFFSET), 1)[0] = status
+        set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])
+        number[0] = next_number(number[0])
+        if status != 0 and status != 1:
+            return status
+
+
+@entry("nothing", "int", "int", "integers", "int")
+def answer(page, status, numbers, kernel):
+    """Answer the question of `numbers[0]` with `status`; arguments as those of `serve`."""
+    number = carray(numbers, 1)
+    carray(_i32(page + STATUS_OFFSET), 1)[0] = status
+    set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])
+    number[0] = next_number(number[0])

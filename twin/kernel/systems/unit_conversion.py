@@ -1,0 +1,113 @@
+"""What becomes of a value on its way from one variable to another: units converted, lines applied."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.variable import Conversion, conversion, defined_conversion, si_conversion
+from twin.kernel.ssp.flat import UnitStep
+from twin.kernel.ssp.structure import Connector, UnitDefinition
+
+
+class ParsedUnit(NamedTuple):
+    """A unit as spelt in a file, and its meaning; None: not known. No unit is spelt ""."""
+
+    text: str
+    conversion: Conversion | None
+
+
+class AffineMap(NamedTuple):
+    """Value at the start = gain * value at the end + shift: the wrong way round, as FMU ports are scaled, so that a
+    unit is one division, and one unit for another of the same size is nothing."""
+
+    gain: float = 1.0
+    shift: float = 0.0
+
+    def apply(self, value: float) -> float:
+        """What a value at the start becomes."""
+        return (value - self.shift) / self.gain
+
+    def chain(self, way: "AffineMap") -> "AffineMap":
+        """This way, and then another one."""
+        return AffineMap(self.gain * way.gain, self.gain * way.shift + self.shift)
+
+
+def unit_of_variable(
+    variable_unit: str,
+    connector: Connector | None,
+    units: Sequence[UnitDefinition],
+    description: FmuDescription,
+    where: str,
+) -> ParsedUnit:
+    """In what a variable of an FMU is, by the FMU and by the connector that stands for it.
+
+    Raises:
+        InputRefused: they say different things.
+    """
+    own = ParsedUnit(
+        variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
+    )
+    if connector is None or not connector.unit or connector.unit == variable_unit:
+        return own
+    read = parse_unit(connector.unit, units)
+    if own.text and read.conversion != own.conversion:
+        raise InputRefused(
+            f"{where}: {connector.name} is in '{connector.unit}' by its connector, and in '{own.text}' by the FMU; "
+            "correct the connector"
+        )
+    return read
+
+
+def parse_unit(text: str, units: Sequence[UnitDefinition]) -> ParsedUnit:
+    """A unit by what an SSP file defines, or else by what all know."""
+    return ParsedUnit(text, (defined_conversion(text, units) or si_conversion(text)) if text else None)
+
+
+def connection_map(
+    start: ParsedUnit, hops: Iterable[UnitStep], end: ParsedUnit, units: Sequence[UnitDefinition], where: str
+) -> AffineMap:
+    """The whole way of a value.
+
+    Args:
+        start: of what it leaves.
+        hops: its parts.
+        end: of where it gets.
+        units: that the structure defines, for connectors of systems on the way.
+        where: for sentences.
+
+    Raises:
+        InputRefused: units on it measure different things, or one is not known; a factor is 0, or all together beyond
+            numbers; a transformation is no line.
+    """
+    found, here, hops = AffineMap(), start, list(hops)
+    for count, (transformation, suppressed, unit) in enumerate(hops, start=1):
+        last = count == len(hops)
+        there = end if last else parse_unit(unit, units) if unit else here
+        if not suppressed:
+            found = found.chain(_unit_map(here, there, where))
+        if transformation.table:
+            raise InputRefused(f"{where}: {transformation.table} is not supported; a LinearTransformation is")
+        if transformation.factor == 0.0:
+            raise InputRefused(f"{where}: the factor 0; leave the connection out, and give the input a start value")
+        factor, offset = transformation.factor, transformation.offset
+        if (factor, offset) != (1.0, 0.0):
+            found = found.chain(AffineMap(1.0 / factor, -offset / factor))
+        here = there if there.text else here
+    if not (0.0 < abs(found.gain) < math.inf and math.isfinite(found.shift)):
+        raise InputRefused(f"{where}: the conversion factor exceeds the range of a number")
+    return found
+
+
+def _unit_map(here: ParsedUnit, there: ParsedUnit, where: str) -> AffineMap:
+    if not here.text or not there.text or here.text == there.text:
+        return AffineMap()
+    for one in (here, there):
+        if one.conversion is None:
+            raise InputRefused(f"{where}: the unit '{one.text}' is not defined; define it, with its BaseUnit")
+    source, target = here.conversion, there.conversion
+    assert source is not None and target is not None
+    if source.dimension != target.dimension:
+        raise InputRefused(f"{where}: from '{here.text}' to '{there.text}', which have different dimensions")
+    return AffineMap(target.factor / source.factor, (target.offset - source.offset) / source.factor)

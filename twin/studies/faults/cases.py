@@ -1,0 +1,88 @@
+"""Single faults of the matrix: each kind of the catalogue with each magnitude at each onset."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, Fault, checked_faults, expected_names
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault at one time.
+
+    Attributes:
+        magnitude: in the catalogue's unit; None if the kind has none.
+        fault: the same fault in SI and ticks.
+    """
+
+    magnitude: float | None
+    fault: Fault
+
+
+def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
+    """Return `kinds` in the catalogue's order; all kinds of the catalogue if none is named.
+
+    Raises:
+        InputRefused: a kind is missing from the catalogue.
+    """
+    for kind in kinds:
+        if kind not in FAULT_KINDS:
+            raise InputRefused(f"--kind {kind}: {expected_names(kind, tuple(FAULT_KINDS))}")
+    return tuple(kind for kind in FAULT_KINDS if not kinds or kind in kinds)
+
+
+def cases(
+    experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float], duration: float | None
+) -> tuple[Case, ...]:
+    """Return kinds x magnitudes x onsets, each on the kind's first target.
+
+    Args:
+        onsets: onsets (s).
+        duration: duration of each fault (s); None for faults that last to the end.
+
+    Raises:
+        InputRefused: an onset is outside the experiment, or the duration is not positive.
+    """
+    end = experiment.duration_ticks * experiment.cosim.tick
+    for onset in onsets:
+        if not 0.0 <= onset < end:
+            raise InputRefused(f"--onset {onset:g}: outside the experiment; expected 0 <= S < {end:g}")
+    if duration is not None and not duration > 0.0:
+        raise InputRefused(f"--duration {duration:g}: a fault lasts longer than 0 s; without it, to the end")
+    return tuple(
+        Case(magnitude, _fault(experiment, kind, magnitude, onset, duration))
+        for kind in kinds
+        for magnitude in FAULT_KINDS[kind].magnitudes or (None,)
+        for onset in onsets
+    )
+
+
+def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: float, duration: float | None) -> Fault:
+    known = FAULT_KINDS[kind]
+    table: dict[str, Any] = {"kind": kind, "onset_s": onset}
+    if duration is not None:
+        table["duration_s"] = duration
+    if known.magnitude_key:
+        table[known.magnitude_key] = magnitude
+    return faults_of(experiment, [with_share(table)])[0]
+
+
+def with_share(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the table of a fault with the share of its samples, if the kind has one."""
+    return table | ({"share": GLITCH_SHARE} if FAULT_KINDS[table["kind"]].has_share else {})
+
+
+def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple[Fault, ...]:
+    """Return the checked faults of [[fault]] `tables`.
+
+    Raises:
+        InputRefused: a table is invalid.
+    """
+    mistakes: list[str] = []
+    faults = checked_faults(tuple(tables), experiment.cosim.tick, mistakes)
+    if mistakes:
+        raise InputRefused("\n".join(mistakes))
+    return faults

@@ -1,0 +1,98 @@
+"""Onsets of faults in free motion and in contact, from a healthy run of the experiment."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
+from twin.robot.assembly.roles import refuse_third_party_parts
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.monitor.reasons import trip_message
+from twin.robot.run.runs import Outcome, RunRequest, Runs
+
+FORCE_SIGNAL, PLACE_SIGNAL = "plant.F_ee_B", "plant.p_B"
+"""Signals that the onsets are computed from: true contact force and position of the platform."""
+CONTACT_FORCE = 0.5
+"""Minimum true force (N) of a contact: half the force at which the monitor lets a contact begin."""
+
+
+def healthy_run(experiment: Experiment) -> Outcome:
+    """Run `experiment`, which has no faults, and keep force and position.
+
+    Raises:
+        InputRefused: a part of the robot does not fit.
+    """
+    return Runs(RunRequest(frozenset({FORCE_SIGNAL, PLACE_SIGNAL})), most=0).run(experiment)
+
+
+def checked_healthy_run(experiment: Experiment) -> Outcome:
+    """Run `experiment` with its monitor, and reject a run that trips or fails.
+
+    Raises:
+        InputRefused: `experiment` has no monitor, or has faults of its own.
+        SafetyTrip: the monitor trips without any fault, so trips prove nothing about faults.
+        ComponentFailed: a component failed.
+    """
+    if experiment.monitor is None:
+        raise InputRefused(
+            f"{experiment.name}: no safety monitor watches this experiment; add a table [monitor] (its limits have "
+            "defaults) without enabled = false, or --set monitor.enabled=true"
+        )
+    refuse_third_party_parts(experiment, "a matrix of faults", ("monitor",))
+    if experiment.faults:
+        raise InputRefused(
+            f"{experiment.name}: has [[fault]] tables; the matrix inserts one fault at a time, remove them"
+        )
+    healthy = healthy_run(experiment)
+    if healthy.trip is not None:
+        raise SafetyTrip(f"{experiment.name}: without any fault: {trip_message(healthy.trip)}")
+    if healthy.failure:
+        raise ComponentFailed(f"{experiment.name}: without any fault: {healthy.failure}")
+    return healthy
+
+
+def true_force(run: Outcome) -> NDArray[np.float64]:
+    """Return the true contact force (N) of each tick, (ticks,); truncated if a component failed."""
+    assert run.trace is not None
+    return np.linalg.norm(run.trace[FORCE_SIGNAL], axis=1)
+
+
+def touching(run: Outcome) -> NDArray[np.bool_]:
+    """Return whether the robot touches the body in each tick, (ticks,)."""
+    return true_force(run) >= CONTACT_FORCE
+
+
+def default_onsets(healthy: Outcome) -> tuple[int, int]:
+    """Return a tick in free motion and a tick in contact of a `healthy` run.
+
+    The first is the middle of the descent to the first contact, the second the middle of the longest contact: the hold
+    of a press, the deepest part of a tap, the sweep of Fig. 4.
+
+    Raises:
+        InputRefused: the robot never touches the body.
+    """
+    contacts = _spans(touching(healthy))
+    if len(contacts) == 0:
+        raise InputRefused("the healthy run touches nothing, so there is no usual onset; give one with --onset S")
+    assert healthy.trace is not None
+    first, z = int(contacts[0, 0]), healthy.trace[PLACE_SIGNAL][:, 2]
+    rests = np.flatnonzero(np.diff(z[: first + 1]) >= 0.0)
+    descent = int(rests[-1]) + 1 if len(rests) else 0
+    longest = contacts[np.argmax(contacts[:, 1] - contacts[:, 0])]
+    return (descent + first) // 2, int(longest.sum()) // 2
+
+
+def onsets_of(experiment: Experiment, healthy: Outcome, wanted: Sequence[float] = ()) -> tuple[float, ...]:
+    """Return the onsets `wanted` (s), or the default onsets of the healthy run if none is wanted.
+
+    Raises:
+        InputRefused: see `default_onsets`.
+    """
+    return tuple(wanted) or tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
+
+
+def _spans(true: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the unbroken stretches of True, (n, 2): first tick, and the tick after the last."""
+    edges = np.diff(np.concatenate([[False], true, [False]]).astype(int))
+    return np.flatnonzero(edges).reshape(-1, 2)

@@ -1,0 +1,168 @@
+"""The healthy robot of an experiment on one body at one place, and its runs with faults."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import Fault
+from twin.robot.run.runs import Outcome, RunRequest, Runs
+from twin.studies.faults.cases import faults_of
+from twin.studies.faults.offsets import NO_OFFSET, moved_settings
+from twin.studies.faults.onsets import checked_healthy_run, onsets_of, touching
+from twin.studies.faults.reaction import TRIAL_SIGNALS, Reaction, reaction
+
+MAX_PASTS = 4
+"""Pasts of one experiment: with and without the monitor, with and without a surface that moves."""
+
+
+class Stage:
+    """An experiment on one body at one place; a context manager that frees what its runs share.
+
+    Runs with faults continue from the last state of the healthy run before the fault. Until the monitor acts, the
+    robot without it has the same bits: a run in which it never acts serves as the run without it, too.
+
+    Args:
+        experiment: healthy.
+        body: name of the body; "" for the experiment's own.
+        offset: offset of all tasks, x and y (m).
+        settings: `key=value` that make `experiment` of its file.
+        onsets: onsets of faults (s); default: in free motion and in contact.
+        share: False to make every run from the start, with the same bits.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        body: str = "",
+        offset: tuple[float, float] = NO_OFFSET,
+        settings: Sequence[str] = (),
+        onsets: Sequence[float] = (),
+        share: bool = True,
+    ):
+        self.experiment, self.body, self.offset, self.settings = experiment, body, offset, tuple(settings)
+        self._onsets, self._share = tuple(onsets), share
+        self._runs = Runs(RunRequest(TRIAL_SIGNALS, idle=True), most=MAX_PASTS if share else 0)
+        self._trips: dict[tuple[Fault, ...], float] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what the runs share; a later run makes it again."""
+        self._runs.close()
+
+    @cached_property
+    def healthy(self) -> Outcome:
+        """The run without any fault.
+
+        Raises:
+            InputRefused, SafetyTrip, ComponentFailed: see `checked_healthy_run`.
+        """
+        return checked_healthy_run(self.experiment)
+
+    @cached_property
+    def onsets(self) -> tuple[float, ...]:
+        """Onsets of faults (s)."""
+        return self._onsets or onsets_of(self.experiment, self.healthy)
+
+    def touches(self, onset: float) -> bool:
+        """Return whether the healthy robot touches the body at `onset` (s)."""
+        return bool(self._touching[round(onset / self.experiment.cosim.tick)])
+
+    @cached_property
+    def _touching(self) -> NDArray[np.bool_]:
+        return touching(self.healthy)
+
+    def run(self, faults: Sequence[Fault], watched: bool = True) -> Outcome:
+        """Run the experiment with `faults`, with the monitor or without.
+
+        Raises:
+            InputRefused: a drive FMU or a fault does not fit.
+        """
+        monitor = self.experiment.monitor if watched else None
+        return self._runs.run(replace(self.experiment, faults=tuple(faults), monitor=monitor))
+
+    def both(self, faults: Sequence[Fault]) -> tuple[Outcome, Outcome]:
+        """Run the experiment with `faults` with the monitor and without."""
+        watched = self.run(faults)
+        # the error message of a failed run may name an input of the monitor
+        same = self._share and watched.idle and watched.failure is None
+        return watched, watched if same else self.run(faults, watched=False)
+
+    def reaction(self, faults: Sequence[Fault], watched: bool = True) -> Reaction:
+        """Return the reaction to `faults`, with the monitor or without."""
+        return reaction(self.run(faults, watched), self.experiment, _onset(faults))
+
+    def reactions(self, faults: Sequence[Fault]) -> tuple[Reaction, Reaction]:
+        """Return the reactions to `faults` with the monitor and without."""
+        watched, unwatched = self.both(faults)
+        one = reaction(watched, self.experiment, _onset(faults))
+        return one, one if unwatched is watched else reaction(unwatched, self.experiment, _onset(faults))
+
+    def ideal(self, faults: Sequence[Fault], seen: float) -> Reaction:
+        """Return the reaction of an ideal monitor, which cuts all power `seen` (s) after the onset."""
+        off = Fault("power_off", "power", _onset(faults) + round(seen / self.experiment.cosim.tick))
+        return replace(self.reaction((*faults, off)), power_off=seen)
+
+    def trip_after(self, first: dict[str, Any]) -> float:
+        """Return the time from the onset of a [[fault]] to the trip that it causes alone (s); 0 without a trip."""
+        faults = faults_of(self.experiment, [first])
+        if faults not in self._trips:
+            self._trips[faults] = self.reaction(faults).seen or 0.0
+        return self._trips[faults]
+
+    def delayed(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
+        """Return two [[fault]] `tables`, the second moved to `delay` (s) after the trip that the first one causes.
+
+        Without a trip the delay counts from the onset of the first.
+
+        Raises:
+            InputRefused: the first one does not fit.
+        """
+        first, second = tables
+        tick, last = self.experiment.cosim.tick, self.experiment.duration_ticks - 1
+        later = min(round((first["onset_s"] + self.trip_after(first) + delay) / tick), last)
+        return first, second | {"onset_s": float(f"{later * tick:.12g}")}
+
+
+def load_stage(
+    path: Path,
+    settings: Sequence[str] = (),
+    body: str | None = None,
+    offset: tuple[float, float] = NO_OFFSET,
+    drive: str | None = None,
+    onsets: Sequence[float] = (),
+    share: bool = True,
+) -> Stage:
+    """Load the experiment of a file on `body`, its tasks moved by `offset` (m), and make its healthy run.
+
+    Args:
+        body: name of the body; None for the experiment's own.
+        onsets: onsets of faults (s); default: in free motion and in contact.
+        share: see `Stage`.
+
+    Raises:
+        InputRefused: the experiment is invalid. SafetyTrip, ComponentFailed: it trips or fails without any fault.
+    """
+    experiment = load_experiment(path, settings, drive, body)
+    moved = moved_settings(experiment, offset)
+    if moved:
+        experiment = load_experiment(path, (*settings, *moved), drive, body)
+    stage = Stage(experiment, body or "", offset, (*settings, *moved), onsets, share)
+    stage.onsets = onsets_of(experiment, stage.healthy, onsets)
+    return stage
+
+
+def _onset(faults: Sequence[Fault]) -> int:
+    """Return the tick of the first onset; 0 without faults."""
+    return min((fault.onset for fault in faults), default=0)

@@ -1,0 +1,114 @@
+"""The paper's own calibration (Sec. III.A), and why it is biased.
+
+"We allow the massage manipulator to touch the surface of the electronic scale, gradually increasing the z-axis
+position. Comparing the force calculated via the proposed static force model with the force measured by the electronic
+scale": one place, one press, and k_s eta scaled until F_z of (27) is what the scale shows, a line through the origin.
+(27) has no weight in it, the encoders' zeros are what they are, and the dead zone takes some of the deflection; each of
+them is put right in turn here.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.robot.controller.controller import Belief
+from twin.robot.mechanism.statics import platform_weight
+from twin.studies.identify.balance import pose, subtract_dead_zone
+from twin.studies.identify.parameters import BACKLASH, JOINT_ZERO, OFFSET
+from twin.studies.identify.windows import Windows, on_scale
+
+MIN_PRESS_RISE = 1.0
+"""N: a press that gains less says nothing."""
+MAX_PRESS_WIDTH = 2e-3
+"""m: a press that moves farther sideways is a sweep."""
+
+
+class OnePoseStep(NamedTuple):
+    """One way to read the press. name: what it takes into account; k_s_eta (N m/rad) of a line through the origin."""
+
+    name: str
+    k_s_eta: float
+
+
+class OnePose(NamedTuple):
+    """The paper's procedure on one press.
+
+    Attributes:
+        place: (2,), m.
+        start, end: s.
+        force: scale (n,), N.
+        calculated: F_z as (27) has it with the believed k_s eta (n,), N.
+        steps: as printed, then with one cause after the other taken away.
+    """
+
+    place: NDArray[np.float64]
+    start: float
+    end: float
+    force: NDArray[np.float64]
+    calculated: NDArray[np.float64]
+    steps: tuple[OnePoseStep, ...]
+
+
+def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose | None:
+    """The paper's procedure on the press nearest to the middle; None if there is no gradual press.
+
+    Args:
+        seen: windows in order of time.
+        belief: what the robot is taken for.
+        x: the identified parameters.
+    """
+    press = _press(seen, belief)
+    if press is None:
+        return None
+    w = press.motor - belief.N * press.joint
+    offset = np.subtract(belief.motor_zero, np.multiply(belief.N, belief.joint_zero))
+    k, F = belief.k_s * belief.eta, press.force
+    printed, weight = _pressing(k, w - offset, belief, press, np.array(belief.joint_zero))
+    zeroed, own_weight = _pressing(k, w - x[OFFSET : OFFSET + 3], belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
+    d = subtract_dead_zone(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
+    freed, _ = _pressing(k, d, belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
+    steps = (
+        OnePoseStep("as printed", k * _through_origin(printed, F)),
+        OnePoseStep("weight taken off", k * _through_origin(printed, F - weight)),
+        OnePoseStep("and the zeros", k * _through_origin(zeroed, F - own_weight)),
+        OnePoseStep("and the dead zone", k * _through_origin(freed, F - own_weight)),
+    )
+    p_B = pose(belief, press.joint - np.array(belief.joint_zero)).p_B
+    return OnePose(p_B[:, :2].mean(axis=0), float(press.t[0]), float(press.t[-1]), F, printed, steps)
+
+
+def _press(seen: Windows, belief: Belief) -> Windows | None:
+    """The loading half of the press nearest to the base's axis; of those, the one that gains most."""
+    chosen = np.flatnonzero(on_scale(seen))
+    if len(chosen) < 3:
+        return None
+    F = seen.force[chosen]
+    p_B = pose(belief, seen.joint - np.array(belief.joint_zero)).p_B[:, :2]
+    found = []
+    for part in seen.runs(chosen, np.diff(F) > 0.0):
+        if (
+            np.ptp(seen.force[part]) >= MIN_PRESS_RISE
+            and np.max(np.ptp(p_B[part], axis=0)) <= MAX_PRESS_WIDTH
+            and len(part) >= 3
+        ):
+            # to 5 mm: repeated presses of one place are the same place
+            distance = round(float(np.linalg.norm(p_B[part].mean(axis=0))) / 5e-3)
+            found.append((distance, -float(np.ptp(seen.force[part])), part))
+    if not found:
+        return None
+    mask = np.zeros(len(seen.t), dtype=bool)
+    mask[min(found, key=lambda one: one[:2])[2]] = True
+    return seen.select(mask)
+
+
+def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """-F_ee,z of (27) without weight for deflections w (n, 3), and what the weight adds to it (n,), N."""
+    at = pose(belief, press.joint - joint_zero)
+    J_z = at.J[:, :, 2]
+    return -np.sum(J_z * (k * belief.N * w), axis=1), platform_weight(belief) - np.sum(J_z * at.g_a, axis=1)
+
+
+def _through_origin(calculated: NDArray[np.float64], force: NDArray[np.float64]) -> float:
+    """Of the line force = s calculated through the origin: what k_s eta has to be multiplied by."""
+    return float(calculated @ force / (calculated @ calculated))

@@ -1,0 +1,103 @@
+"""Early checks of the files on a command line, made before a study is loaded, which takes a second or two.
+
+Whatever is refused here the study would refuse, too, in the same sentence. Each function takes the values of a study's
+arguments by name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.
+"""
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.errors import InputRefused, terminal_text
+from twin.studies.command import ArgumentValues
+
+
+def load_experiments(asked: ArgumentValues) -> None:
+    """See whether each experiment can be loaded with each drive, the settings and the body; see `load_experiment`.
+
+    Raises:
+        InputRefused: it cannot.
+    """
+    from twin.robot.assembly.load import load_experiment
+
+    for experiment in _argument_values(asked, "experiment"):
+        for drive in _argument_values(asked, "drive") or (None,):
+            for body in asked.get("bodies") or (asked.get("body"),):
+                load_experiment(experiment, asked.get("settings") or (), drive, body)
+
+
+def find_experiments(asked: ArgumentValues) -> None:
+    """See whether the files of experiments are there, and those that they extend; what they say is the study's.
+
+    Raises:
+        InputRefused: one is not, or is no TOML.
+    """
+    from twin.robot.experiment.experiment_files import experiment_file
+    from twin.robot.experiment.source import read_source
+
+    for experiment in _argument_values(asked, "experiment"):
+        read_source(experiment_file(experiment))
+
+
+def find_logs(asked: ArgumentValues) -> None:
+    """See whether there is anything at the path of each log: recordings, bags, files of others.
+
+    Raises:
+        InputRefused: there is not.
+    """
+    from twin.kernel.files import open_regular
+    from twin.kernel.recording.folder import recording_in
+
+    for log in _logs(asked):
+        # not Path.exists, which raises for a name that is too long
+        if os.path.lexists(log):
+            continue
+        if log.suffix:
+            open_regular(log, sys.maxsize)
+        recording_in(log)
+
+
+def print_latest(asked: ArgumentValues) -> dict[str, Any]:
+    """Print to standard error which run is read as the latest, and which settings were changed in it.
+
+    Nothing is printed of a file, of a run's own folder, or of a path that is no folder of runs: reading refuses that.
+
+    Returns:
+        For `--json`: "read", the folder and the changed settings of each such run; empty if there is none.
+    """
+    from twin.kernel.recording.folder import recording_in
+
+    found = []
+    for path in _logs(asked):
+        try:
+            recording = recording_in(path)
+        except InputRefused:
+            continue
+        if path.is_dir() and recording.parent != path:
+            # takes half a second to load
+            from twin.studies.results.stored import stored_run
+
+            run = stored_run(recording)
+            changed = run.words[1:]
+            made = f", made with {shlex.join(changed)}" if changed else ""
+            print(terminal_text(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)
+            found.append({"run": str(path / run.folder.name), "changed": changed})
+    return {"read": found} if found else {}
+
+
+def _logs(asked: ArgumentValues) -> Sequence[Path]:
+    # of shadow a log is one of several sources, as text
+    return (
+        _argument_values(asked, "log")
+        or _argument_values(asked, "run")
+        or [Path(text) for text in _argument_values(asked, "source")]
+    )
+
+
+def _argument_values(asked: ArgumentValues, name: str) -> Sequence:
+    """Values of an argument, or of that of several such."""
+    one = asked.get(name)
+    return asked.get(f"{name}s") or () if one is None else [one]

@@ -1,0 +1,116 @@
+"""A recording of a replay, under the names of a run."""
+
+import json
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.port import Port
+from twin.kernel.recording.messages import Topic
+from twin.kernel.recording.recorder import port_fields
+from twin.kernel.recording.writer import Writer
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
+from twin.robot.plant.component import PLANT_OUTPUTS as MOTION
+from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
+from twin.studies.replay.parts import ENCODER_PORTS, FORCE_RESIDUAL, JOINT_RESIDUAL
+from twin.studies.replay.replay import Outputs, Replay
+
+NANOSECOND_TICK = 1e-9
+"""s: a robot's clock keeps to no tick of ours, so that every time is its own number of nanoseconds."""
+SPAN_TICKS = 10**8
+"""Ticks of log that are written together (0.1 s), so that topics lie side by side in the file."""
+SUM_MEANINGS = {
+    "mean": "mean residual of the block that ends here",
+    "up": "Page's cumulative sum against an increase",
+    "low": "Page's cumulative sum against a decrease",
+}
+
+
+class Track(NamedTuple):
+    """Rows of one topic. topic: its fields; ticks: times of the rows (n,), ascending; rows: (n, width)."""
+
+    topic: Topic
+    ticks: NDArray[np.int64]
+    rows: NDArray[np.float64]
+
+
+def record(replay: Replay, path: Path) -> Path:
+    """Write `replay` to `path`.
+
+    Raises:
+        RecordingFailed: it cannot be written.
+    """
+    tracks = _tracks(replay)
+    with Writer(path, [track.topic for track in tracks], NANOSECOND_TICK, _metadata(replay)) as writer:
+        # a log may have hours without a sample
+        spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN_TICKS)
+        for start in (spans * SPAN_TICKS).tolist():
+            for topic, ticks, rows in tracks:
+                first, last = np.searchsorted(ticks, (start, start + SPAN_TICKS))
+                # as many rows at once as are evenly spaced
+                uneven = np.flatnonzero(np.diff(ticks[first:last]) != topic.period) + 1
+                for a, b in pairwise([first, *(first + uneven), last]):
+                    if a < b:
+                        writer.write(topic.name, int(ticks[a]), rows[a:b])
+            writer.end_slice()
+        for tick, text in _events(replay):
+            writer.write_event(tick, "WARNING", text, "replay")
+        return writer.finish()
+
+
+def _tracks(replay: Replay) -> list[Track]:
+    t = replay.log.t
+    tracks = [
+        _track("encoder", ENCODER_PORTS, t, {name: replay.log.only(name) for name in ("count_m", "count_l")}),
+        _track("estimator", ESTIMATES, t, replay.estimator),
+    ]
+    if replay.twin is not replay.estimator:
+        tracks.append(_track("twin", ESTIMATES, t, replay.twin))
+    if replay.plant is not None:
+        tracks.append(_track("plant", MOTION, t, replay.plant))
+        r = replay.plant["theta_l"] - replay.twin["theta_l"]
+        tracks.append(_track("residual/joints", JOINT_RESIDUAL, t, {"theta_l": r}))
+    if replay.log.force is not None:
+        force = replay.log.force
+        inside = force.t >= 0.0
+        tracks.append(_track("scale", SCALE, force.t[inside], {"F_z": force.values[inside]}))
+    for name, residual in replay.forces.items():
+        tracks.append(_track(f"residual/{name}", FORCE_RESIDUAL, residual.t, {"F_z": residual.r}))
+    for one in replay.indicators:
+        ports = tuple(Port(name, 1, one.unit, meaning) for name, meaning in SUM_MEANINGS.items())
+        values = {"mean": one.drift.mean, "up": one.drift.up, "low": one.drift.low}
+        tracks.append(_track(f"drift/{one.name.replace(' ', '_')}", ports, one.drift.t, values))
+    return tracks
+
+
+def _track(name: str, ports: tuple[Port, ...], t: NDArray[np.float64], outputs: Outputs) -> Track:
+    fields = port_fields(ports)
+    ticks = np.rint(t / NANOSECOND_TICK).astype(np.int64)
+    # no row follows sooner than this
+    period = int(np.min(np.diff(ticks), initial=SPAN_TICKS))
+    return Track(Topic(name, fields, period), ticks, np.column_stack([outputs[p.name] for p in ports]).astype(float))
+
+
+def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
+    model = replay.model
+    return {
+        "experiment": {"name": model.name, "title": f"replay of {replay.log.path.name}",
+                       "values": json.dumps(model.values)},
+        "replay": {"log": replay.log.path.name},
+    }  # fmt: skip
+
+
+def _events(replay: Replay) -> list[tuple[int, str]]:
+    """Gaps, starts of the plant model after the first, alarms, in order of time."""
+    found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.sampling.gaps]
+    found += [(start, "the plant model starts anew, at rest") for start in replay.starts[1:]]
+    found += [
+        (one.drift.alarm, f"{one.name} no longer matches, since {one.drift.since:.3f} s")
+        for one in replay.indicators
+        if not one.drift.matches
+    ]
+    return [(round(t / NANOSECOND_TICK), text) for t, text in sorted(found)]

@@ -1,0 +1,206 @@
+"""Samples of a robot: encoder counts, commands, measured force and torques, from a log or a run of the twin."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.port import port_slices, width
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import refuse_unit
+from twin.kernel.recording.logs.log import (
+    Log,
+    LogError,
+    LogSeries,
+    MappedColumn,
+    Sampling,
+    join_rows,
+    refuse_invalid,
+    sampling,
+)
+from twin.robot.controller.controller import Belief
+from twin.robot.run.view import RunView, sample_and_hold
+from twin.studies.replay.plausible import ANGLE_OF_COUNT, FORCE_SIGNAL, count_conversion
+from twin.studies.replay.sample_columns import ENCODERS, F_Z, INPUTS, OMEGA_REF
+
+MAX_LOG_TIME = 1e8
+"""s; three years, the longest log."""
+MAX_LISTED_NAMES = 12
+"""So many names are not listed in a sentence."""
+
+
+@dataclass(frozen=True)
+class RobotSamples:
+    """Samples of a robot, n of them, in order of time.
+
+    Attributes:
+        t: sampling times (n,), s, ascending, by the robot's clock.
+        u: signals by `INPUTS` (n, 13), SI; NaN if none has come since the previous sample. Counts computed from angles
+            are not integers. A measured force is at the first sample at or after its own time.
+        force: measured pressing force at its own times (N); None if it is not known.
+        path: file of the log; empty for a live robot and a run in memory.
+        notes: problems of the log, one sentence each.
+        columns: column of each signal, see `Log`.
+    """
+
+    t: NDArray[np.float64]
+    u: NDArray[np.float64]
+    force: LogSeries | None = None
+    path: Path = Path()
+    notes: tuple[str, ...] = ()
+    columns: Mapping[str, MappedColumn] = field(default_factory=dict)
+
+    def rows(self, chosen: slice | NDArray) -> "RobotSamples":
+        """The samples at `chosen`, a slice, indices (k,) or a mask (n,)."""
+        return replace(self, t=self.t[chosen], u=self.u[chosen])
+
+    def held_commands(self, omega_ref: NDArray[np.float64]) -> "RobotSamples":
+        """The samples with each command held until the next; omega_ref: commands (3,) before the first, rad/s."""
+        commanded = np.vstack([omega_ref, self.u[:, OMEGA_REF]])
+        newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
+        u = self.u.copy()
+        u[:, OMEGA_REF] = np.take_along_axis(commanded, newest, axis=0)[1:]
+        return replace(self, u=u)
+
+    def only(self, name: str) -> NDArray[np.float64]:
+        """The columns of the input `name`, (n, size), a view."""
+        return self.u[:, port_slices(INPUTS)[name]]
+
+    @property
+    def counts(self) -> NDArray[np.float64]:
+        """Counts of the motor and the joint encoders (n, 6), a view."""
+        return self.u[:, ENCODERS]
+
+    @property
+    def periods(self) -> NDArray[np.float64]:
+        """Time since the previous sample (n,), s; infinite for the first one."""
+        return np.diff(self.t, prepend=-np.inf)
+
+    @cached_property
+    def sampling(self) -> Sampling:
+        """Median period, gaps and missing samples; n >= 2."""
+        return sampling(self.t)
+
+
+def samples_of(run: RunView) -> RobotSamples:
+    """The samples that the computer of the robot of `run` had: counts, its commands, what was measured besides.
+
+    Of a robot with broken encoders the counts are what they gave. A measured force is there at its own times only.
+
+    Raises:
+        InputRefused: there are no counts.
+    """
+    has = run.fields()
+    if "encoder.count_m" not in has or "encoder.count_l" not in has:
+        raise InputRefused("no encoder.count_m and encoder.count_l: a shadow needs the counts of all six encoders")
+    t = run.time("encoder")
+    u = np.full((len(t), width(INPUTS)), np.nan)
+    taken = RobotSamples(t, u)
+    for name in ANGLE_OF_COUNT:
+        taken.only(name)[:] = sample_and_hold(run, _received(name, has), t)
+    if "controller.omega_ref" in has:
+        taken.only("omega_ref")[:] = sample_and_hold(run, "controller.omega_ref", t)
+    for leg in range(3):
+        key = f"drive/{leg + 1}.tau_motor"
+        if key in has:
+            taken.only("tau_motor")[:, leg] = sample_and_hold(run, key, t)
+    if FORCE_SIGNAL in has:
+        hold_until_sampled(taken, F_Z.start, run.time("scale"), run[FORCE_SIGNAL])
+    return taken
+
+
+def robot_samples(log: Log, belief: Belief) -> RobotSamples:
+    """The encoders and the measured force of `log`.
+
+    Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
+    in the place of either. Of a recording with faulty encoders, what the computer received: the last /fault/n that
+    carries counts. Measured force: `scale.F_z` (N), pressing positive. Samples of the encoders belong together as
+    `join_rows` has it; a time at which one of the six has none is left out.
+
+    Args:
+        log: as `read_log` gives it.
+        belief: turns angles into counts.
+
+    Raises:
+        LogRefused: no encoders, other units, motor and joint encoders at different times, times before 0, or more than
+            `MAX_INVALID` of the samples of an encoder are invalid.
+    """
+    sides = [_counts_in(log, name, belief) for name in ANGLE_OF_COUNT]
+    counts = join_rows(sides)
+    if 2 * len(counts.t) < min(len(one.t) for one in sides) or len(counts.t) < 2:
+        raise LogError(
+            f"{log.path}: motor and joint encoders have different times; expected one sample of both at each, less "
+            "than half a period apart"
+        )
+    refuse_invalid(log.path, "an encoder", len(counts.invalid), len(counts.invalid) + len(counts.t))
+    lost = max(len(one.t) for one in sides) - len(counts.t)
+    notes = (*log.notes, f"{lost} samples without all six encoders are left out") if lost else log.notes
+    measured = _in_unit(log, FORCE_SIGNAL, log[FORCE_SIGNAL], "N") if FORCE_SIGNAL in log.series else None
+    if counts.t[0] < 0.0:
+        raise LogError(f"{log.path}: begins at {counts.t[0]:g} s, before 0; count its time from its first sample")
+    if counts.t[-1] > MAX_LOG_TIME:
+        raise LogError(
+            f"{log.path}: ends at {counts.t[-1]:g} s, expected at most {MAX_LOG_TIME:g} s; is its unit right?"
+        )
+    # a count that never came is the estimator's business; before the first there is nothing to hold
+    there = np.all(np.isfinite(counts.values), axis=1)
+    if np.sum(there) < 2:
+        raise LogError(f"{log.path}: fewer than two samples have all six counts")
+    first = int(np.argmax(there))
+    t, u = counts.t[first:], np.full((len(counts.t) - first, width(INPUTS)), np.nan)
+    u[:, ENCODERS] = counts.values[first:]
+    samples = RobotSamples(t, u, measured, log.path, notes, log.columns)
+    if measured is not None:
+        hold_until_sampled(samples, F_Z.start, measured.t, measured.values)
+    return samples
+
+
+def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+    """Write `values` (m,) of times `t` (m,), s, into a column of the first samples at or after them.
+
+    Of several values for one sample the newest is written.
+    """
+    at = np.searchsorted(samples.t, t)
+    there = at < len(samples.t)
+    samples.u[at[there], column] = values[there]
+
+
+def _received(name: str, keys: Iterable[str]) -> str:
+    """Signal of the counts `name` that the computer received: of the last fault of the encoders, if there is one."""
+    faults = [int(m[1]) for key in keys if (m := re.fullmatch(rf"fault/(\d+)\.{name}(\[0\])?", key))]
+    return f"fault/{max(faults)}.{name}" if faults else f"encoder.{name}"
+
+
+def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
+    """Counts (n, 3) of the motor or the joint encoders."""
+    angle = f"estimator.{ANGLE_OF_COUNT[name]}"
+    counts = _received(name, log.series)
+    there = {name.rpartition("[")[0] for name in (*log.series, *log.left_out)}
+    if counts in there:
+        return _joint_series(log, counts, "1")
+    if angle not in there:
+        has = list(log.series)
+        raise LogError(
+            f"{log.path}: neither {counts}[0..2] nor {angle}[0..2] is there; it has {', '.join(has[:MAX_LISTED_NAMES])}"
+            f"{' ...' if len(has) > MAX_LISTED_NAMES else ''}; choose with --map '{angle}[0]=COLUMN[deg]' and so on"
+        )
+    series = _joint_series(log, angle, "rad")
+    # what `estimator.angle` takes off again
+    zero, per_rad = count_conversion(name, belief)
+    return replace(series, values=(series.values + np.array(zero)) * per_rad, unit="1")
+
+
+def _joint_series(log: Log, name: str, unit: str) -> LogSeries:
+    series = log.vector(name)
+    if series.values.shape[1] != 3:
+        raise LogError(f"{log.path}: {name} has {series.values.shape[1]} components, expected 3, one per joint")
+    return _in_unit(log, name, series, unit)
+
+
+def _in_unit(log: Log, name: str, series: LogSeries, unit: str) -> LogSeries:
+    refuse_unit(f"{log.path}:", name, series.unit, unit)
+    return series

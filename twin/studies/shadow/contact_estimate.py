@@ -1,0 +1,240 @@
+"""What the past of a running robot has shown of it and of what it presses on, beside its state.
+
+Springs read too much by zeros of encoders, each its own, and by what dry friction carries of the load. In free air both
+are all that they read, and a robot that moves up and down tells one from the other: a least-squares fit, whose prior is
+that of healthy robots. In contact both are taken off. The surface is where the force of first touch has it; deeper down
+it is as stiff as the force says.
+"""
+
+import math
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.port import memory_of, record
+from twin.robot.plant.contact import dot, surface_frame
+from twin.robot.plant.contact_law import pressing_force
+from twin.robot.plant.dynamics import PARAMETERS_RECORD
+from twin.studies.shadow.layout import FORCE, POSITION, TOUCH_FORCE, VELOCITY
+
+AIR_CLEARANCE = 1e-3
+"""m. Higher than that over the believed surface the robot is in free air: heights of healthy robots differ by 0.5 mm,
+and zeros of encoders by 0.05 deg are 0.2 mm."""
+STIFFNESS_FORCE = 1.5
+"""N. From there on the force says how stiff the surface is, below where it is."""
+MAX_DEPTH = 0.1
+"""m."""
+MIN_STIFFNESS_SHARE, MAX_STIFFNESS_SHARE = 0.5, 2.0
+"""A surface is within this of the believed stiffness; what is left of a force moves the surface."""
+SMOOTHING_TIME = 0.05
+"""s over which joint angles are made smooth: the noise of an estimate would shake off what friction carries."""
+ENCODER_ZERO, JOINT_FRICTION, MAX_FRICTION = math.radians(0.05), 0.02, 0.04
+"""rad, N m. Zeros of encoders and dry friction of healthy robots lie within the first two."""
+TORQUE_DEVIATION, FORGETTING_FACTOR = 1e-2, 0.995
+"""N m. Deviation of one look at the springs' torques in free air; and what a look leaves of those before."""
+MAX_LEARNING_SPEED = 0.02
+"""m/s. Faster motions are explained by forces, too, that are none of the surface's."""
+AIR_FORCE_DEVIATION = 0.15
+"""N. How much the force of a robot in free air differs from what zeros and friction look like."""
+
+_TOUCH_RECORD = record(
+    parameters=PARAMETERS_RECORD, **dict.fromkeys(("p", "v", "F"), "3f8"), along=("f8", (2,)),
+    **dict.fromkeys(("depth", "up", "pressing", "wanted", "law"), "f8"),
+)  # fmt: skip
+"""Position, velocity and force on the surface (SI, B); the force's parts along it; depth (m), z of the normal, force
+into it (N), the depth at which the law has that force, and the law's force at this depth."""
+
+
+@entry("nothing", _TOUCH_RECORD, at_once=True)
+def _evaluate_contact(m):
+    depth, e_1, e_2, n = surface_frame(m.parameters, m.p[0], m.p[1], m.p[2])
+    m.depth, m.up = depth, n[2]
+    m.along[0], m.along[1] = dot(e_1, m.F[0], m.F[1], m.F[2]), dot(e_2, m.F[0], m.F[1], m.F[2])
+    m.pressing = -dot(n, m.F[0], m.F[1], m.F[2])
+    rate = -dot(n, m.v[0], m.v[1], m.v[2])
+    m.law = pressing_force(m.parameters, depth, rate)
+    low, high = 0.0, MAX_DEPTH if m.pressing > 0.0 else 0.0
+    while high - low > 1e-9:
+        middle = 0.5 * (low + high)
+        if pressing_force(m.parameters, middle, rate) < m.pressing:
+            low = middle
+        else:
+            high = middle
+    m.wanted = high
+
+
+@entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double", at_once=True)
+def _drag(theta_l, h, count, smooth, anchors, presliding):
+    """Move the `anchors` (3) of dry friction along `count` rows of three joint angles, one after the other (P14).
+
+    Angles are made smooth first: what noise there is in an estimate would shake off what friction carries.
+    """
+    angles, steps, mean, held = carray(theta_l, 3 * count), carray(h, count), carray(smooth, 3), carray(anchors, 3)
+    for k in range(count):
+        share = 1.0 - math.exp(-steps[k] / SMOOTHING_TIME)
+        for leg in range(3):
+            theta = angles[3 * k + leg]
+            if theta == theta:
+                mean[leg] = mean[leg] + share * (theta - mean[leg]) if mean[leg] == mean[leg] else theta
+                start = held[leg] if held[leg] == held[leg] else mean[leg]
+                held[leg] = min(max(start, mean[leg] - presliding), mean[leg] + presliding)
+
+
+class ContactEstimate:
+    """See the module.
+
+    Args:
+        parameters: of the plant as it is believed, a record of `PARAMETERS_RECORD`.
+
+    Attributes:
+        height: of the surface over the believed one (m); NaN: it was never touched.
+        share: of the believed stiffness; NaN: not known.
+        carried: share of what dry friction can carry that it does (3,), positive against a joint that turns down.
+        zeros: torques (3,), N m, that zeros of encoders look like; and of dry friction, one for all joints, last.
+
+    Below, x is the filter's state (15,), J = d theta_l / d p_B there (3, 3), and s_B where a surface that moves is, and
+    its velocity (6,), SI.
+    """
+
+    def __init__(self, parameters: NDArray):
+        p = parameters
+        self.height = self.share = math.nan
+        self.friction_share = np.zeros(3)
+        self._joints, self._anchors, self._last = np.full(3, math.nan), np.full(3, math.nan), math.nan
+        self._touch, self._z_s, self._K = memory_of(_TOUCH_RECORD, parameters=p), float(p["z_s"]), float(p["K"])
+        self._presliding = float(p["joint_presliding"])
+        zero = float(p["k_s"] * p["N"] * p["eta"] * (1.0 + p["N"])) * ENCODER_ZERO
+        # evenly spread within
+        variances = np.array([zero**2, zero**2, zero**2, (JOINT_FRICTION / 2.0) ** 2], dtype=np.float64) / 3.0
+        self._prior: NDArray[np.float64] = np.diag(np.asarray(1.0 / variances, dtype=np.float64))
+        self._A, self._b = np.zeros((4, 4)), np.zeros(4)
+        self._before: NDArray[np.float64] = self._prior @ [
+            0.0,
+            0.0,
+            0.0,
+            float(p["joint_friction"]) or JOINT_FRICTION / 2.0,
+        ]
+        self._solve_zeros()
+
+    def snapshot(self) -> "ContactEstimate":
+        """As they are now, for good."""
+        found = copy(self)
+        found._touch = self._touch.copy()
+        return found
+
+    def _solve_zeros(self) -> None:
+        """What the looks so far make of zeros and friction."""
+        found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
+        found[3] = min(max(found[3], 0.0), MAX_FRICTION)
+        self.zeros = found
+
+    def tare(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Force (3,), N, that zeros and dry friction look like."""
+        force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
+        return force
+
+    def force_deviation(self, J: NDArray[np.float64]) -> float:
+        """Deviation of the pressing force (N) by what is not known of zeros and dry friction."""
+        reads = np.append(J[:, 2], J[:, 2] @ self.friction_share)
+        return math.sqrt(float(reads @ np.linalg.solve(self._prior + self._A, reads)))
+
+    def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
+        """Take note of how the joints turn, by their angles (n, 3), rad, at `t` (n,), s."""
+        h = t - np.concatenate([[t[0] if math.isnan(self._last) else self._last], t[:-1]])
+        # copies of this share what they do not change
+        joints, anchors, angles = self._joints.copy(), self._anchors.copy(), np.ascontiguousarray(theta_l)
+        _drag(angles, h, len(angles), joints, anchors, self._presliding)
+        self._joints, self._anchors, self._last = joints, anchors, float(t[-1])
+        carried = (joints - anchors) / self._presliding
+        self.friction_share = np.where(np.isnan(carried), 0.0, carried)
+
+    def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> None:
+        """Take from an estimate what it says of the surroundings."""
+        if not abs(x[VELOCITY + 2]) < MAX_LEARNING_SPEED:
+            return
+        seen = self._contact_record(x, J, s_B)
+        if seen["depth"] < -AIR_CLEARANCE:
+            rows = np.column_stack([np.eye(3), self.friction_share]) / TORQUE_DEVIATION
+            torques = np.linalg.solve(J.T, x[FORCE : FORCE + 3]) / TORQUE_DEVIATION
+            self._A, self._b = (
+                FORGETTING_FACTOR * self._A + rows.T @ rows,
+                FORGETTING_FACTOR * self._b + rows.T @ torques,
+            )
+            self._solve_zeros()
+        elif touches(seen) and seen["pressing"] < STIFFNESS_FORCE:
+            height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + _finite_or(self.height, 0.0)
+            self.height = min(max(height, -AIR_CLEARANCE), AIR_CLEARANCE)
+        elif touches(seen) and math.isfinite(self.height) and seen["law"] > 0.0:
+            share = _finite_or(self.share, 1.0) * float(seen["pressing"] / seen["law"])
+            self.share = min(max(share, MIN_STIFFNESS_SHARE), MAX_STIFFNESS_SHARE)
+
+    def correct_in_air(
+        self, x: NDArray[np.float64], P: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]
+    ) -> None:
+        """Put right, in place, an estimate of a robot in free air: however the filter explains a fast motion, there is
+        no force but what zeros and friction look like. It is one more measurement; P: of the filter (15, 15), SI."""
+        if self._contact_record(x, J, s_B)["depth"] < -AIR_CLEARANCE:
+            force = slice(FORCE, FORCE + 3)
+            gain = np.linalg.solve(P[force, force] + AIR_FORCE_DEVIATION * AIR_FORCE_DEVIATION * np.eye(3), P[force]).T
+            x += gain @ (self.tare(J) - x[force])
+            P -= gain @ P[force]
+
+    def pressing(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> float:
+        """Force into the surface, N."""
+        seen = self._contact_record(x, J, s_B)
+        return float(seen["pressing"]) if touches(seen) else 0.0
+
+    def contact(
+        self,
+        x: NDArray[np.float64],
+        J: NDArray[np.float64],
+        s_B: NDArray[np.float64],
+        higher: float = 0.0,
+        share: float = 1.0,
+    ) -> tuple[float, float, NDArray[np.float64]]:
+        """Height (m) and stiffness (N/m) of a surface that answers as the estimate has it, and its bristle (2,), m.
+
+        Args:
+            higher: added to the height (m) where the robot does not touch it.
+            share: of the stiffness that it has besides.
+        """
+        seen, p = self._contact_record(x, J, s_B), self._touch["parameters"][0]
+        if not touches(seen):
+            # it is no higher than where the robot is without touching it
+            above = max(0.0, float(seen["depth"]) / float(seen["up"]) + higher)
+            return float(p["z_s"]) + higher - above, float(p["K"]) * share, np.zeros(2)
+        if math.isfinite(self.height) and seen["pressing"] > STIFFNESS_FORCE and seen["law"] > 0.0:
+            felt = float(p["K"] * seen["pressing"] / seen["law"]) / self._K
+            p["K"] = self._K * min(max(felt, MIN_STIFFNESS_SHARE), MAX_STIFFNESS_SHARE)
+        p["K"] *= share
+        _evaluate_contact(self._touch)
+        height = float(p["z_s"]) + float(seen["wanted"] - seen["depth"]) / float(seen["up"])
+        along, limit = np.array(seen["along"]), float(p["mu"] * seen["pressing"])
+        size = float(np.hypot(*along))
+        return height, float(p["K"]), along / float(p["sigma_0"]) * (min(1.0, limit / size) if size else 1.0)
+
+    def _contact_record(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
+        """The contact as the estimate has it, less what zeros and friction look like, on the surface as it is known.
+
+        Returns:
+            A record of `_TOUCH_RECORD`.
+        """
+        seen: NDArray = self._touch[0]
+        seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
+        seen["F"] = x[FORCE : FORCE + 3] - self.tare(J)
+        p = seen["parameters"]
+        p["z_s"], p["K"] = self._z_s + _finite_or(self.height, 0.0), self._K * _finite_or(self.share, 1.0)
+        _evaluate_contact(self._touch)
+        return seen
+
+
+def _finite_or(value: float, otherwise: float) -> float:
+    return otherwise if math.isnan(value) else value
+
+
+def touches(seen: NDArray) -> bool:
+    """Whether the robot presses on the surface, and not on air by the zeros of its encoders."""
+    return bool(seen["pressing"] > TOUCH_FORCE and seen["depth"] > -AIR_CLEARANCE)
