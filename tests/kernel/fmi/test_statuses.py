@@ -121,7 +121,7 @@ def test_an_fmu_that_changes_the_working_directory_leaves_it_as_it_was_and_that_
 def test_an_fmu_that_changes_how_the_processor_rounds_does_not_change_it_for_others(function: str, tmp_path: Path):
     fmu = odd_fmu(tmp_path / "x.fmu", f"{function} 0 0 UPWARD")
     third, before = np.float64(1.0), floating_point.mode()
-    with opened(read_system(fmu), additions=Additions(inputs=["in_Real=t"])) as (plan, made):
+    with open_system(read_system(fmu), additions=Additions(inputs=["in_Real=t"])) as (plan, made):
         simulation = Simulation(made.system, plan.timing.ticks)
         simulation.run()
         reported = [text for _, text in made.system.components[-1].take_messages()]
@@ -132,7 +132,7 @@ def test_an_fmu_that_changes_how_the_processor_rounds_does_not_change_it_for_oth
 def test_a_library_that_flushes_tiny_numbers_when_it_is_loaded_does_not_do_so_for_others(tmp_path: Path):
     fmu = odd_fmu(tmp_path / "x.fmu")
     _loading_flushes(fmu)
-    with opened(read_system(fmu), additions=Additions(inputs=["in_Real=1e-310*(1+t)"])) as (plan, made):
+    with open_system(read_system(fmu), additions=Additions(inputs=["in_Real=1e-310*(1+t)"])) as (plan, made):
         rows = Simulation(made.system, plan.timing.ticks).run()
     assert rows[-1].min() > 0.0
 
