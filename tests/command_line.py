@@ -19,9 +19,9 @@ from twin.kernel.process.reporter import DirectReporter, Listen, Show
 
 GUARDED = (
     "twin.kernel.process.guard.run_guarded",
-    "twin.cli.ask.guarded",
-    "twin.studies.check.job.guarded",
-    "twin.studies.qualify.qualification.guarded",
+    "twin.cli.ask.run_guarded",
+    "twin.studies.check.job.run_guarded",
+    "twin.studies.qualify.qualification.run_guarded",
 )
 """Where the commands find the function that runs a job in a process of its own."""
 

@@ -88,7 +88,7 @@ def test_what_looks_like_a_run_a_picture_or_a_sweep_begins_one(
     monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool
 ):
     monkeypatch.setattr("sys.argv", ["twin", *words])
-    monkeypatch.setattr("twin.cli.ahead.cores", lambda: 2)
+    monkeypatch.setattr("twin.cli.ahead.core_count", lambda: 2)
     with start_expected_job():
         waiting = list(ahead._waiting.values())
         assert bool(waiting) == begins
@@ -97,7 +97,7 @@ def test_what_looks_like_a_run_a_picture_or_a_sweep_begins_one(
 
 def test_on_one_core_nothing_begins_that_can_be_done_as_well_later(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "report", "fig4"])
-    monkeypatch.setattr("twin.cli.ahead.cores", lambda: 1)
+    monkeypatch.setattr("twin.cli.ahead.core_count", lambda: 1)
     with start_expected_job():
         assert not ahead._waiting
 

@@ -202,7 +202,7 @@ def test_what_twin_did_not_write_stays_in_the_folder_of_a_run_that_goes_and_is_s
 
 def forged(recording: Path, found: dict[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> str:
     """Why a run whose recording says `found` is not compared with its file."""
-    monkeypatch.setattr("twin.studies.results.stored.origin", lambda path: found)
+    monkeypatch.setattr("twin.studies.results.stored.read_metadata", lambda path: found)
     return describe_differences(StoredRun(recording.parent, recording, True), CurrentExperiments())[1]
 
 
