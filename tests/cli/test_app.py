@@ -32,11 +32,11 @@ from typing import Annotated
 
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.studies.command import Answer
-from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.command import Argument, ArgumentValues, Option, study
 from twin.studies.command import Say
 
 
-def _look(asked: Asked) -> None:
+def _look(asked: ArgumentValues) -> None:
     if asked["word"] == "early":
         raise InputRefused("looked at first")
 

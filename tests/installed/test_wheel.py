@@ -32,14 +32,14 @@ NAMES = """
 import json
 import tarfile
 from twin.robot.assembly.load import load_experiment
-from twin.robot.paths import HOME
-from twin.studies.check.baseline import baselines_here
+from twin.robot.paths import PROJECT_FOLDER
+from twin.studies.check.baseline import default_baseline_folder
 from twin.studies.check.job import pairs
 
 loaded = load_experiment("fig4_force_position", ["duration_s=1"], drive="pmsm_foc", body="back")
-stored = pairs([], [], baselines_here())
-print(json.dumps([str(HOME), [drive.fmu for drive in loaded.drives], loaded.values["contact"]["body"],
-                  all(pair.file.startswith(str(HOME)) for pair in stored), len(stored)]))
+stored = pairs([], [], default_baseline_folder())
+print(json.dumps([str(PROJECT_FOLDER), [drive.fmu for drive in loaded.drives], loaded.values["contact"]["body"],
+                  all(pair.file.startswith(str(PROJECT_FOLDER)) for pair in stored), len(stored)]))
 """
 
 PROJECT = """

@@ -181,11 +181,11 @@ USES = """
 import sys, tempfile
 from twin.kernel.compiled.machine import _loaded
 from twin.robot.assembly.load import load_experiment
-from twin.robot.assembly.precompile import usual
+from twin.robot.assembly.precompile import common_functions
 from twin.robot.run.run import execute
 with tempfile.TemporaryDirectory() as folder:
     execute(load_experiment("fig4_force_position"), folder)
-print("numba" in sys.modules, sorted({n.name for n in usual()} ^ _loaded))
+print("numba" in sys.modules, sorted({n.name for n in common_functions()} ^ _loaded))
 """
 
 

@@ -148,13 +148,13 @@ def test_a_process_that_computes_gets_older_on_its_processor():
 
 LOST = """
 import sys, time
-from twin.kernel.process.job import keep_interrupts
+from twin.kernel.process.job import retry_lost_interrupts
 
 class Kept:
     def __del__(self):
         raise {error}
 
-keep_interrupts()
+retry_lost_interrupts()
 try:
     Kept()
     # without the hook nobody would end this

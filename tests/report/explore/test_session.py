@@ -18,7 +18,7 @@ import pytest
 from websockets.sync.server import ServerConnection, serve
 
 from tests.studies.shadow.live_sessions import ROBOT, SPRING, SoftRobot
-from tests.studies.shadow.test_seen import TOPICS, OneProposal
+from tests.studies.shadow.test_live_view import TOPICS, OneProposal
 from twin.kernel.errors import InputRefused
 from twin.kernel.gate import Gate, viewer_policy
 from twin.report.explore import session as module

@@ -15,9 +15,9 @@ from twin.studies.converge.monolith import ComponentStepper
 
 STEPPED = """
 import numpy as np
-from twin.studies.converge.monolith import Sampled
+from twin.studies.converge.monolith import ComponentStepper
 from twin.robot.plant.encoder import Scale
-print(Sampled(Scale(0.005 * 9.81))(np.array([0.0, 0.0, -5.0]))[0])
+print(ComponentStepper(Scale(0.005 * 9.81))(np.array([0.0, 0.0, -5.0]))[0])
 """
 
 

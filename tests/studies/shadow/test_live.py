@@ -14,7 +14,7 @@ from tests.conftest import ROOT
 from tests.robot.live.viewer import Viewer
 from tests.studies.replay.logs import FIG4
 from tests.studies.shadow.conftest import Start
-from tests.studies.shadow.test_seen import ADDRESS
+from tests.studies.shadow.test_live_view import ADDRESS
 from tests.studies.shadow.test_study import MAP
 from twin.kernel.recording.reader import read
 

@@ -230,7 +230,7 @@ def test_what_was_pressed_last_of_all_is_not_lost():
 
 PRESSED_TWICE = """
 import os, signal, sys
-from twin.studies.sweep.interrupts import remembered
+from twin.studies.sweep.interrupts import defer_interrupts
 
 def press():
     os.kill(os.getpid(), signal.SIGINT)
@@ -250,7 +250,7 @@ def pressed_twice(moment):
 for moment in range(1, 60):
     lines = 0
     try:
-        with remembered():
+        with defer_interrupts():
             pressed_twice(moment)
     except KeyboardInterrupt:
         if lines >= moment:
@@ -260,9 +260,9 @@ for moment in range(1, 60):
 """
 PRESSED_AGAIN = """
 import os, signal
-from twin.studies.sweep.interrupts import remembered
+from twin.studies.sweep.interrupts import defer_interrupts
 
-with remembered():
+with defer_interrupts():
     for number in range({times}):
         os.kill(os.getpid(), signal.SIGINT)
     print("goes on", flush=True)
