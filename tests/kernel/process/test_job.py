@@ -33,7 +33,7 @@ class Box:
     def call(self) -> Call:
         return Call(1, "a.fmu", "it", "fmi2DoStep")
 
-    def compiled(self) -> float:
+    def compile_time(self) -> float:
         return self.compiling
 
 
