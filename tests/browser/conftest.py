@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from twin.kernel.recording.reader import Recording
 from twin.report.page.page import write_report
+
+# on a busy machine an answer may take longer than the 5 s of playwright
+expect.set_options(timeout=30_000)
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 

@@ -1,5 +1,7 @@
 """An FMU that changes the working directory takes no output along, whatever the command and whenever it does so."""
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,37 +21,49 @@ COMMANDS = {
 }
 
 
-@pytest.fixture(scope="module", params=["when it is loaded", "in its first step"])
-def moving(
-    request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, Path, str]:
-    """A drive that changes the working directory, the folder that it changes to, and --out of the command."""
-    folder = tmp_path_factory.mktemp("moving")
+MOMENTS = ("when it is loaded", "in its first step")
+
+
+@pytest.fixture(scope="module")
+def moving(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Path, str]]:
+    """What makes a drive that changes the working directory: the drive, the folder, and --out of the command."""
+    return cache(lambda when: moving_drive(root, tmp_path_factory.mktemp("moving"), when))
+
+
+def moving_drive(root: Path, folder: Path, when: str) -> tuple[Path, Path, str]:
     there = folder / "there"
     there.mkdir()
     moved = MOVED.replace("THERE", str(there))
 
     def edited(text: str) -> str:
-        if request.param == "when it is loaded":
+        if when == "when it is loaded":
             return f"#include <unistd.h>\n__attribute__((constructor)) {moved}{text}"
         head, step, rest = text.partition("fmi2Status fmi2DoStep(")
         arguments, brace, body = rest.partition("{")
         assert body
         return f"#include <unistd.h>\n{moved}{head}{step}{arguments}{brace} moved(); {body}"
 
-    return (
-        compiled_drive(root, folder, "drive", {"lifecycle.c": edited}),
-        there,
-        "mine" if request.param == "when it is loaded" else "",
-    )
+    out = "mine" if when == "when it is loaded" else ""
+    return compiled_drive(root, folder, "drive", {"lifecycle.c": edited}), there, out
+
+
+ONCE = {"drive check": "when it is loaded", "build": "in its first step", "sweep": "when it is loaded"}
+"""When a drive moves that a long command is given in the tiers; the other time is left to endurance."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", COMMANDS.values(), ids=list(COMMANDS))
+@pytest.mark.parametrize(
+    ("when", "words"),
+    [
+        pytest.param(when, words, id=f"{name} {when}", marks=[pytest.mark.endurance] * (ONCE.get(name, when) != when))
+        for when in MOMENTS
+        for name, words in COMMANDS.items()
+    ],
+)
 def test_outputs_are_where_the_command_was_called(
-    words: list[str], moving: tuple[Path, Path, str], root: Path, tmp_path: Path
+    when: str, words: list[str], moving: Callable[[str], tuple[Path, Path, str]], root: Path, tmp_path: Path
 ):
-    drive, there, out = moving
+    drive, there, out = moving(when)
     (tmp_path / "sweep.toml").write_text(f"drives = ['{drive}']\n" + stiffness_text(root, "[500, 600]"))
     done = twin_process(
         *(word.replace("DRIVE", str(drive)) for word in words), *(["--out", out] if out else []), cwd=tmp_path

@@ -68,7 +68,7 @@ def test_every_part_of_the_benchmarks_can_be_imported_and_called():
 
 
 def test_the_list_of_mutants_can_be_drawn(root: Path):
-    pytest.importorskip("cosmic_ray", reason="only make mutants installs it")
+    pytest.importorskip("cosmic_ray", reason="only make mutants and .ci/run install it")
     from tests.mutants.mutant import possible_mutants
 
     assert len(list(possible_mutants(root))) > 1000

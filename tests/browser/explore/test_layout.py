@@ -13,6 +13,13 @@ SMALL = """() => [...document.querySelectorAll("button, select, summary, input:n
     .filter(([, box]) => box.width < 23.5 || box.height < 23.5)
     .map(([name, box]) => `${name} ${box.width} x ${box.height}`)"""
 
+SCROLLING = """() => [...document.querySelectorAll("main *, header *")]
+    .filter((node) => node.checkVisibility() && node.scrollWidth > node.clientWidth + 1
+        && ["auto", "scroll"].includes(getComputedStyle(node).overflowX))
+    .filter((node) => node.tabIndex < 0 && !node.querySelector("a, button, input, select, summary, [tabindex='0']"))
+    .map((node) => node.id || node.className || node.tagName)"""
+"""What scrolls sideways and has nothing in it that takes the focus."""
+
 
 def opened_at(browser: Browser, explorer: Explorer, width: int, height: int) -> Opened:
     return Opened(browser.new_page(viewport={"width": width, "height": height}), explorer.address)
@@ -44,6 +51,32 @@ def test_a_phone_shows_a_whole_curve_above_the_settings(browser: Browser, explor
     page.close()
 
 
+@pytest.mark.parametrize("width", [1920, 1100, 1090, 390])
+def test_the_robot_is_open_beside_the_curves_where_there_is_room(browser: Browser, explorer: Explorer, width: int):
+    page = opened_at(browser, explorer, width, 900).page
+    robot, curve = page.locator("#robot canvas"), page.locator(".plot canvas").first.bounding_box()
+    assert robot.is_visible() is (width >= 1100) and curve is not None
+    if width >= 1100:
+        beside = robot.bounding_box()
+        assert beside is not None and beside["x"] > curve["x"] + curve["width"]
+        assert abs(beside["y"] - curve["y"]) < 60
+        # closed, the curves have all of the width
+        page.click("#player summary")
+        wait_until(page, "w => document.querySelector('.plots, #plots').clientWidth > w + 100", curve["width"])
+    page.close()
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_what_scrolls_is_reached_by_keyboard(browser: Browser, explorer: Explorer, width: int):
+    page = opened_at(browser, explorer, width, 844).page
+    page.click("#loops summary")
+    page.click("#score summary")
+    page.locator("#score tbody tr").first.wait_for(timeout=60_000)
+    page.locator("#loops tbody tr").first.wait_for(timeout=60_000)
+    assert page.evaluate(SCROLLING) == []
+    page.close()
+
+
 @pytest.mark.parametrize("width", [1400, 390])
 def test_what_is_pressed_is_at_least_24_pixels_large(browser: Browser, explorer: Explorer, width: int):
     page = opened_at(browser, explorer, width, 844).page
@@ -70,6 +103,22 @@ def test_arrow_keys_that_are_held_are_one_step_of_undo(opened: Opened):
     expect(field).not_to_have_value("2")
     opened.page.keyboard.press("Control+z")
     expect(field).to_have_value("2")
+
+
+def test_arrow_keys_that_are_held_on_the_mark_of_a_fault_are_one_step_of_undo(opened: Opened):
+    page = opened.page
+    page.click("#faults summary")
+    page.get_by_role("button", name="Add fault").click()
+    mark, onset = page.locator(".fault-mark").first, page.get_by_label("at (s)").last
+    mark.wait_for()
+    before = onset.input_value()
+    mark.focus()
+    for _ in range(5):
+        page.keyboard.down("ArrowRight")
+    page.keyboard.up("ArrowRight")
+    expect(onset).not_to_have_value(before)
+    page.keyboard.press("Control+z")
+    expect(onset).to_have_value(before)
 
 
 def test_the_numbers_begin_with_the_held_force_and_hold_the_loops_margin(opened: Opened):

@@ -223,7 +223,10 @@ FRONT = {"version": 1, "tick": 3, "pieces": [], "inside": [], "about": {}}
         (written({**FRONT, "about": 3}), "no state that twin saved"),
         (written({**FRONT, "pieces": [["a", "b", "<f8", [2], 16]]}, bytes(8)), "damaged: a.b"),
         (written({**FRONT, "pieces": [["a", "b", "<f8", [-1], 8]]}, bytes(8)), "damaged: a.b"),
-        (written({**FRONT, "pieces": [["a", "b", "nonsense", [1], 8]]}, bytes(8)), "no state that twin saved"),
+        *(
+            (written({**FRONT, "pieces": [["a", "b", kind, [1], 8]]}, bytes(8)), "no state that twin saved")
+            for kind in ("nonsense", "<f3", "<?8", "<d3", "<f0", "|O8", "<U2", "<M8", "=f8 ")
+        ),
     ],
 )
 def test_bytes_that_are_no_state_are_refused_in_a_sentence(content: bytes, sentence: str):

@@ -1,8 +1,9 @@
 /* An FMU of FMI 2.0 and of FMI 3.0 for tests of what an importer is given. A variable is an input (value reference below
  * 32), the same value as an output (+ 32), or 1024 times it (+ 64, whole numbers of 64 bits). Its GUID says what is odd:
  * "FUNCTION STATUS STEPS FOLDER": after so many steps that function returns the status, having logged something, or goes
- * to that folder if there is one; a function called "NaN" makes all real outputs NaN, "Inf"
+ * to that folder if there is one, or with the folder UPWARD has the processor round upwards; a function called "NaN" makes all real outputs NaN, "Inf"
  * infinite, with the sign of STATUS. */
+#include <fenv.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdint.h>
@@ -40,6 +41,8 @@ static int answer(Odd *o, const char *name)
 {
     if (strcmp(name, o->odd) != 0 || o->steps < o->after)
         return 0;
+    if (strcmp(o->folder, "UPWARD") == 0)
+        return fesetround(FE_UPWARD);
     if (o->folder[0])
         return chdir(o->folder);
     if (o->callbacks && o->callbacks->logger)

@@ -36,7 +36,7 @@ def odd_library() -> bytes:
         assert "CI" not in os.environ, "this test compiles an FMU and CI has to have a C compiler"
         pytest.skip("compiles an FMU: needs Linux and a C compiler")
     library = Path(mkdtemp()) / "odd.so"
-    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-w", str(SOURCE), "-o", str(library)], check=True)
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-w", str(SOURCE), "-o", str(library), "-lm"], check=True)
     content = library.read_bytes()
     shutil.rmtree(library.parent)
     return content

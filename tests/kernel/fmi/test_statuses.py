@@ -2,14 +2,18 @@
 
 import gc
 import os
+import shutil
+import subprocess
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.kernel.fmi.odd import odd_fmu
+from tests.kernel.fmi.odd import SOURCE, odd_fmu
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
+from twin.kernel.fmi import floating_point
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.opening import open_system
@@ -110,6 +114,46 @@ def test_an_fmu_that_changes_the_working_directory_leaves_it_as_it_was_and_that_
         told = [text for _, text in made.system.components[-1].take_messages()]
         assert os.getcwd() == here
     assert told == ([] if function == "Instantiate" else ["changed the working directory; it is back where it was"])
+
+
+@pytest.mark.skipif(floating_point.mode() == floating_point.Mode(), reason="the mode is not known on this platform")
+@pytest.mark.parametrize("function", ["EnterInitializationMode", "SetReal", "GetReal", "DoStep"])
+def test_an_fmu_that_changes_how_the_processor_rounds_does_not_change_it_for_others(function: str, tmp_path: Path):
+    fmu = odd_fmu(tmp_path / "x.fmu", f"{function} 0 0 UPWARD")
+    third, before = np.float64(1.0), floating_point.mode()
+    with open_system(read_system(fmu), additions=Additions(inputs=["in_Real=t"])) as (plan, made):
+        simulation = Simulation(made.system, plan.timing.ticks)
+        simulation.run()
+        reported = [text for _, text in made.system.components[-1].take_messages()]
+        assert floating_point.mode() == before and third / 3.0 == float.fromhex("0x1.5555555555555p-2")
+    assert reported == ["changed the floating-point mode (rounding, tiny numbers); it is as it was"]
+
+
+def test_a_library_that_flushes_tiny_numbers_when_it_is_loaded_does_not_do_so_for_others(tmp_path: Path):
+    fmu = odd_fmu(tmp_path / "x.fmu")
+    _loading_flushes(fmu)
+    with open_system(read_system(fmu), additions=Additions(inputs=["in_Real=1e-310*(1+t)"])) as (plan, made):
+        rows = Simulation(made.system, plan.timing.ticks).run()
+    assert rows[-1].min() > 0.0
+
+
+def _loading_flushes(fmu: Path) -> None:
+    """Replace the library of an FMU by one that gcc links as it does with -Ofast."""
+    library = fmu.with_suffix(".so")
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("needs gcc")
+    act = "__builtin_ia32_ldmxcsr(__builtin_ia32_stmxcsr() | 0x8040);"
+    start = f"__attribute__((constructor)) static void start(void) {{ {act} }}"
+    source = fmu.with_suffix(".c")
+    source.write_text(f'#include "{SOURCE}"\n{start}\n')
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-w", source, "-o", library, "-lm"], check=True)
+    with zipfile.ZipFile(fmu) as archive:
+        kept = {name: archive.read(name) for name in archive.namelist() if not name.endswith(".so")}
+        (place,) = (name for name in archive.namelist() if name.endswith(".so"))
+    with zipfile.ZipFile(fmu, "w") as archive:
+        for name, content in {**kept, place: library.read_bytes()}.items():
+            archive.writestr(name, content)
 
 
 def test_a_local_that_cannot_be_read_is_left_out_and_listed(tmp_path: Path):

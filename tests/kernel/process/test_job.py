@@ -33,7 +33,7 @@ class Box:
     def call(self) -> Call:
         return Call(1, "a.fmu", "it", "fmi2DoStep")
 
-    def compiled(self) -> float:
+    def compile_time(self) -> float:
         return self.compiling
 
 
@@ -46,8 +46,8 @@ class Process:
     processor_time: float = 0.0
     gone: bool = False
     memory: int = 0
-    printed: str = ""
-    waits: bool = False
+    output_tail: str = ""
+    is_waiting: bool = False
 
     def end(self) -> int:
         self.gone = True
@@ -89,7 +89,7 @@ def test_many_threads_at_once_are_not_slower_than_one(monkeypatch: pytest.Monkey
 
 def test_a_call_that_waits_is_ended_too(monkeypatch: pytest.MonkeyPatch):
     bench = Bench(monkeypatch, JobLimits(step=STEP))
-    bench.process.waits = True
+    bench.process.is_waiting = True
     bench.pass_time(MAX_WAIT_RATIO * STEP, 0.0)
     with pytest.raises(JobLoadFailure, match="did not return within 10 s in fmi2DoStep"):
         bench.pass_time(2.0, 0.0)

@@ -185,6 +185,19 @@ def test_what_is_not_whole_is_rounded_on_its_way_into_an_integer(given: float, a
     assert by_component(fmus["Integer"], "Integer", given) == arrives
 
 
+@pytest.mark.parametrize("types", [["Boolean"], ["Boolean", "Int8"]], ids=["FMI 2.0", "FMI 3.0"])
+@pytest.mark.parametrize(("value", "arrives"), [(0.4, 0), (0.5, 1), (1.4, 1), (1.6, None), (2.0, None), (-1.0, None)])
+def test_a_boolean_is_rounded_and_what_is_neither_true_nor_false_ends_the_run_by_name(
+    types: list[str], value: float, arrives: int | None, tmp_path: Path
+):
+    fmu = odd_fmu(tmp_path / "b.fmu", types=types)
+    if arrives is not None:
+        assert by_component(fmu, "Boolean", value) == arrives
+        return
+    with pytest.raises(ComponentFailed, match=r"for in_Boolean, which is Boolean \(0 \.\. 1\)"):
+        by_component(fmu, "Boolean", value)
+
+
 @pytest.mark.parametrize("name", ["Int64", "UInt64"])
 def test_a_whole_number_beyond_what_a_double_holds_ends_the_run_by_name_and_is_exact_in_python(
     name: str, tmp_path: Path

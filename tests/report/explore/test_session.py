@@ -139,7 +139,7 @@ def test_without_the_token_of_the_session_it_watches_and_says_so(query: str, sen
         facts = explorer.until(lambda facts: not facts["problem"])
         assert facts["watches"].startswith(f"Watching only: {sentence}") and facts["proposal"]
         assert explorer.accept(facts["proposal"]) == facts["watches"]
-        assert viewer.press() == "" and twin.accepted == []
+        assert viewer.press() == "" and twin.adaptations == []
 
 
 def test_what_has_ended_or_is_not_there_yet_is_said_and_found_again():

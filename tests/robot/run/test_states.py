@@ -132,7 +132,7 @@ def test_a_state_of_another_run_is_refused_with_what_differs(tmp_path: Path, par
 @pytest.mark.parametrize("name", ["tally", "watch", "recorder", "tuning"])
 def test_what_observers_found_out_is_needed(tmp_path: Path, name: str):
     recording = made(tmp_path / "run")
-    saved = stored_state(recording, 0.5).saved  # type: ignore[union-attr]
+    saved = stored_state(recording, 0.5).saved_state  # type: ignore[union-attr]
     observers = {key: value for key, value in saved.about["observers"].items() if key != name}
     forged = SavedState(saved.tick, saved.pieces, saved.inside, saved.about | {"observers": observers})
     with pytest.raises((InputRefused, TypeError)):

@@ -120,7 +120,7 @@ def test_in_a_clone_of_twin_the_baselines_of_somebodys_own_experiment_are_beside
         (clone / folder).mkdir(parents=True)
     for name in ("step_z_air", "new"):
         (clone / f"experiments/{name}.toml").touch()
-    monkeypatch.setattr("twin.studies.check.baseline.HOME", clone)
+    monkeypatch.setattr("twin.studies.check.baseline.PROJECT_FOLDER", clone)
     monkeypatch.setattr("twin.studies.check.baseline.is_clone", lambda: True)
 
     def folders(*files: object) -> list[str]:

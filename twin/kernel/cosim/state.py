@@ -32,7 +32,7 @@ PORT_SIDES = ("outputs", "inputs")
 """Pieces that lie in the master's memory."""
 MAX_STATE_SIZE = 64 * 2**20
 """Bytes of a state, unpacked: those of the shipped experiments have some kilobytes."""
-_DTYPE_PATTERN = re.compile(r"[<>|=](?:[?bhilqBHILQfdiu]\d?|V\d{1,6})")
+_DTYPE_PATTERN = re.compile(r"[<>|](?:b1|[iu][1248]|f[248]|V\d{1,6})")
 """Of numbers, or of a record, in a piece."""
 SIMPLE_DTYPES = "?bhilqBHILQfd"
 """Kinds of numbers that an array read from a file may hold."""

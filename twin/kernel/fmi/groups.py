@@ -55,6 +55,8 @@ SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_
 """What an FMU did that no function of it calls bad."""
 INPUT_OUT_OF_RANGE, INEXACT_OUTPUT = 520, 521
 """An input value that its type cannot hold; an output value beyond `variable.MAX_EXACT`."""
+BOOLEAN_KIND, BOOLEAN_32_KIND = 10, 11
+"""Kinds of groups: the index of Boolean in `NUMERIC_TYPES`, one byte, and the Boolean of FMI 2.0, four bytes."""
 DISCARD_STATUS, PENDING_STATUS = 2, 5
 STATUS_NAMES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING_STATUS: "Pending"}
 MAX_HALVINGS = 10
@@ -272,8 +274,7 @@ def _store(kind, buffer, j, value):
 
     Whole numbers are rounded to the nearest.
     """
-    if kind < 2 or kind == 10:
-        # a Boolean is stored as a byte, whose bounds do not apply
+    if kind < 2:
         most = FLOAT_32 if kind == 1 else FLOAT_64
         if not -most <= value <= most:
             return False
@@ -281,25 +282,26 @@ def _store(kind, buffer, j, value):
         # from half of `MAX_EXACT` on doubles are whole, and a half added to them is rounded itself
         if abs(value) < MAX_EXACT // 2:
             value = np.floor(value + 0.5)
-        if not WHOLE_LOW[kind - 2] <= value <= WHOLE_HIGH[kind - 2]:
+        if kind >= BOOLEAN_KIND:
+            if not 0.0 <= value <= 1.0:
+                return False
+        elif not WHOLE_LOW[kind - 2] <= value <= WHOLE_HIGH[kind - 2]:
             return False
     if kind == 0:
         carray(_f64(buffer), j + 1)[j] = value
     elif kind == 1:
         carray(_f32(buffer), j + 1)[j] = value
-    elif kind == 10:
-        carray(_u8(buffer), j + 1)[j] = 1 if value > 0.5 else 0
     else:
         whole = np.int64(value)
         if kind == 2:
             carray(_i8(buffer), j + 1)[j] = whole
-        elif kind == 3:
+        elif kind == 3 or kind == BOOLEAN_KIND:
             carray(_u8(buffer), j + 1)[j] = whole
         elif kind == 4:
             carray(_i16(buffer), j + 1)[j] = whole
         elif kind == 5:
             carray(_u16(buffer), j + 1)[j] = whole
-        elif kind == 6:
+        elif kind == 6 or kind == BOOLEAN_32_KIND:
             carray(_i32(buffer), j + 1)[j] = whole
         elif kind == 7:
             carray(_u32(buffer), j + 1)[j] = whole
@@ -319,13 +321,13 @@ def _load(kind, buffer, j):
         return np.float64(carray(_f32(buffer), j + 1)[j])
     if kind == 2:
         return np.float64(carray(_i8(buffer), j + 1)[j])
-    if kind == 3 or kind == 10:
+    if kind == 3 or kind == BOOLEAN_KIND:
         return np.float64(carray(_u8(buffer), j + 1)[j])
     if kind == 4:
         return np.float64(carray(_i16(buffer), j + 1)[j])
     if kind == 5:
         return np.float64(carray(_u16(buffer), j + 1)[j])
-    if kind == 6:
+    if kind == 6 or kind == BOOLEAN_32_KIND:
         return np.float64(carray(_i32(buffer), j + 1)[j])
     if kind == 7:
         return np.float64(carray(_u32(buffer), j + 1)[j])

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi import groups
+from twin.kernel.fmi import floating_point, groups
 from twin.kernel.fmi.cosim_step import CLOCK_RECORD
 from twin.kernel.fmi.description import FmuDescription, clocks
 from twin.kernel.fmi.variable import MAX_EXACT, TEXT_TYPES, Setting, Setup, Variable
@@ -77,6 +77,7 @@ class Instance:
         self.missing: list[str] = []
         self.clock, self.stepped = np.zeros(1, dtype=np.int64), False
         self._here, self._moved = working_directory(), False
+        self._mode, self._mode_changed = floating_point.mode(), False
         self._pending_messages: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
@@ -255,6 +256,7 @@ class Instance:
         """(tick, text) of what it logged since this was last asked, at most `MAX_PENDING_MESSAGES` of them."""
         # steps are not announced one by one
         self.return_to(self._here)
+        self.restore_mode(self._mode)
         messages, self._pending_messages = self._pending_messages, []
         return messages
 
@@ -266,13 +268,14 @@ class Instance:
 
     @contextmanager
     def calling(self, function: str) -> Iterator[None]:
-        """Announce a call of a function of the standard, and restore the working directory after it."""
-        here = working_directory()
+        """Announce a call of a function of the standard; restore working directory and floating-point mode after it."""
+        here, mode = working_directory(), floating_point.mode()
         try:
             with groups.announce_call(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
                 yield
         finally:
             self.return_to(here)
+            self.restore_mode(mode)
 
     def return_to(self, folder: str) -> None:
         """Make `folder` the working directory again if the FMU has changed it; a message reports that once."""
@@ -282,22 +285,32 @@ class Instance:
                 self._moved = True
                 self.report("changed the working directory; it is back where it was")
 
+    def restore_mode(self, mode: floating_point.Mode) -> None:
+        """Set the floating-point mode to `mode` if the FMU has changed it; a message reports that once."""
+        if floating_point.mode() != mode:
+            floating_point.set_mode(mode)
+            if not self._mode_changed:
+                self._mode_changed = True
+                self.report("changed the floating-point mode (rounding, tiny numbers); it is as it was")
+
     @property
     def start_phrase(self) -> str:
         """When a call fails that is not part of a step."""
         return "" if self.stepped else " at the start"
 
     def _load_binary(self) -> Any:
-        description, here = self.description, working_directory()
+        description, here, mode = self.description, working_directory(), floating_point.mode()
         try:
             with groups.announce_call(description.path.name, self.name, "the loading of its binary"):
                 return self.standard.load_binary(self)
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
-        # FMPy goes to the library's folder to load it, and stays there if that fails
+        # FMPy goes to the library's folder to load it, and stays there if that fails; a library that gcc has built with
+        # -Ofast sets the mode when it is loaded
         finally:
             os.chdir(here)
+            self.restore_mode(mode)
 
     def _instantiate(self) -> None:
         try:

@@ -221,7 +221,8 @@ class Stepping:
         table = np.zeros(len(members), dtype=groups.GROUP_RECORD)
         self._keep.append(table)
         for row, (type_name, bits), group in zip(table, members, members.values(), strict=True):
-            kind = group[0].port.variable.kind
+            variable = group[0].port.variable
+            kind = variable.kind
             slots = np.concatenate([p.slots for p in group])
             arrays: dict[str, np.ndarray] = {
                 "references": np.array([p.port.variable.reference for p in group], dtype=np.uint32),
@@ -232,7 +233,9 @@ class Stepping:
                 # no value that an input has: the first one counts as new
                 "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
             }
-            row["kind"], row["clocks"], row["bytes"] = kind, bits, len(arrays["buffer"])
+            wide = variable.type == "Boolean" and kind != groups.BOOLEAN_KIND
+            row["kind"] = groups.BOOLEAN_32_KIND if wide else kind
+            row["clocks"], row["bytes"] = bits, len(arrays["buffer"])
             row["note"] = instance.note.ctypes.data
             row["access"] = instance.address(access + type_name)
             row["variables"], row["values"] = len(group), len(slots)

@@ -176,8 +176,8 @@ class LiveSession:
                 await asyncio.get_running_loop().sock_connect(there, (LOOPBACK_HOST, self._port))
                 async with connect(
                     f"{self.name}/{self._token}", sock=there, subprotocols=SUBPROTOCOLS, compression=None,
-                    max_size=MAX_MESSAGE_BYTES, open_timeout=ANSWER_TIMEOUT, ping_interval=ANSWER_TIMEOUT, ping_timeout=ANSWER_TIMEOUT,
-                    close_timeout=CLOSE_TIMEOUT,
+                    max_size=MAX_MESSAGE_BYTES, open_timeout=ANSWER_TIMEOUT, ping_interval=ANSWER_TIMEOUT,
+                    ping_timeout=ANSWER_TIMEOUT, close_timeout=CLOSE_TIMEOUT,
                 ) as connection:  # fmt: skip
                     await self._greet(connection)
                     found = True

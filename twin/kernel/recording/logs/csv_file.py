@@ -160,7 +160,7 @@ def heading(name: str, of_unit: str) -> str:
 
     Names that spreadsheets would read as a formula begin with an apostrophe.
     """
-    if of_unit != "1":
+    if of_unit not in ("1", ""):
         name = f"{name}_{of_unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
     return f"'{escape_controls(name)}" if name.startswith(FORMULA_STARTS) else escape_controls(name)
 
