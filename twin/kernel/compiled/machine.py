@@ -30,6 +30,8 @@ PROCESSOR_VARIABLE = "TWIN_PROCESSOR"
 """Environment variable that selects a form of X86_64 instead of the most capable one that this processor can run."""
 BASELINE_CPU = "x86-64"
 """Baseline processor of the x86-64 architecture for LLVM."""
+_loaded: set[str] = set()
+"""Names of the functions whose object files are loaded in this process."""
 
 
 class Module(NamedTuple):
@@ -123,9 +125,6 @@ class ProcessorForm(NamedTuple):
 X86_64 = (ProcessorForm("", ""), ProcessorForm("_avx", "+avx"), ProcessorForm("_avx512", "+avx512f,+avx512vl"))
 """Forms for x86-64; all three give the same bits. The plant of Fig. 4 takes 1.14, 1.09 and 1.02 times as long as code
 compiled for the exact processor."""
-
-_loaded: set[str] = set()
-"""Names of the functions whose object files are loaded in this process."""
 
 
 @cache
