@@ -422,7 +422,7 @@ def _append_interface(parent: ET.Element, element: ssp.SspComponent | ssp.SspSys
 def _append_all(
     parent: ET.Element, tag: str, items: Sequence[Item], append: Callable[[ET.Element, Item], None]
 ) -> None:
-    """Append `items` in an enclosing element; it is omitted if there are no items, as the schema forbids empty lists."""
+    """Append `items` in an enclosing element; omitted if there are no items, as the schema forbids empty lists."""
     if items:
         inside = ET.SubElement(parent, f"{SSD}{tag}")
         for item in items:

@@ -175,7 +175,7 @@ def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) 
     fed = {lead.end for lead in flat.leads}
     yield from (one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed)
     by_name = {".".join(end) for end in fed}
-    # their bindings were appended to those of the file
+    # their bindings were appended to the bindings of the file
     sets = names.package.structure.system.bindings[-len(additions.parameters) :] if additions.parameters else ()
     yield from (one.name for by in sets for one in by.parameters.parameters if one.name in by_name)
 

@@ -23,7 +23,7 @@ class MasterChoice:
         tick, start, stop: step size, start and end of the run (s); None for the values of the system.
         scheme: "gauss_seidel" (components step in order) or "jacobi"; None for the default of the file format.
         kinds: kind of FMU to use, by component; key "" for components whose kind the system does not state.
-        solver: of all FMUs for model exchange; None for CVODE.
+        solver: solver for all FMUs for model exchange; None for CVODE.
         steps: step sizes by component (s).
         order: components that step first, in this order.
         loops: treatment of algebraic loops.

@@ -32,7 +32,7 @@ class PreparedSystem:
 
     Attributes:
         plan: its plan, without outputs that an FMU turned out not to return.
-        system: components in plan order; those of a solved loop are merged into one.
+        system: components in plan order; parts of a solved loop are merged into one.
         settled: whether the initial values are consistent, i.e. every input equals its source.
         columns: slice of a row by part name.
         loops: algebraic loops found.
@@ -218,7 +218,7 @@ class _SolvableLoop:
     """An algebraic loop to be solved.
 
     Attributes:
-        path: of the loop, for messages.
+        path: path of the loop, for messages.
         cure: alternatives, for messages.
         leading_back: wires against the step order of its parts; their values are the unknowns.
 

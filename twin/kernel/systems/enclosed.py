@@ -1,4 +1,4 @@
-"""A system in the place of one FMU: its connectors are the variables, its step is that of what it stands in for."""
+"""Enclosed systems: an SSP archive in the place of one FMU, with its connectors as variables."""
 
 import math
 import shutil
@@ -38,10 +38,10 @@ Ends = tuple[tuple[Endpoint, tuple[UnitStep, ...]], ...]
 
 
 class EnclosedComponent(Subsystem):
-    """The system as a component."""
+    """An enclosed system as a component."""
 
     def zero(self, name: str) -> float:
-        """Value of the output port `name` where the FMU's own is 0."""
+        """Return the value of output port `name` that corresponds to 0 in the FMU's unit."""
         part, _, port = self.outlets[name].rpartition(".")
         inside = next(one for one in self.system.components if one.name == part)
         assert isinstance(inside, FmuComponent)
@@ -50,15 +50,15 @@ class EnclosedComponent(Subsystem):
 
 @dataclass(frozen=True)
 class EnclosedSystem:
-    """A system that has passed every check that needs no binary.
+    """A system that has passed all checks that need no binary.
 
     Attributes:
-        path, sha256: of the archive.
-        version: of its standard.
-        name: of the system.
-        variables: its connectors, and of what is inside what was asked for by name; a system without connectors offers
-            what is inside.
-        plan: of what is inside; it takes its inputs from the component INLET.
+        path, sha256: archive and its digest.
+        version: SSP version.
+        name: system name.
+        variables: connectors, and inner variables requested by name; all inner inputs or outputs if the system has no
+            connectors of that side.
+        plan: inner system; its inputs come from the component INLET_NAME.
     """
 
     path: Path
@@ -72,29 +72,29 @@ class EnclosedSystem:
     _folders: Mapping[str, Path]
 
     tolerance = None
-    """Of a solver: each FMU has its own."""
+    """Solver tolerance; each FMU has its own."""
 
     @property
     def descriptions(self) -> dict[str, FmuDescription]:
-        """Of the FMUs, by component."""
+        """FMU descriptions by component."""
         return {part.path: part.description for part in self.plan.parts}
 
     @property
     def values(self) -> dict[str, Sequence[Setting]]:
-        """What is set in the FMUs, by component."""
+        """Settings of the FMUs by component."""
         return {part.path: part.settings for part in self.plan.parts}
 
     @property
     def links(self) -> tuple[tuple[str, str], ...]:
-        """(output, input) of components, "component.variable" each."""
+        """Inner connections (output, input), "component.variable" each."""
         return tuple((".".join(lead.start), ".".join(lead.end)) for lead in self._flat.leads)
 
     def folder(self, part: str) -> Path:
-        """Where the FMU of a component is unpacked."""
+        """Return the folder of a component's unpacked FMU."""
         return self._folders[self.descriptions[part].sha256]
 
     def variables_of(self, causality: str) -> list[Variable]:
-        """Its variables of a causality."""
+        """Return the variables of a causality."""
         return [v for v in self.variables.values() if v.causality == causality]
 
     @property
@@ -222,7 +222,7 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
 
     Args:
         table: table of the experiment that names it, for messages.
-        values: of parameters, and of inputs that then have no source: "component.variable", or a connector.
+        values: start values, also of inputs that then have no source, by "component.variable" or connector.
         named: names that the mapping uses; they may include inner variables.
 
     Raises:
@@ -330,7 +330,7 @@ class _OuterVariables:
         )
 
     def _connector_unit(self, name: str, end: Endpoint) -> ParsedUnit:
-        """Return the unit of a connector, defined by the archive or else by the FMU behind it; "" if it states none."""
+        """Return the unit of a connector, defined by the archive or else by the FMU behind it; "" if not stated."""
         connector = self._package.structure.system.connector_of.get(name)
         if connector is None or not connector.unit:
             return ParsedUnit("", None)

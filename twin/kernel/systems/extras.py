@@ -15,7 +15,7 @@ class Feed:
         end: component path and variable.
         source: output in the master, "component.port".
         by: origin of the connection, for messages.
-        unit: unit of the value; "" for that of the variable.
+        unit: unit of the value; "" for the unit of the variable.
         hops: conversions on the way.
         size: number of values.
     """

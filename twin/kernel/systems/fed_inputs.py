@@ -40,7 +40,7 @@ class _InputSignal:
     """A signal and the input that it feeds.
 
     Attributes:
-        unit: unit of the values; "" for that of the input.
+        unit: unit of the values; "" for the unit of the input.
         about: expression, or name and digest of the file.
     """
 

@@ -105,8 +105,7 @@ def extract_fmus(
 
 @contextmanager
 def scratch_folder(package: Package) -> Iterator[str]:
-    """Create a temporary folder for extracted files; in error messages its paths are replaced by those of the
-    package."""
+    """Create a temporary folder for extracted files; error messages show the package's path instead of its path."""
     scratch = tempfile.mkdtemp()
     try:
         yield scratch

@@ -98,7 +98,7 @@ class Cosimulation:
     """A co-simulation of FMUs and Python components.
 
     Args:
-        tick: step size (s); None for that of the file read, or the shortest that an FMU states.
+        tick: step size (s); None for the step size of the file read, or the shortest that an FMU states.
         stop: latest end of the run (s); also passed to the FMUs.
         scheme: "gauss_seidel": components step in load order, each with the newest values of those before it; "jacobi":
             all use the values from the start of the step.

@@ -116,7 +116,7 @@ def timing_inside(
 ) -> Timing:
     """Determine the steps of a system that is a component of another system, starting at 0 s.
 
-    The step of a component is its annotation, else that of the structure, else one step of the enclosing component.
+    The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing component.
 
     Args:
         descriptions: FMU descriptions by component.
@@ -145,7 +145,7 @@ def _round_step(step: float) -> float:
 
 
 def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
-    """Return the components in step order: the user's, else the annotated, else that of the file.
+    """Return the components in step order: the user's, else the annotated, else the file's.
 
     Raises:
         InputRefused: the annotation names an unknown component.

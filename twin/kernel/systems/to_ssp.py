@@ -1,4 +1,4 @@
-"""A system as an SSP 1.0 archive: what `twin cosim` has read, in the form that the standard gives it."""
+"""Writer of a system as an SSP 1.0 archive, for systems that `twin cosim` has read from any format."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
@@ -37,13 +37,13 @@ IMPLEMENTATION_NAMES: Mapping[str, Implementation] = {
 
 
 def ssp_archive(plan: SystemPlan) -> bytes:
-    """The archive of a system: its structure as it was planned, its FMUs, tables and parameter sets.
+    """Write the archive of a system: planned structure, FMUs, tables and parameter sets.
 
-    Values, steps, times, kinds and order that were asked for stand in it. The standard has no word for the length of a
-    step, for an order and a scheme: these are annotations, which `twin cosim` reads.
+    The user's values, steps, times, kinds and step order are included. SSP does not define step size, step order and
+    coupling scheme; these are annotations, which `twin cosim` reads.
 
     Raises:
-        InputRefused: signals were fed in, which the standard cannot say.
+        InputRefused: the system has input signals, which SSP cannot express.
     """
     package = plan.package
     fed = [feed for feed in plan.extras.feeds if feed.by.startswith("--input")]
