@@ -1,9 +1,9 @@
 """Compiled steps of co-simulation FMUs: set inputs, step, get outputs, all by address.
 
-An FMU of FMI 1.0 or 2.0 that discards a step has computed a part of it, possibly none (FMI 2.0.4, 4.2.2). It is queried
-for the time reached and continued from there, with steps of the size that succeeded, or of half the size if none did;
-sizes are doubled while steps succeed. To repeat a step, the FMU's state is saved and restored (FMI 2.0.4, 2.1.8; FMI
-3.0, 2.2.5).
+An FMU of FMI 1.0 or 2.0 that discards a step has computed a part of it, possibly nothing (FMI 2.0.4, 4.2.2). It is
+queried for the time reached and continued from there, with steps of the size that succeeded, or of half the size
+without a success; sizes are doubled while steps succeed. To repeat a step, the FMU's state is saved and restored (FMI
+2.0.4, 2.1.8; FMI 3.0, 2.2.5).
 
 FMI 3.0 FMUs that have event mode, may return early, or have interpolated inputs are stepped in a loop: step to the end
 of the tick or the next planned event, handle events, and repeat until the end of the tick. Without events the loop

@@ -461,7 +461,7 @@ def _intermediate_update(
     address = address_of(environment)
     r = carray(_ramp_at(address), 1)[0]
     status = 0
-    # there are no values to set before the first step
+    # before the first step the record is empty
     if set_requested and r.values > 0:
         status = set_ramp(address, t)
     if status != 0:

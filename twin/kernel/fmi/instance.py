@@ -187,7 +187,7 @@ class Instance:
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Leave initialisation mode, in which the instance was `waiting`, and enter step mode.
+        """Take an instance that was created `waiting` from initialisation mode to step mode.
 
         Raises:
             InputRefused: it cannot be initialised.
@@ -362,7 +362,7 @@ class Instance:
             self.report(text)
 
     def report(self, text: str) -> None:
-        """Append a message to those of the FMU, with the present tick."""
+        """Append a message to the pending messages of the FMU, with the present tick."""
         if len(self._pending_messages) < MAX_PENDING_MESSAGES:
             self._pending_messages.append((int(self.clock[0]), text))
 

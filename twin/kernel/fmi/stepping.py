@@ -203,7 +203,7 @@ class Stepping:
         return [*self._moving, *self.instance.schedule]
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """Return `changing_arrays` and the record of discarded steps by name; none of them contains an address."""
+        """Return `changing_arrays` and the record of discarded steps by name; they contain no addresses."""
         shorter = {field.name: field.view_in(self._shorter) for field in state_fields(DISCARD_RECORD)}
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 

@@ -109,7 +109,7 @@ def _compiled_folder(digest: str) -> Path:
 
 
 def source_sets(model: Any, identifier: str) -> list[Any]:
-    """Return the source file sets with build instructions of an FMU (FMPy's); empty if it declares none."""
+    """Return the source file sets with build instructions of an FMU (FMPy's); empty without declarations."""
     return [
         one
         for configuration in model.buildConfigurations
@@ -375,8 +375,9 @@ def sealed_stamps(folder: Path) -> dict[str, Stamp]:
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """Return size, times and inode of the file at `path`, which reveal any write (ctime cannot be set back); None if
-    missing.
+    """Return size, times and inode of the file at `path`; None if missing.
+
+    Any write changes them, as ctime cannot be set back.
     """
     try:
         found = os.lstat(path)

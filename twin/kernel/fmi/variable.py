@@ -279,8 +279,8 @@ class Setup(NamedTuple):
     """Data of the run that an FMU gets before initialisation.
 
     Attributes:
-        tolerance: relative tolerance of its solver; None to pass none.
-        stop: end of the last step (s); None to pass none, with which some FMUs choose their own end.
+        tolerance: relative tolerance of its solver; None to use the FMU's default.
+        stop: end of the last step (s); None to leave it open, with which some FMUs choose their own end.
         step: step size (s), in which its clocks tick; None if unknown, and clocks are refused.
         ramped: whether inputs that allow it are interpolated over a step.
         waiting: whether it remains in initialisation mode until `begin`, so that its inputs can be set to other

@@ -154,7 +154,7 @@ def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
 
 
 def _is_held(names: SystemNames, place: Endpoint) -> bool:
-    """Whether a value is held until the next sample, as for inputs that are not continuous."""
+    """Whether samples are held, not interpolated: true if an input is not a continuous real variable."""
     variables = [names.variable(end) for end in _ends(names, place)]
     return any(v.variability != "continuous" or v.type not in REAL_TYPES for v in variables)
 

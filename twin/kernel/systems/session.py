@@ -245,8 +245,8 @@ class Cosimulation:
     def set(self, name: str, value: Value) -> None:
         """Set "component.variable" until it is set again.
 
-        Before the first step any variable with a start value can be set, later inputs without a source and tunable
-        parameters.
+        Before the first step, parameters, inputs and variables with a start value can be set; later, inputs without a
+        source and tunable parameters.
 
         Raises:
             InputRefused: it cannot be set, or not to this value.

@@ -116,7 +116,8 @@ def timing_inside(
 ) -> Timing:
     """Determine the steps of a system that is a component of another system, starting at 0 s.
 
-    The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing component.
+    The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
+    component.
 
     Args:
         descriptions: FMU descriptions by component.
