@@ -36,13 +36,13 @@ def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
     """Compile `function` as a `cfunc`; return (name of the inner function, LLVM assembly of the module)."""
     from numba import cfunc
 
-    often = gc.get_threshold()
+    previous = gc.get_threshold()
     gc.set_threshold(*GC_THRESHOLDS)
     try:
         # compiled without cache: a function loaded from numba's cache has no LLVM module
         compiled = cfunc(signature, error_model="numpy")(function)
     finally:
-        gc.set_threshold(*often)
+        gc.set_threshold(*previous)
     return compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module)
 
 

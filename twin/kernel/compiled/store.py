@@ -67,13 +67,13 @@ def name_of(function: Any, made_for: str) -> str:
 
 def store_file(file: str, content: bytes) -> None:
     """Write a sealed file to the folder of object files; silently skipped if writing fails."""
-    aside = object_folder() / f".{file}-{os.getpid()}"
+    scratch = object_folder() / f".{file}-{os.getpid()}"
     # the code also runs unstored, e.g. if the disk is full or the folder was removed
     with contextlib.suppress(OSError):
         # mode 0600 regardless of the umask
-        with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
+        with open(scratch, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
             written.write(seal(file, content))
-        aside.replace(object_folder() / file)
+        scratch.replace(object_folder() / file)
         evict(object_folder(), MAX_FILES, _FILE_PATTERN)
 
 
@@ -242,6 +242,6 @@ def _temporary_folder() -> str:
     import shutil
     import tempfile
 
-    passing = tempfile.mkdtemp(prefix="twin-native-")
-    atexit.register(shutil.rmtree, passing, ignore_errors=True)
-    return passing
+    path = tempfile.mkdtemp(prefix="twin-native-")
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path

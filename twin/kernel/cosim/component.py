@@ -34,8 +34,8 @@ def step_function(
 
     Args:
         memory: record dtype of the component's memory.
-        inputs, outputs: its ports. If empty, because there are none or they are known only when the component is
-            created, `u` or `y` is a pointer to doubles, which `carray` converts to an array.
+        inputs, outputs: its ports. If empty, because the component has no ports or they are known only at its
+            creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array.
     """
     u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
     takes: tuple[Kind, ...] = (memory, "double", "double", u, y)
@@ -293,11 +293,7 @@ class Component:
         return {}
 
     def refuse_index(self) -> None:
-        """Refuse memory with an index beyond its array, which a step would dereference.
-
-        Raises:
-            InputRefused: names the field.
-        """
+        """Refuse memory with an index beyond its array, which a step would dereference."""
 
     def lacks_state(self, portable: bool = True) -> str:
         """Return the reason why its state cannot be saved, as a verb phrase; "" if it can.

@@ -71,11 +71,11 @@ def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
         return 0
 
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int, timespec, ctypes.c_void_p)
-    def nap(number: int, flags: int, until: Any, rest: int) -> int:
+    def sleep_until(number: int, flags: int, until: Any, rest: int) -> int:
         sleep(max(0.0, until[0] + until[1] / NS_PER_SECOND - monotonic()))
         return 0
 
-    return clock, nap
+    return clock, sleep_until
 
 
 def _pointer_call(arguments: str) -> Any:

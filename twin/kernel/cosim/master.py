@@ -3,12 +3,12 @@
 At tick k: (1) sampled components that are due are evaluated at t_k, from outputs valid at t_k; (2) the row of t_k is
 written; (3) continuous components that are due step from t_k to t_k + h, and outputs valid at t_(k+1) are published.
 
-The array `y` holds outputs twice: first the valid values of the present tick, then the newest result of each
+The array `y` contains outputs twice: first the valid values of the present tick, then the newest result of each
 continuous component, which may belong to a later tick. Gauss-Seidel and Jacobi differ only in which of the two a wire
 reads, so the coupling scheme is data (see `system.py`). If no input reads a value that a newer result has replaced,
-both are the same memory. If inputs are interpolated, a third copy holds the values valid before the last publication,
-and an input is a weighted sum of the three. If steps are repeated, continuous components are restored and step again,
-with the weights of a tick whose end is known.
+both are the same memory. If inputs are interpolated, a third copy contains the values valid before the last
+publication, and an input is a weighted sum of the three. If steps are repeated, continuous components are restored and
+step again, with the weights of a tick whose end is known.
 """
 
 import numpy as np
@@ -41,8 +41,8 @@ COMPONENT_RECORD = np.dtype(
 )
 """Component data of the loop. Addresses: step function, its memory, the indices into `y` of its inputs, its inputs, and
 the copies of its outputs (only the valid one for a sampled component). Period (ticks), number of inputs and outputs,
-whether outputs have to be finite, and the outputs that need not be (`Component.unread`; 0 for none). Processor cycles
-spent in the component.
+whether outputs have to be finite, and the outputs that need not be (`Component.unread`; 0 without any). Processor
+cycles spent in the component.
 
 Addresses that may be 0: `weights` (2, inputs, 3) of the valid, newest and previous outputs, in the first and in a
 repeated step, and `before`, both for interpolated inputs; `save`, `restore` and `rewind`, the memory of both.

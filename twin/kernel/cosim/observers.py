@@ -81,7 +81,7 @@ class Observer:
 
 
 def _is_same_kind(value: Any, mine: Any) -> bool:
-    """Whether `value` has the type, and as an array the dtype and dimension, of `mine`."""
+    """Whether `value` can replace `mine`: a number, an array of equal dtype and dimension, or the same type."""
     if isinstance(mine, np.ndarray):
         return isinstance(value, np.ndarray) and (value.dtype, value.ndim) == (mine.dtype, mine.ndim)
     if isinstance(mine, (bool, int, float, np.generic)):
@@ -127,7 +127,7 @@ class SystemOwner(Protocol):
 
 @dataclass(frozen=True)
 class SimulationResult:
-    """Result of a simulation.
+    """Result of a simulation: its final state, failure and wall time.
 
     Attributes:
         simulation: completed or failed simulation.

@@ -232,11 +232,7 @@ class NamedPorts:
 
 
 def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None:
-    """Check the result of a step and write it to `into`, in SI units.
-
-    Raises:
-        InvalidOutputs: it does not match the declared ports.
-    """
+    """Check the result of a step and write it to `into`, in SI units."""
     if not isinstance(answer, Mapping):
         raise InvalidOutputs(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:
@@ -275,7 +271,7 @@ class PythonSource:
         except SyntaxError as problem:
             raise InputRefused(f"{file}, line {problem.lineno}: {problem.msg}") from None
         except ValueError as problem:
-            raise InputRefused(f"{file}: no Python: {problem}") from None
+            raise InputRefused(f"{file}: not a Python file: {problem}") from None
 
     def load_class(self, name: str) -> type:
         """Execute the file as a new module and return its class `name`; the file can import from its own folder.

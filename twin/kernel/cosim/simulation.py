@@ -182,7 +182,7 @@ class Simulation:
     def adopt(self, saved: SavedState) -> list[str]:
         """Restore a state of a system that may have more, fewer or changed components.
 
-        Components are matched by name. Constants of the experiment remain those of this system.
+        Components are matched by name. Constants of the experiment are not changed.
 
         Returns:
             Names of components that the state does not contain; they keep their initial state.
@@ -268,11 +268,7 @@ class Simulation:
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Refuse a state whose tick is outside this simulation or contradicts the state's time.
-
-        Raises:
-            InputRefused: the tick is invalid.
-        """
+        """Refuse a state whose tick is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(
@@ -283,15 +279,11 @@ class Simulation:
             or not abs(time - saved.tick * self.system.tick) <= 1e-6 * self.system.tick
         ):
             raise InputRefused(
-                f"the state says {time!r} s at tick {saved.tick}, which is at another time; it is damaged"
+                f"the state says {time!r} s at tick {saved.tick}, which is at a different time; it is damaged"
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Refuse a state with a non-finite output that a component reads.
-
-        Raises:
-            InputRefused: an output is NaN or infinite.
-        """
+        """Refuse a state with a non-finite output that a component reads."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:

@@ -69,7 +69,7 @@ class SavedState:
     """A state without addresses, for any process with the same system.
 
     Attributes:
-        tick: the state belongs to its beginning.
+        tick: tick at whose beginning the state was saved.
         pieces: pieces of memory.
         inside: states held by FMUs, Python objects or other processes.
         about: further JSON-compatible data, such as the identity of the run.
@@ -156,7 +156,7 @@ class SystemState:
     """A state in the memory of its own process; FMUs hold their part of it.
 
     Attributes:
-        tick: the state belongs to its beginning.
+        tick: tick at whose beginning the state was saved.
     """
 
     def __init__(self, places: "StatePlaces", tick: int, memory: np.ndarray, tokens: Sequence[Any]):
@@ -215,19 +215,11 @@ class StatePlaces:
         self._memory = Pieces(array for *_, array in self._pieces)
 
     def save_state(self, tick: int) -> SystemState:
-        """Save the present state, at the beginning of `tick`.
-
-        Raises:
-            ComponentFailed: an FMU refuses.
-        """
+        """Save the present state, at the beginning of `tick`."""
         return SystemState(self, tick, self._memory.save(), [holder.save_state() for *_, holder in self._holders])
 
     def restore_state(self, state: SystemState) -> None:
-        """Restore a state that was saved here.
-
-        Raises:
-            ComponentFailed: an FMU refuses.
-        """
+        """Restore a state that was saved here."""
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.restore_state(token)
         self._memory.restore(state.memory)
@@ -363,11 +355,7 @@ def _member_prefix(name: str) -> str:
 
 
 def refuse_stateless(components: Iterable[Component], portable: bool = True) -> None:
-    """Refuse components whose state cannot be saved.
-
-    Raises:
-        InputRefused: names each component and the reason.
-    """
+    """Refuse components whose state cannot be saved, with the reason for each."""
     if missing := stateless_reasons(components, portable):
         raise InputRefused("; ".join(missing))
 

@@ -193,8 +193,8 @@ class System:
             y: memory of all outputs, from `outputs`.
 
         Returns:
-            `COMPONENT_RECORD` array, (number of components,); it contains addresses of `u`, `y` and this system, and
-            keeps none of them alive.
+            `COMPONENT_RECORD` array, (number of components,); it contains addresses of `u`, `y` and this system
+            without keeping them alive.
         """
         table = np.zeros(len(self.components), dtype=COMPONENT_RECORD)
         table["step"] = [c.step_address for c in self.components]
@@ -217,7 +217,7 @@ class System:
         return table
 
     def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
-        """Make the memory of the compiled loop, `LOOP_RECORD` (1,), without rows; it keeps none of the arguments alive.
+        """Make the memory of the compiled loop, `LOOP_RECORD` (1,), without rows; it does not keep the arguments alive.
 
         Args:
             table: component table, from `table`.

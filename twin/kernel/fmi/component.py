@@ -318,7 +318,7 @@ class FmuComponent(Component):
     def lacks_state(self, portable: bool = True) -> str:
         interface, version = self.instance.description.interface, self.instance.description.version
         if not interface.canGetAndSetFMUstate:
-            return "has no FMU state" + (" (FMI 1.0 knows none)" if version == 1 else " (canGetAndSetFMUState)")
+            return "has no FMU state" + (" (FMI 1.0 does not define it)" if version == 1 else " (canGetAndSetFMUState)")
         if is_marked_stateless(self.instance.description.sha256):
             return "goes on differently from a state that it saved, as twin drive check found"
         if portable and not interface.canSerializeFMUstate:

@@ -424,11 +424,7 @@ def _read_error(file: Path, problem: Exception) -> str:
 
 
 def clocks(description: FmuDescription) -> list[Any]:
-    """Return the input and output clocks of an FMU (FMPy's variables).
-
-    Raises:
-        InputRefused: too many clocks.
-    """
+    """Return the input and output clocks of an FMU (FMPy's variables), at most `MAX_CLOCKS`."""
     found = [v for v in description.model.modelVariables if v.type == "Clock" and v.causality in ("input", "output")]
     if len(found) > MAX_CLOCKS:
         raise InputRefused(f"{description.path}: {len(found)} clocks; expected at most {MAX_CLOCKS}")
@@ -443,7 +439,7 @@ def clock_phrase(clock: Any) -> str:
         return "in every step"
     interval, shift = stated_interval(clock)
     if math.isnan(interval):
-        return f"{clock.intervalVariability}, as the FMU says while it runs"
+        return f"{clock.intervalVariability}, determined by the FMU while it runs"
     return f"every {1e3 * interval:g} ms" + (f" from {1e3 * shift:g} ms on" if shift else "")
 
 

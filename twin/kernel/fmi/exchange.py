@@ -116,9 +116,6 @@ class Integrator:
     Attributes:
         memory: (1,) of `SOLVER_MEMORY`.
         block: contiguous memory that steps change, to be saved and restored as bytes.
-
-    Raises:
-        InputRefused: CVODE is not available for this platform.
     """
 
     def __init__(
@@ -210,7 +207,7 @@ def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, 
 
 
 class _Fmi3(Fmi3):
-    """FMI 3.0 for model exchange, which has its own function for instantiation."""
+    """Life cycle of an FMI 3.0 FMU for model exchange, which has its own function for instantiation."""
 
     def __init__(self) -> None:
         super().__init__(FMU3Exchange)
@@ -299,11 +296,7 @@ class ModelExchange(Instance):
             raise
 
     def _measure(self) -> None:
-        """Query the numbers of states and indicators, and check that the FMU writes as many values.
-
-        Raises:
-            InputRefused: the numbers are too large or differ from the description, or values are not finite.
-        """
+        """Query the numbers of states and indicators, and refuse wrong or too large numbers and non-finite values."""
         model = self.description.model
         self.states, self.indicators = model.numberOfContinuousStates, model.numberOfEventIndicators
         if self.description.version == 3:

@@ -33,7 +33,9 @@ def working_directory() -> str:
 
 
 class Instance:
-    """An FMU instance in a mode in which it can be stepped; subclasses implement its kinds.
+    """An FMU instance, initialised and ready to step; subclasses implement the kinds of FMUs.
+
+    Methods that call the FMU raise `ComponentFailed` if it refuses.
 
     Args:
         name: FMI instance name.
@@ -103,7 +105,7 @@ class Instance:
         return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
 
     def takes_ramp(self, variable: Variable) -> bool:
-        """Whether `variable` is an input that is interpolated over a step, by setup and FMU."""
+        """Whether `variable` is an input that both the setup and the FMU allow to interpolate over a step."""
         abilities = self.description.model.coSimulation
         if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
             return False
@@ -130,11 +132,7 @@ class Instance:
         return int(self.note["status"].astype(np.int32)[0])
 
     def values(self, variable: Variable) -> list[Any]:
-        """Read the exact values of `variable` in its own unit, an array flattened.
-
-        Raises:
-            ComponentFailed: the FMU does not return them.
-        """
+        """Read the exact values of `variable` in its own unit, an array flattened."""
         with self.calling("Get"), self._variable_errors(variable):
             return list(self.standard.values(self.fmu, variable))
 
@@ -179,69 +177,36 @@ class Instance:
             raise ComponentFailed(f"{self.label} {text}{self._quoted_messages()}") from None
 
     def advance(self, t: float, h: float) -> None:
-        """Step from `t` to `t` + `h` (s); a saved state may be restored afterwards.
-
-        Raises:
-            ComponentFailed: the FMU returned a status worse than a warning.
-        """
+        """Step from `t` to `t` + `h` (s); a saved state may be restored afterwards."""
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Take an instance that was created `waiting` from initialisation mode to step mode.
-
-        Raises:
-            InputRefused: it cannot be initialised.
-        """
+        """Take an instance that was created `waiting` from initialisation mode to step mode."""
         self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
-        """Reset the FMU by FMI's function and initialise it again.
-
-        Raises:
-            ComponentFailed: the FMU refuses to be reset.
-            InputRefused: it cannot be initialised again.
-        """
+        """Reset the FMU by FMI's function and initialise it again."""
         self._call("Reset", self.fmu.reset)
         self._initialise()
 
     def save_state(self) -> Any:
-        """Save the FMU's state; return a pointer for `restore_state` and `free_state`.
-
-        Raises:
-            ComponentFailed: the FMU refuses.
-        """
+        """Save the FMU's state; return a pointer for `restore_state` and `free_state`."""
         return self._call("GetFMUstate", self.fmu.getFMUState)
 
     def restore_state(self, state: Any) -> None:
-        """Restore a saved state, which remains valid.
-
-        Raises:
-            ComponentFailed: the FMU refuses.
-        """
+        """Restore a saved state, which remains valid."""
         self._call("SetFMUstate", lambda: self.fmu.setFMUState(state))
 
     def serialize_state(self, state: Any) -> bytes:
-        """Serialise a saved state.
-
-        Raises:
-            ComponentFailed: the FMU refuses.
-        """
+        """Serialise a saved state."""
         return self._call("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
 
     def deserialize_state(self, content: bytes) -> Any:
-        """Create a state from the result of `serialize_state`, possibly of another process.
-
-        Raises:
-            ComponentFailed: the FMU refuses.
-        """
+        """Create a state from the result of `serialize_state`, possibly of another process."""
         return self._call("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
 
     def free_state(self, state: int) -> None:
-        """Free the state at address `state`.
-
-        Raises:
-            ComponentFailed: the FMU refuses.
-        """
+        """Free the state at address `state`."""
         self._call("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
     def message_state(self) -> list[Any]:
@@ -388,4 +353,4 @@ class UnfitValue(ValueError):
 
 def inexact_phrase(name: str, type_name: str, value: int) -> str:
     """Return the verb phrase for an integer output that a double cannot represent exactly."""
-    return f"returned {value} for {name} ({type_name}), beyond the whole numbers that signals hold exactly (2^53)"
+    return f"returned {value} for {name} ({type_name}), beyond the integers that signals represent exactly (2^53)"

@@ -159,7 +159,7 @@ class _SignatureCache:
 
 # FMPy recognises the FMI version by the class name
 class FMU1Drive(_SignatureCache, FMU1Slave):
-    """An FMI 1.0 slave; its function names have the model identifier as prefix."""
+    """FMPy's FMI 1.0 co-simulation instance, with cached signatures; the model identifier prefixes function names."""
 
     def _exported_name(self, name: str) -> str:
         return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi')}"
@@ -172,19 +172,19 @@ class FMU1Drive(_SignatureCache, FMU1Slave):
 
 
 class FMU2Drive(_SignatureCache, FMU2Slave):
-    """An FMI 2.0 slave."""
+    """FMPy's FMI 2.0 co-simulation instance, with cached signatures."""
 
 
 class FMU3Drive(_SignatureCache, FMU3Slave):
-    """An FMI 3.0 slave."""
+    """FMPy's FMI 3.0 co-simulation instance, with cached signatures."""
 
 
 class FMU2Exchange(_SignatureCache, FMU2Model):
-    """An FMI 2.0 model for model exchange."""
+    """FMPy's FMI 2.0 model-exchange instance, with cached signatures."""
 
 
 class FMU3Exchange(_SignatureCache, FMU3Model):
-    """An FMI 3.0 model for model exchange."""
+    """FMPy's FMI 3.0 model-exchange instance, with cached signatures."""
 
     def __dir__(self) -> list[str]:
         # FMPy requires the functions listed here, but a binary may lack those of other kinds (FMI 3.0, 2.1.2)
@@ -195,9 +195,9 @@ class FMU3Exchange(_SignatureCache, FMU3Model):
 def _on_message_1(component: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
     """Forward a message of an FMI 1.0 FMU to its instance; see `_on_message_2`."""
     # the instance being created first: its address may have belonged to a freed one
-    speaker = _instances_1.get(0) or _instances_1.get(component or 0)
-    if speaker is not None:
-        speaker.on_message(status, message)
+    owner = _instances_1.get(0) or _instances_1.get(component or 0)
+    if owner is not None:
+        owner.on_message(status, message)
 
 
 @fmi2.fmi2CallbackLoggerTYPE
@@ -207,13 +207,13 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
     FMPy's proxy calls the logger it was given last, for all FMUs: the logger has to serve all instances and outlive
     them.
     """
-    speaker = _instances_2.get(environment or 0)
-    if speaker is not None:
-        speaker.on_message(status, message)
+    owner = _instances_2.get(environment or 0)
+    if owner is not None:
+        owner.on_message(status, message)
 
 
 class Fmi2:
-    """FMI 2.0.
+    """Life cycle of an FMI 2.0 FMU.
 
     Args:
         slave: FMPy's class of instances.
@@ -299,7 +299,7 @@ class Fmi2:
 
 
 class Fmi1(Fmi2):
-    """FMI 1.0, which has neither a tolerance nor an initialisation mode."""
+    """Life cycle of an FMI 1.0 FMU, which has neither a tolerance nor an initialisation mode."""
 
     def __init__(self) -> None:
         super().__init__(FMU1Drive)
@@ -331,7 +331,7 @@ class Fmi1(Fmi2):
 
 
 class Fmi3(Fmi2):
-    """FMI 3.0, with event mode and early return if the FMU supports them."""
+    """Life cycle of an FMI 3.0 FMU, with event mode and early return if the FMU supports them."""
 
     def __init__(self, slave: type = FMU3Drive):
         super().__init__(slave)

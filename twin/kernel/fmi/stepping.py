@@ -161,7 +161,7 @@ class Stepping:
         if status == groups.DO_STEP_FAILED + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
-            sentence += "" if varies else ", as it takes none of another size by itself"
+            sentence += "" if varies else ", as it accepts no other step size"
         return sentence
 
     @staticmethod

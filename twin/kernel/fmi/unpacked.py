@@ -97,11 +97,7 @@ def compiled_library(digest: str, binary: str) -> CompiledLibrary | None:
 
 
 def _compiled_folder(digest: str) -> Path:
-    """Return the folder of the library compiled for the FMU with SHA-256 `digest`; files of other users are removed.
-
-    Raises:
-        InputRefused: see `cache_folder`.
-    """
+    """Return the folder of the library compiled for the FMU with SHA-256 `digest`; files of other users are removed."""
     folder = cache_folder(COMPILED_FOLDER) / digest
     with translate_disk_errors(folder, "cannot be removed", InputRefused, CACHE_REMEDY):
         discard_foreign(folder)
@@ -138,9 +134,9 @@ def install_compiled(digest: str, content: Path) -> None:
         target = content / library.relative_to(folder)
         if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:
             target.parent.mkdir(parents=True, exist_ok=True)
-            beside = target.with_name(f".{os.getpid()}-{target.name}")
-            shutil.copy2(library, beside)
-            os.replace(beside, target)
+            replacement = target.with_name(f".{os.getpid()}-{target.name}")
+            shutil.copy2(library, replacement)
+            os.replace(replacement, target)
 
 
 def compile_sources(file: Path, digest: str, model: Any, binary: str) -> CompiledLibrary:
@@ -257,9 +253,6 @@ def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
     Args:
         wanted: file to be built, for the error message.
         plus: whether it contains C++.
-
-    Raises:
-        InputRefused: no compiler found.
     """
     for name in ("c++", "g++", "clang++") if plus else ("cc", "gcc", "clang"):
         found = shutil.which(name)
@@ -301,24 +294,24 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
     Raises:
         InputRefused: compilation fails or exceeds the deadline.
     """
-    patience = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
+    remaining = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
     limits = _LIMIT_SCRIPT.format(
         time=math.ceil(COMPILE_TIMEOUT), memory=MAX_COMPILER_MEMORY >> 10, written=MAX_COMPILER_FILE >> 9
     )
     environment = {name: value for name, value in os.environ.items() if name not in COMPILER_VARIABLES}
     # output goes to a file, as it may be endless
-    with tempfile.TemporaryFile(dir=folder) as words:
+    with tempfile.TemporaryFile(dir=folder) as log:
         process = subprocess.Popen(
             ["/bin/sh", "-c", limits, "sh", *command],
             cwd=folder,
             env={**environment, "TMPDIR": str(folder)},
             stdin=subprocess.DEVNULL,
-            stdout=words,
+            stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
         try:
-            status = process.wait(patience)
+            status = process.wait(remaining)
         except subprocess.TimeoutExpired:
             raise InputRefused(late) from None
         finally:
@@ -326,8 +319,8 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-        words.seek(0)
-        text = words.read(MAX_OUTPUT_READ).decode(errors="replace")
+        log.seek(0)
+        text = log.read(MAX_OUTPUT_READ).decode(errors="replace")
     if status:
         lines = text.splitlines()
         errors = [line for line in lines if "error" in line or "undefined" in line]
@@ -347,11 +340,7 @@ class CacheInfo(NamedTuple):
 
 
 def cache_info() -> CacheInfo:
-    """Summarise the cache of unpacked FMUs without repairing it.
-
-    Raises:
-        InputRefused: see `cache_folder`.
-    """
+    """Summarise the cache of unpacked FMUs without repairing it."""
     home = cache_folder(UNPACKED_FOLDER)
     folders = [path for path in home.iterdir() if not path.name.startswith(".")]
     size, changed = 0, []
@@ -460,9 +449,9 @@ def _repair_folder(file: Path, digest: str, folder: Path) -> list[str]:
                 _extract_entry(archive, entries[name], content)
                 found[name] = stamp_of(f"{content}/{name}")
                 wrong.append(name)
-    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as beside:
-        json.dump(found, beside)
-    os.replace(beside.name, folder / SEAL_FILE)
+    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as replacement:
+        json.dump(found, replacement)
+    os.replace(replacement.name, folder / SEAL_FILE)
     return wrong
 
 

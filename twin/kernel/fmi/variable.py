@@ -155,7 +155,7 @@ def parse_value(where: str, items: Mapping[str, float], value: float | str) -> f
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of an FMU.
+    """A variable of an FMU, with its type, unit, bounds and enumeration items.
 
     Attributes:
         name, causality, description, type, variability: as in the model description; type is "Real" or "Float64".

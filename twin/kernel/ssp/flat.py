@@ -109,7 +109,7 @@ class _Flattener:
         self._assigned: dict[str, dict[str, AssignedValue]] = {}
         self._ignored: dict[str, None] = {}
         self._count = 0
-        self._patience = ssp.ParseBudget(where)
+        self._budget = ssp.ParseBudget(where)
         self._visit(outermost, "")
 
     def system(self) -> FlatSystem:
@@ -138,7 +138,7 @@ class _Flattener:
             else:
                 self._components[below] = part
         for connection in system.connections:
-            self._patience.spend()
+            self._budget.spend()
             start, end = self._orient(connection, path, system)
             if end in self._into:
                 first, second = _text(self._into[end][0]), _text(start)
@@ -203,7 +203,7 @@ class _Flattener:
         hops: list[UnitStep] = []
         node, seen = end, {end}
         while node in self._into:
-            self._patience.spend()
+            self._budget.spend()
             start, connection = self._into[node]
             hops.append(self._unit_step(node, connection))
             if start in seen:
@@ -236,7 +236,7 @@ class _Flattener:
     def _bind(self, bindings: tuple[ssp.ParameterBinding, ...], path: str) -> None:
         for binding in bindings:
             for value in binding.parameters.parameters:
-                self._patience.spend()
+                self._budget.spend()
                 name = binding.prefix + value.name
                 entries = binding.mapping.entries_of.get(name, []) if binding.mapping else []
                 targets: list[tuple[str, tuple[UnitStep, ...]]] = [
@@ -277,7 +277,7 @@ class _Flattener:
         """Yield the component inputs that a system connector feeds; at most one path leads to each."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
-            self._patience.spend()
+            self._budget.spend()
             node, way = ahead.pop()
             if node.element in self._components:
                 yield node, way

@@ -30,7 +30,7 @@ class Package:
 
     Attributes:
         file: archive, or the file that names the other files of the system.
-        sha256: of its content.
+        sha256: digest of `file`.
         entries: sizes (bytes) by entry name.
         structure: the system.
         form: name of the file format, for messages.
@@ -55,11 +55,7 @@ class Package:
         return entry_of(source, self.entries, STRUCTURE_FILE)
 
     def content(self, entry: str) -> bytes:
-        """Read the content of an entry: an FMU or a table.
-
-        Raises:
-            InputRefused: it exceeds MAX_FMU_SIZE.
-        """
+        """Read the content of an entry, an FMU or a table of at most `MAX_FMU_SIZE`."""
         if self.loose:
             return read_bytes(self.loose[entry], MAX_FMU_SIZE)
         return read_entry(self.file, entry, MAX_FMU_SIZE)
@@ -104,14 +100,14 @@ def read_package(file: Path) -> Package:
     if STRUCTURE_FILE not in sizes:
         raise InputRefused(f"{file}: no {STRUCTURE_FILE} inside; this is not an SSP")
 
-    def brought(source: str, what: str) -> Resource:
+    def load_resource(source: str, what: str) -> Resource:
         entry = entry_of(source, sizes, STRUCTURE_FILE)
         if not entry:
             raise InputRefused(f"{file}: {what}: '{source}' is no file of this archive")
         return Resource(read_entry(file, entry, MAX_TEXT_BYTES), entry, f"{file}: {entry}")
 
     where = f"{file}: {STRUCTURE_FILE}"
-    structure = structure_of(read_entry(file, STRUCTURE_FILE, MAX_STRUCTURE_SIZE), where, brought)
+    structure = structure_of(read_entry(file, STRUCTURE_FILE, MAX_STRUCTURE_SIZE), where, load_resource)
     return Package(file, sha256(file), sizes, structure, scheme=_scheme(structure, where))
 
 

@@ -77,11 +77,7 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
 
 
 def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterMapping:
-    """Read a parameter mapping from its XML element.
-
-    Raises:
-        InputRefused: another element, or an entry without source or target.
-    """
+    """Read a parameter mapping from its XML element."""
     if ssp.local_name(root) != "ParameterMapping":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterMapping>, an SSM file")
     found = child_elements(root, "MappingEntry")
@@ -102,11 +98,7 @@ def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterM
 
 
 def values_of(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
-    """Return the values of a typed element such as <Real value="1.5"/>.
-
-    Raises:
-        InputRefused: not a finite number, or neither true nor false.
-    """
+    """Return the values of a typed element such as <Real value="1.5"/>."""
     text = element.get("value")
     if type_ in TEXT_TYPES:
         # an array of text has a <Value> element for each item
@@ -142,12 +134,12 @@ ResourceLoader = Callable[[str, str], Resource]
 """Function that loads the resource of a URI; the second argument names the referring element for messages."""
 
 
-def structure_of(content: bytes, where: str, bring: ResourceLoader) -> ssp.Structure:
+def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
     """Parse a SystemStructure.ssd.
 
     Args:
         where: prefix of error messages.
-        bring: loads parameter sets and mappings that are files of their own.
+        load: loads parameter sets and mappings that are files of their own.
 
     Raises:
         InputRefused: not an SSD of SSP 1.0 or 2.0, invalid names or numbers, or unsupported content: signal
@@ -184,7 +176,7 @@ def structure_of(content: bytes, where: str, bring: ResourceLoader) -> ssp.Struc
         experiment = ssp.DefaultExperiment(start, stop, ssp.annotations_of(stated))
     return ssp.Structure(
         name=root.get("name", ""),
-        system=_SystemReader(where, bring).system(system, "system"),
+        system=_SystemReader(where, load).system(system, "system"),
         version=version,
         units=ssp.units_of(root, where),
         enumerations=enumerations,
@@ -199,13 +191,13 @@ class _SystemReader:
 
     Args:
         where: prefix of error messages.
-        bring: see `structure_of`.
+        load: see `structure_of`.
     """
 
-    def __init__(self, where: str, bring: ResourceLoader):
-        self._where, self._bring = where, bring
+    def __init__(self, where: str, load: ResourceLoader):
+        self._where, self._load = where, load
         self._parts = 0
-        self._patience = ssp.ParseBudget(where)
+        self._budget = ssp.ParseBudget(where)
         self._known: dict[tuple[str, str], object] = {}
 
     def system(self, element: ET.Element, place: str) -> ssp.SspSystem:
@@ -257,7 +249,7 @@ class _SystemReader:
         return tuple(found)
 
     def _connector(self, element: ET.Element, owner: str) -> ssp.Connector:
-        self._patience.spend()
+        self._budget.spend()
         name, kind = (
             ssp.required_attribute(element, "name", self._where),
             ssp.required_attribute(element, "kind", self._where),
@@ -280,7 +272,7 @@ class _SystemReader:
         )
 
     def _connection(self, element: ET.Element) -> ssp.Connection:
-        self._patience.spend()
+        self._budget.spend()
         start, end = (
             ssp.Endpoint(
                 element.get(f"{side}Element", ""), ssp.required_attribute(element, f"{side}Connector", self._where)
@@ -302,7 +294,7 @@ class _SystemReader:
         )
 
     def _binding(self, element: ET.Element, what: str) -> ssp.ParameterBinding:
-        self._patience.spend()
+        self._budget.spend()
         inline = next(iter(child_elements(element, "ParameterValues")), None)
         values = self._read_resource(element, inline, ssp.PARAMETER_SET, what, parameter_set_of)
         if values is None:
@@ -330,7 +322,7 @@ class _SystemReader:
                 )
             # several components may refer to the same file
             if (type_, source) not in self._known:
-                content, entry, where = self._bring(source, what)
+                content, entry, where = self._load(source, what)
                 self._known[type_, source] = of_element(parse_xml(content, where), where, entry)
             return cast(_T, self._known[type_, source])
         stated = [one for name in ("ParameterSet", "ParameterMapping") for one in child_elements(inline, name)]

@@ -49,7 +49,7 @@ Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecu
 
 @dataclass(frozen=True)
 class Annotation:
-    """An annotation.
+    """A tool-specific annotation of an SSP element.
 
     Attributes:
         type: name in reverse domain notation, "org.openmodelica".
@@ -195,11 +195,7 @@ class ParseBudget:
         self._end = time.process_time() + MAX_PARSE_TIME
 
     def spend(self) -> None:
-        """Check the limit; to be called once per element.
-
-        Raises:
-            InputRefused: MAX_PARSE_TIME is exceeded.
-        """
+        """Refuse the file if `MAX_PARSE_TIME` is exceeded; to be called once per element."""
         if time.process_time() > self._end:
             raise InputRefused(
                 f"{self._where}: takes more than {MAX_PARSE_TIME:g} s to read; expected fewer connectors, connections "
@@ -223,11 +219,7 @@ def grouped_children(element: ET.Element, group: str, name: str) -> list[ET.Elem
 
 
 def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
-    """Return the value of a mandatory attribute.
-
-    Raises:
-        InputRefused: it is missing or empty.
-    """
+    """Return the value of a mandatory attribute; refuse a missing or empty one."""
     found = element.get(attribute, "")
     if not found:
         raise InputRefused(f"{where}: a <{local_name(element)}> without {attribute}")
@@ -235,11 +227,7 @@ def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
 
 
 def require_unique(names: Iterable[str], what: str, where: str) -> None:
-    """Check that all names differ.
-
-    Raises:
-        InputRefused: a name occurs twice.
-    """
+    """Check that all names differ."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -248,21 +236,13 @@ def require_unique(names: Iterable[str], what: str, where: str) -> None:
 
 
 def number_attribute(element: ET.Element, attribute: str, where: str, default: float) -> float:
-    """Return the value of an attribute as a finite number; `default` if the attribute is missing.
-
-    Raises:
-        InputRefused: it is not a finite number.
-    """
+    """Return the value of an attribute as a finite number; `default` if the attribute is missing."""
     text = element.get(attribute)
     return default if text is None else parse_finite(text, f"{where}: <{local_name(element)}> {attribute}")
 
 
 def parse_finite(text: str, where: str) -> float:
-    """Convert text to a finite number.
-
-    Raises:
-        InputRefused: it is not a finite number.
-    """
+    """Convert text to a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -273,11 +253,7 @@ def parse_finite(text: str, where: str) -> float:
 
 
 def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
-    """Whether the attribute is true (default false).
-
-    Raises:
-        InputRefused: neither true nor false.
-    """
+    """Whether the attribute is true (default false)."""
     text = element.get(attribute, "false").strip()
     if text not in BOOLEAN_VALUES:
         raise InputRefused(f"{where}: <{local_name(element)}> {attribute} = '{text[:40]}'; expected true or false")
@@ -323,11 +299,7 @@ def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
 
 
 def transformation_of(element: ET.Element, where: str) -> Transformation:
-    """Return the transformation of a connection or a mapping entry.
-
-    Raises:
-        InputRefused: a factor or an offset is not a finite number.
-    """
+    """Return the transformation of a connection or a mapping entry."""
     for child in element:
         if local_name(child) == "LinearTransformation":
             return Transformation(

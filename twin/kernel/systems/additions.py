@@ -163,7 +163,7 @@ def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str])
             assigned.setdefault(place.element, {})[place.connector] = AssignedValue(value, (), ())
             continue
         if place.connector not in flat.entrances:
-            raise InputRefused(f"--set {name}: it is no input of the system; set the component's variable")
+            raise InputRefused(f"--set {name}: it is not an input of the system; set the component's variable")
         for end, hops in flat.entrances[place.connector]:
             value = _value(end.connector, given, names.variable(end), f"--set {name}={given}")
             assigned.setdefault(end.element, {})[end.connector] = AssignedValue(value, (), hops)

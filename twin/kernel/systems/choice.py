@@ -47,11 +47,7 @@ class MasterChoice:
         return self.solver or "cvode"
 
     def refuse_unknown(self, components: Iterable[str], where: str) -> None:
-        """Refuse names that are not components of the system.
-
-        Raises:
-            InputRefused: the first of them.
-        """
+        """Refuse names that are not components of the system."""
         known = list(components)
         for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order)):
             for name in names:
@@ -83,6 +79,6 @@ class MasterChoice:
             )
         if self.order and scheme == "jacobi":
             raise InputRefused(
-                f"{where}: --order says who steps first, and in Jacobi order all step at once; leave it out, or choose "
+                f"{where}: --order has no effect with Jacobi coupling, where all step at once; leave it out, or choose "
                 "--scheme gauss_seidel"
             )

@@ -202,9 +202,6 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
 
     Args:
         choice: alternative to suggest in the message.
-
-    Raises:
-        InputRefused: an FMU does not accept its step.
     """
     for part in plan.parts:
         try:

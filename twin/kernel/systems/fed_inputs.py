@@ -143,7 +143,7 @@ def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
 def _input(names: SystemNames, name: str) -> Endpoint:
     place = names.place(name, "--input")
     if not place.element and place.connector not in names.flat.entrances:
-        raise InputRefused(f"--input {name}: it is no input of the system")
+        raise InputRefused(f"--input {name}: it is not an input of the system")
     if place.element and names.variable(place).causality != "input":
         raise InputRefused(f"--input {name}: it is {names.variable(place).causality}; expected an input")
     return place
@@ -170,11 +170,7 @@ def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, 
 
 
 def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
-    """Refuse values outside the range of the type of `variable`, or possibly rounded when they were read.
-
-    Raises:
-        InputRefused: the first of them.
-    """
+    """Refuse values outside the range of the type of `variable`, or possibly rounded when they were read."""
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
         # a larger integer may have been rounded to MAX_EXACT when it was read
         if why := variable.range_error(
@@ -264,7 +260,7 @@ def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, System
         where = f"{package.file}: component '{path}'"
         entry = package.entry(component.source)
         if not entry or not entry.lower().endswith(".csv"):
-            raise InputRefused(f"{where}: its table '{component.source}' is no CSV file of this archive")
+            raise InputRefused(f"{where}: its table '{component.source}' is not a CSV file of this archive")
         content = package.content(entry)
         table = parse_table(Path(f"{package.file}: {entry}"), io.BytesIO(content))
         time, t = _time(table)

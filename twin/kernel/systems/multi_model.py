@@ -59,8 +59,8 @@ def multi_model(file: Path) -> Package:
     step, unsaid = _algorithm(content, where)
     others = [key for key in content if key not in SUPPORTED_KEYS]
     unsaid += [f"not read: {', '.join(others)}"] if others else []
-    lonely = [key for key in files if key not in reader.used]
-    unsaid += [f"FMUs without an instance: {', '.join(lonely)}"] if lonely else []
+    unused = [key for key in files if key not in reader.used]
+    unsaid += [f"FMUs without an instance: {', '.join(unused)}"] if unused else []
     given = {name: content.get(name) for name in ("startTime", "endTime")}
     start, stop = (None if one is None else _number(one, f"{where}: {name}") for name, one in given.items())
     times = DefaultExperiment(start, stop, step_notes("org.into-cps", step))
@@ -113,7 +113,7 @@ class _InstanceNames:
 def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
     found = content.get(key) or {}
     if not isinstance(found, dict):
-        raise InputRefused(f'{where}: "{key}" is no table')
+        raise InputRefused(f'{where}: "{key}" is not a table')
     return found
 
 

@@ -257,7 +257,7 @@ class Cosimulation:
             return
         component, variable = self._place(name)
         if not isinstance(component, FmuComponent):
-            raise InputRefused(f"{component.name} is no FMU; set an attribute of its object")
+            raise InputRefused(f"{component.name} is not an FMU; set an attribute of its object")
         found = self._variable(component, variable)
         fed = {port.variable.name for port in component.ports[0]}
         if found.name in fed:
@@ -340,7 +340,9 @@ class Cosimulation:
             if self._system is not None:
                 package, beside = read_system(self._system), SystemExtras()
                 if self._order or self._wires:
-                    raise InputRefused(f"{self._system}: a system of a file takes no more components or wires")
+                    raise InputRefused(
+                        f"{self._system}: components and wires cannot be added to a system read from a file"
+                    )
             else:
                 if self._stop is None:
                     raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
@@ -375,7 +377,8 @@ class Cosimulation:
                 continue
             if line != Transformation():
                 raise InputRefused(
-                    f"the wire from {output} to {input}: a factor or an offset; leave that to the Python"
+                    f"the wire from {output} to {input}: a factor or an offset is supported between FMUs only; "
+                    "apply it in the Python component"
                 )
             if inside[1]:
                 port = self._port(start, "outputs")
