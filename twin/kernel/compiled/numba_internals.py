@@ -27,7 +27,7 @@ class NumbaObject:
 
 
 def refresh() -> None:
-    """Make definitions registered during a running compilation visible to numba."""
+    """Make definitions that were registered during a compilation visible to numba."""
     _target().typing_context.refresh()
     _target().target_context.refresh()
 

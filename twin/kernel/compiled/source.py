@@ -27,7 +27,7 @@ package."""
 
 
 class SourceFile(NamedTuple):
-    """Parsed facts of a Python file.
+    """Digest, imports and function positions of a Python file.
 
     Attributes:
         digest: digest of the code without comments and docstrings.

@@ -281,22 +281,22 @@ class Component:
         return f"returned status {status}"
 
     def requests_end(self, status: int) -> bool:
-        """Whether a failure `status` of its step requests a regular end of the run."""
+        """Whether a failure `status` of the component's step requests a regular end of the run."""
         return False
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """Return views of the memory that its steps change in this process, by name, always in the same order."""
+        """Return views of the memory that the component's steps change in this process, by name, in a fixed order."""
         return {}
 
     def holders(self) -> dict[str, Holder]:
-        """Return the holders of the rest of its state, by name."""
+        """Return the holders of component state outside the master's memory, by name."""
         return {}
 
     def refuse_index(self) -> None:
         """Refuse memory with an index beyond its array, which a step would dereference."""
 
     def lacks_state(self, portable: bool = True) -> str:
-        """Return the reason why its state cannot be saved, as a verb phrase; "" if it can.
+        """Return why the component's state cannot be saved, as a verb phrase; "" if it can.
 
         Args:
             portable: whether the state is for another process, rather than for this one.
@@ -304,7 +304,7 @@ class Component:
         return "does not say what its steps change"
 
     def rewind(self) -> Rewind | None:
-        """Return save and restore functions, to repeat steps; None if it cannot repeat a step."""
+        """Return functions to save and restore the component before repeating steps; None if it cannot repeat steps."""
         if self.lacks_state(portable=False) or self.holders():
             return None
         return pieces_rewind(self.pieces())
@@ -324,7 +324,7 @@ class Component:
         return []
 
     def close(self) -> None:
-        """Release resources outside Python's memory."""
+        """Release the component's resources outside Python's memory."""
 
 
 class NativeComponent(Component):

@@ -34,7 +34,7 @@ def step(m, t, h, u, y):
 
 @step_function(DELAY_MEMORY)
 def fill_ring(m, t, h, u, y):
-    """Fill the ring of a delay with its present inputs, as if they had always been constant."""
+    """Fill the memory of a delay with the present inputs, as if they had always been constant."""
     ring = carray(doubles_at(m.ring), m.size * m.ticks)
     u_, y_ = carray(u, m.size), carray(y, m.size)
     for j in range(m.size):

@@ -71,7 +71,7 @@ class Expression:
     depth: int
 
     def value_at(self, t: float) -> float:
-        """Return the value at `t` (s); NaN if undefined."""
+        """Return the value of the expression at time `t` (s); NaN if undefined."""
         stack = np.empty(self.depth)
         return float(
             _value(

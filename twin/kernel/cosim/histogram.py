@@ -24,7 +24,7 @@ def count_in(bins, seconds):
 
 
 class Histogram:
-    """Quantiles of durations to 2 %.
+    """A histogram of durations, whose quantiles are accurate to 2 %.
 
     Attributes:
         bins: number of durations per bin, (BIN_COUNT,) int64.
@@ -42,7 +42,7 @@ class Histogram:
 
     @property
     def count(self) -> int:
-        """Number of durations."""
+        """Number of durations in the histogram."""
         return int(self.bins.sum())
 
     def counts_below(self, bounds: Sequence[float]) -> list[int]:

@@ -144,11 +144,7 @@ class SimulationResult:
         return self.simulation.failure
 
     def require_success(self) -> Self:
-        """Return self if no component failed.
-
-        Raises:
-            ComponentFailed: a component failed.
-        """
+        """Return the result itself if no component failed, else raise the failure."""
         if self.failure:
             raise self.failure
         return self

@@ -15,7 +15,7 @@ STATE_KEY, BELOW_KEY = "state", "below"
 
 @dataclass(frozen=True)
 class Port:
-    """A named input or output.
+    """A named input or output of a component, with size, unit and meaning.
 
     Attributes:
         name: name of the quantity, the same in all components.

@@ -44,15 +44,15 @@ class PythonModel(Protocol):
 
     @property
     def inputs(self) -> Sequence[Port]:
-        """Input ports."""
+        """Input ports of the component."""
 
     @property
     def outputs(self) -> Sequence[Port]:
-        """Output ports."""
+        """Output ports of the component."""
 
     @property
     def sampled(self) -> bool:
-        """Whether it is evaluated at t_k; see `Component`."""
+        """Whether the component is evaluated at t_k, without advancing time; see `Component`."""
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
         """Compute outputs `y` in place from inputs `u`, for a step from `t` to `t` + `h` (s); raise to stop the run."""

@@ -28,7 +28,7 @@ def _step(m, t, h, u, y):
 
 
 class Selection(Component):
-    """A component behind wider ports.
+    """A component that exposes an inner component through wider ports.
 
     Args:
         inner: component that does the work.

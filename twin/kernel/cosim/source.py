@@ -22,7 +22,7 @@ Between = Literal["lines", "held"]
 
 @dataclass(frozen=True)
 class SampledSignal:
-    """Samples over time.
+    """A signal given by samples over time.
 
     Attributes:
         t: times (s), non-decreasing, (n,); the value jumps where a time occurs twice.
@@ -36,7 +36,7 @@ class SampledSignal:
     between: Between
 
     def value_at(self, t: float) -> float:
-        """Return the value at `t` (s)."""
+        """Return the value of the signal at time `t` (s)."""
         times, values = (np.ascontiguousarray(one, dtype=float) for one in (self.t, self.values))
         return float(_sample(times, values, self.between == "lines", float(t)))
 

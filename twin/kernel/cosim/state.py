@@ -225,7 +225,7 @@ class StatePlaces:
         self._memory.restore(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
-        """Free the tokens of all holders."""
+        """Free saved states that are identified by the tokens of all holders."""
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 

@@ -91,7 +91,7 @@ class MemoryChange(NamedTuple):
 
 
 class System:
-    """A co-simulation ready to run.
+    """A co-simulation ready to run: components, wires, coupling scheme and tick.
 
     Args:
         components: in any order of kinds; the order within the sampled and within the continuous ones is the order of

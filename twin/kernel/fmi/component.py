@@ -84,7 +84,7 @@ class FmuStates:
         return self._register(self._instance.deserialize_state(content))
 
     def close(self) -> None:
-        """Free all states."""
+        """Free all saved states of the FMU."""
         for token in list(self._tokens):
             self.free(token)
 
@@ -280,7 +280,7 @@ class FmuComponent(Component):
 
     @property
     def step_call(self) -> str:
-        """Name of the FMU function that its step calls, for messages."""
+        """Name of the FMU function that a step calls, for messages."""
         if isinstance(self.instance, ModelExchange):
             return "its equations of model exchange"
         return f"{self.instance.description.prefix}DoStep"

@@ -141,13 +141,13 @@ class FmuDescription:
 
     @property
     def standard(self) -> str:
-        """Name of its standard, for messages; the kind is named only if it is not co-simulation."""
+        """FMI version of the FMU, for messages; includes the kind if it is not co-simulation."""
         usual = self.kind == "co_simulation"
         return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Kinds that it offers."""
+        """Kinds that the FMU offers: co-simulation, model exchange."""
         return _kinds(self.model)
 
     def variables_of(self, causality: str) -> list[Variable]:
@@ -189,7 +189,7 @@ class FmuDescription:
 
     @property
     def returns_early(self) -> bool:
-        """Whether a step may return early, if that is allowed."""
+        """Whether the FMU may return early from a step, if that is allowed."""
         if self.kind == "model_exchange":
             return False
         abilities = self.model.coSimulation
@@ -231,7 +231,7 @@ class FmuDescription:
 
     @property
     def single_instance(self) -> bool:
-        """Whether a process can contain only one instance of it."""
+        """Whether a process can contain only one instance of the FMU."""
         return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
@@ -344,7 +344,7 @@ def _kinds(model: Any) -> tuple[Kind, ...]:
 
 
 def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
-    """Check that the FMU offers `kind`; None for the first kind that it offers."""
+    """Return `kind` if the FMU offers it, or the first kind that it offers if `kind` is None; refuse other kinds."""
     kinds = _kinds(model)
     if not kinds:
         other = "" if model.fmiVersion == "1.0" else " and model exchange"
@@ -432,7 +432,7 @@ def clocks(description: FmuDescription) -> list[Any]:
 
 
 def clock_phrase(clock: Any) -> str:
-    """Describe when a clock ticks, by its description."""
+    """Describe when a clock ticks, from its declaration in the model description."""
     if clock.causality == "output":
         return "ticked by the FMU"
     if clock.intervalVariability == "triggered":
@@ -453,7 +453,7 @@ def stated_interval(clock: Any) -> tuple[float, float]:
 
 
 def capability_rows(description: FmuDescription) -> list[tuple[str, str]]:
-    """Return (topic, description) rows on its stepping capabilities that differ from the ordinary, for messages."""
+    """Return (topic, description) of the FMU's unusual stepping capabilities, for messages."""
     if description.kind == "model_exchange":
         return []
     rows, its = [], description.model.coSimulation

@@ -168,7 +168,7 @@ class Integrator:
                 m[field] = address
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """Return the parts of its memory that steps change, by name; excludes addresses."""
+        """Return the parts of the integrator's memory that steps change, by name; excludes addresses."""
         return {name: self.memory[name] for name in ("fresh", "now", "next_event")} | self._rows
 
     def advance(self, t: float, h: float) -> int:

@@ -185,7 +185,7 @@ class Instance:
         self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
-        """Reset the FMU by FMI's function and initialise it again."""
+        """Reset the FMU instance by FMI's function and initialise it again."""
         self._call("Reset", self.fmu.reset)
         self._initialise()
 
@@ -194,11 +194,11 @@ class Instance:
         return self._call("GetFMUstate", self.fmu.getFMUState)
 
     def restore_state(self, state: Any) -> None:
-        """Restore a saved state, which remains valid."""
+        """Restore a saved FMU state, which remains valid."""
         self._call("SetFMUstate", lambda: self.fmu.setFMUState(state))
 
     def serialize_state(self, state: Any) -> bytes:
-        """Serialise a saved state."""
+        """Serialise a saved FMU state to bytes."""
         return self._call("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
 
     def deserialize_state(self, content: bytes) -> Any:
@@ -206,7 +206,7 @@ class Instance:
         return self._call("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
 
     def free_state(self, state: int) -> None:
-        """Free the state at address `state`."""
+        """Free the saved FMU state at address `state`."""
         self._call("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
     def message_state(self) -> list[Any]:
@@ -214,7 +214,7 @@ class Instance:
         return [self.messages, self._pending_messages]
 
     def restore_messages(self, state: Any) -> None:
-        """Restore a result of `message_state`."""
+        """Restore the record of messages from a result of `message_state`."""
         self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
 
     def pop_messages(self) -> list[tuple[int, str]]:

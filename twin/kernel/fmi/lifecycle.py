@@ -281,7 +281,7 @@ class Fmi2:
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference])
 
     def free(self, instance: Instance) -> None:
-        """Free the instance and its library."""
+        """Free an FMU instance and its library."""
         with instance.calling("FreeInstance"):
             instance.fmu.freeInstance()
 

@@ -515,7 +515,7 @@ def integrate_cvode(m, stop):
 
 
 class Cvode:
-    """A CVODE solver.
+    """A CVODE solver of SUNDIALS, with its state vector, Jacobian and root functions.
 
     Args:
         x: states, (n,), which the solver changes in place.

@@ -193,7 +193,7 @@ class Stepping:
         return cosim_step.save.address, cosim_step.restore.address, memory
 
     def allow_repeats(self) -> None:
-        """Announce to the FMU that its state may be restored; not in FMI 1.0, whose flag has another meaning."""
+        """Announce to the FMU that a state may be restored; not in FMI 1.0, whose flag has another meaning."""
         if self.instance.description.version > 1:
             self.memory["final"] = 0
 

@@ -195,7 +195,7 @@ class Variable:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Smallest and largest value of its type; for 64-bit integers, of the integers exact in a double."""
+        """Smallest and largest value of the variable's type; for 64-bit integers, of those exact in a double."""
         if self.type == "Boolean":
             return 0.0, 1.0
         if 2 <= self.kind < 10:
@@ -205,12 +205,12 @@ class Variable:
 
     @property
     def range_phrase(self) -> str:
-        """Phrase for the range of its type: `which is UInt8 (0 .. 255)`."""
+        """Phrase for the range of the variable's type: `which is UInt8 (0 .. 255)`."""
         low, high = self.bounds
         return f"which is {self.type} ({low:.17g} .. {high:.17g})"
 
     def range_error(self, value: float) -> str:
-        """Return the reason why `value` is outside its type, `in8 is UInt8; expected 0 .. 255`; "" if it is inside."""
+        """Return why `value` is outside the variable's type, `in8 is UInt8; expected 0 .. 255`; "" if it is inside."""
         low, high = self.bounds
         # an int is compared without conversion, as a double may round it
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2

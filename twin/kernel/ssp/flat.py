@@ -163,7 +163,7 @@ class _Flattener:
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
     def _gives(self, node: ssp.Endpoint, stated: ssp.Endpoint) -> bool | None:
-        """Return whether a connector is a source at this connection; None if its kind is not stated."""
+        """Return True if a connector is a source at this connection, False if a sink, None if not stated."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
         found = owner.connector_of.get(node.connector)

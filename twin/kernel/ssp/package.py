@@ -26,7 +26,7 @@ MAX_FMU_SIZE = 512 << 20
 
 @dataclass(frozen=True)
 class Package:
-    """A system read from files.
+    """A system read from files: its structure, and access to its FMUs and tables.
 
     Attributes:
         file: archive, or the file that names the other files of the system.
@@ -88,7 +88,7 @@ def loose_package(
 
 
 def read_package(file: Path) -> Package:
-    """Read an SSP archive.
+    """Read the structure of an SSP archive.
 
     Raises:
         InputRefused: not a complete SSP, an invalid structure, or a parameter set that is not in the archive.

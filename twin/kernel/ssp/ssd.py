@@ -135,7 +135,7 @@ ResourceLoader = Callable[[str, str], Resource]
 
 
 def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
-    """Parse a SystemStructure.ssd.
+    """Parse the content of a SystemStructure.ssd.
 
     Args:
         where: prefix of error messages.
@@ -187,7 +187,7 @@ def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Struct
 
 
 class _SystemReader:
-    """Reader of nested systems.
+    """Reader of an SSD's systems and their nested elements.
 
     Args:
         where: prefix of error messages.

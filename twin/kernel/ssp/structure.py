@@ -227,7 +227,7 @@ def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
 
 
 def require_unique(names: Iterable[str], what: str, where: str) -> None:
-    """Check that all names differ."""
+    """Check that all names differ; refuse a repeated one."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -236,13 +236,13 @@ def require_unique(names: Iterable[str], what: str, where: str) -> None:
 
 
 def number_attribute(element: ET.Element, attribute: str, where: str, default: float) -> float:
-    """Return the value of an attribute as a finite number; `default` if the attribute is missing."""
+    """Return an attribute as a finite number, `default` if it is missing; refuse other text."""
     text = element.get(attribute)
     return default if text is None else parse_finite(text, f"{where}: <{local_name(element)}> {attribute}")
 
 
 def parse_finite(text: str, where: str) -> float:
-    """Convert text to a finite number."""
+    """Convert text to a number; refuse text that is not a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -422,7 +422,7 @@ class DefaultExperiment:
 
 @dataclass(frozen=True)
 class Structure:
-    """Content of a SystemStructure.ssd.
+    """Content of a SystemStructure.ssd: system, units, enumerations, default experiment.
 
     Attributes:
         version: SSP version, "1.0".

@@ -28,7 +28,7 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 @dataclass(frozen=True)
 class PreparedSystem:
-    """A system ready to run.
+    """A coupled system with initialised FMUs, ready to run.
 
     Attributes:
         plan: its plan, without outputs that an FMU turned out not to return.
@@ -106,7 +106,7 @@ def initialise_fmus(
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
 ) -> InitialFmus:
-    """Initialise the FMUs of a system.
+    """Initialise the FMUs of a system together, and make components of them.
 
     Args:
         plan, folders: see `couple_system`.
@@ -212,7 +212,7 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
 
 
 class _SolvableLoop:
-    """An algebraic loop to be solved.
+    """An algebraic loop to be solved, with the wires whose values are its unknowns.
 
     Attributes:
         path: path of the loop, for messages.

@@ -38,7 +38,7 @@ Ends = tuple[tuple[Endpoint, tuple[UnitStep, ...]], ...]
 
 
 class EnclosedComponent(Subsystem):
-    """An enclosed system as a component."""
+    """A component that runs an enclosed system of FMUs."""
 
     def zero(self, name: str) -> float:
         """Return the value of output port `name` that corresponds to 0 in the FMU's unit."""
@@ -76,12 +76,12 @@ class EnclosedSystem:
 
     @property
     def descriptions(self) -> dict[str, FmuDescription]:
-        """FMU descriptions by component."""
+        """FMU descriptions by component path."""
         return {part.path: part.description for part in self.plan.parts}
 
     @property
     def values(self) -> dict[str, Sequence[Setting]]:
-        """Settings of the FMUs by component."""
+        """Values set in the FMUs before initialisation, by component path."""
         return {part.path: part.settings for part in self.plan.parts}
 
     @property
@@ -94,7 +94,7 @@ class EnclosedSystem:
         return self._folders[self.descriptions[part].sha256]
 
     def variables_of(self, causality: str) -> list[Variable]:
-        """Return the variables of a causality."""
+        """Return the visible variables of a causality."""
         return [v for v in self.variables.values() if v.causality == causality]
 
     @property

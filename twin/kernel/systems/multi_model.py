@@ -70,7 +70,7 @@ def multi_model(file: Path) -> Package:
 
 
 class _InstanceNames:
-    """Names and instances of a multi-model.
+    """Resolver of variable names in a multi-model, and its list of instances.
 
     Args:
         files: FMU files by key.

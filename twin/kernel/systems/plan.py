@@ -105,7 +105,7 @@ class SystemPlan:
 
     @property
     def scheme(self) -> Scheme:
-        """Coupling scheme."""
+        """Coupling scheme of the master: the user's, else the default of the file format."""
         return self.choice.scheme or self.package.scheme
 
     @property
@@ -165,7 +165,7 @@ def plan_system(
     patterns: Sequence[str] = (),
     when: Timing | None = None,
 ) -> SystemPlan:
-    """Plan a system.
+    """Plan a system: choose FMU kinds, check connections, and convert units and values.
 
     Args:
         files: FMU files by entry.

@@ -243,7 +243,7 @@ class Cosimulation:
         return values.tolist()[0] if len(values) == 1 else values
 
     def set(self, name: str, value: Value) -> None:
-        """Set "component.variable" until it is set again.
+        """Set the variable "component.variable"; the value remains until the next call.
 
         Before the first step, parameters, inputs and variables with a start value can be set; later, inputs without a
         source and tunable parameters.
