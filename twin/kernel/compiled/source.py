@@ -158,8 +158,7 @@ class Sources:
 
 @cache
 def source_file(module: str) -> str | None:
-    """Return the file of a module of this package or of a loaded module that is not installed; None for other
-    modules."""
+    """Return the file of a module of this package, or of a loaded module that is not installed; else None."""
     top, _, below = module.partition(".")
     if top == PACKAGE_FOLDER.name:
         stem = os.path.join(PACKAGE_FOLDER, *below.split("."))

@@ -112,8 +112,7 @@ def restore_pieces(table, count):
 
 @entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
-    """Copy pieces of memory to `buffer`, or `back` from it; `PIECE_RECORD.copy` is the offset of a piece in
-    `buffer`."""
+    """Copy pieces of memory to `buffer`, at the offsets `PIECE_RECORD.copy`, or `back` from it."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         if back:

@@ -59,8 +59,7 @@ def _play(
     step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_address, row_bytes, failed,
     table, pieces, copies_address, copy_bytes,
 ):  # fmt: skip
-    """Step `count` times, `steps[k]` steps each; store outputs in row k and the `pieces` of memory in row k of the
-    copies.
+    """Step a component `steps[k]` times for each row k; store outputs and `pieces` of memory after each.
 
     Returns:
         Completed rows: `count`, or fewer if a step `failed`.

@@ -21,8 +21,7 @@ before."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
-    """Weights (2, 3) of `VALID_WEIGHTS`, `NEWEST_WEIGHTS` and `PREVIOUS_WEIGHTS`: rows for the first and repeated
-    steps.
+    """Weights (2, 3) of the valid, newest and previous output; rows: the first step, and repeated steps.
 
     Args:
         seen: whether the result of the input's source is known in the first step.

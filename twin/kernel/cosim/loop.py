@@ -103,8 +103,7 @@ def _check_member(m, c, part, status):
 
 @njit(cache=True)
 def _run_pass(m, t, h):
-    """Run one pass over the members with the present z; stores the residual g(z) - z, returns False if a member
-    failed."""
+    """Run a pass over the members with the present z; store the residual g(z) - z. Return False if a member failed."""
     members = carray(_members_at(m.members), m.count)
     m.passes += 1
     for c in range(m.count):

@@ -348,8 +348,7 @@ def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
 
 
 def exception_phrase(problem: BaseException | None) -> str:
-    """Describe an exception and its origin in the user's file: `raised ValueError: text (my_controller.py, line
-    12)`."""
+    """Describe an exception and its origin: `raised ValueError: text (my_controller.py, line 12)`."""
     frames = [
         f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _is_this_file(f.filename)
     ]

@@ -241,8 +241,7 @@ class Simulation:
         self.failure, self.culprit = None, ""
 
     def derive_outputs(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set the outputs of `component` to `passed_on(its inputs)`, for all instants that the system stores, newest
-        last."""
+        """Set the outputs of `component` to `passed_on(inputs)`, at all stored instants, the newest last."""
         c = self.system.components.index(component)
         sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]] % self.system.outputs_width
         copies = self._copies()

@@ -176,8 +176,7 @@ class SystemState:
         return self.places.export_state(self, about)
 
     def close(self) -> None:
-        """Free the parts that FMUs hold; safe to call twice. Called automatically when the state is
-        garbage-collected."""
+        """Free the parts that FMUs store; safe to call twice, and called by garbage collection."""
         self._freed()
 
 

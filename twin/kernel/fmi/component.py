@@ -286,8 +286,7 @@ class FmuComponent(Component):
         return f"{self.instance.description.prefix}DoStep"
 
     def _initial_values(self, port: FmuPort) -> np.ndarray:
-        """Return the output values before the first step; the start values of outputs that a clock has yet to
-        update."""
+        """Return output values before the first step, for clocked outputs the start values."""
         if port.variable.clocks:
             return np.full(port.port.size, np.nan_to_num(port.variable.start))
         return self.instance.read_floats([port.variable])

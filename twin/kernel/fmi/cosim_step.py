@@ -332,8 +332,7 @@ def fill_discrete_inputs(address, u):
 
 @njit(cache=True)
 def _set_discrete(e, active):
-    """Set discrete inputs from their buffers, those without clocks or with active clocks; return 0 or a failure
-    status."""
+    """Set discrete inputs, unclocked or with active clocks, from their buffers; return 0 or a failure status."""
     groups = carray(groups_at(e.discrete_groups), e.discrete)
     for i in range(e.discrete):
         g = groups[i]

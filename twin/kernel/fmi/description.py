@@ -183,8 +183,7 @@ class FmuDescription:
         return "fmi" if self.version == 1 else f"fmi{self.version}"
 
     def exported_name(self, function: str) -> str:
-        """Return the name in its binary of an FMI function, given as `DoStep`; in FMI 1.0 the identifier is
-        prepended."""
+        """Return the name in the binary of an FMI function `DoStep`; FMI 1.0 prepends the identifier."""
         return f"{self.identifier}_{self.prefix}{function}" if self.version == 1 else f"{self.prefix}{function}"
 
     @property
@@ -212,8 +211,7 @@ class FmuDescription:
 
     @property
     def tolerance(self) -> float | None:
-        """Relative tolerance that it states for its solver (DefaultExperiment); None without a positive finite
-        number."""
+        """Relative solver tolerance that the FMU states (DefaultExperiment); None if not positive and finite."""
         stated = parse_number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
 
@@ -235,8 +233,7 @@ class FmuDescription:
         return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
-        """Return the findings of FMPy's validation; they never refuse the FMU, as validators disagree with each
-        other."""
+        """Return the findings of FMPy's validation, only as warnings, as validators disagree with each other."""
         from fmpy.validation import validate_fmu
 
         own = [self.tool_note] if self.tool_note else []

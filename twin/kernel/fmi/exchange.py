@@ -332,8 +332,7 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """Call the FMU's function `Get{name}` for an array of doubles, (count,), and check that it writes `count`
-        values."""
+        """Call the FMU's function `Get{name}` for (count,) doubles, and check that it writes exactly as many."""
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)

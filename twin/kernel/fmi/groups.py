@@ -425,8 +425,7 @@ def begin_ramp(address, u, t, h):
 
 @njit(cache=True)
 def set_ramp(address, t):
-    """Set interpolated inputs, and their derivatives before FMI 3.0, at time `t`; return 0 or the first failure
-    status."""
+    """Set interpolated inputs (and derivatives in FMI 1.0, 2.0) at time `t`; return 0 or the first failure status."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
     if n == 0:

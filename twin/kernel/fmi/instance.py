@@ -332,8 +332,7 @@ class Instance:
             self._pending_messages.append((int(self.clock[0]), text))
 
     def _variable_name(self, reference: re.Match[str]) -> str:
-        """Replace a reference `#r12#` in a log message (FMI 2.0.4, 2.1.5) by the variable's name; unchanged if
-        unknown."""
+        """Replace a reference `#r12#` in a log message (FMI 2.0.4, 2.1.5) by the variable's name, if known."""
         if reference[0] == "##":
             return "#"
         types = LOGGED_TYPES[reference["type"]]

@@ -378,8 +378,7 @@ def _move_states(m, k, h):
 
 @njit(cache=True)
 def _rk4_step(m, t, h):
-    """Make a Runge-Kutta step from time `t` and the states `m.began` with rates `m.k_1` to `m.x`; return 0 or a
-    failure."""
+    """Make a Runge-Kutta step from `t`, states `m.began` and rates `m.k_1` to `m.x`; return 0 or a failure status."""
     _move_states(m, m.k_1, 0.5 * h)
     status = derivatives(m, t + 0.5 * h, m.x, m.k_2)
     if status != 0:
@@ -413,8 +412,7 @@ def _detect_crossing(m):
 
 @njit(cache=True)
 def _locate_crossing(m, t, h):
-    """Locate a change of sign between `t` and `t` + `h` by bisection; return (time after `t` (s), 0 or a failure
-    status)."""
+    """Locate a change of sign in a step by bisection; return (time after `t` (s), 0 or a failure status)."""
     low, high = 0.0, h
     for _ in range(MAX_BISECTIONS):
         if high - low <= time_tolerance(t):
@@ -435,8 +433,7 @@ def _locate_crossing(m, t, h):
 
 @njit(cache=True)
 def integrate_rk4(m, stop):
-    """Integrate by Runge-Kutta from `m.now` to `stop` or the first event; return (event found, 0 or a failure
-    status)."""
+    """Integrate by Runge-Kutta up to `stop` or the first event; return (event found, 0 or a failure status)."""
     span, start = stop - m.now, m.now
     steps = max(1, int(np.ceil(span / m.longest - 1e-9))) if m.longest > 0.0 else 1
     for n in range(steps):
@@ -491,7 +488,7 @@ right_hand_side, roots = Native("int32", _call, _right_hand_side), Native("int32
 
 @njit(cache=True)
 def integrate_cvode(m, stop):
-    """Integrate by CVODE from `m.now` to `stop` or the first event; return (event found, 0 or a failure status)."""
+    """Integrate by CVODE up to `stop` or the first event; return (event found, 0 or a failure status)."""
     m.trouble = 0
     if m.restart != 0:
         start_at(m.cv_restart, (m.cvode, m.now, m.vector))

@@ -116,8 +116,7 @@ def source_sets(model: Any, identifier: str) -> list[Any]:
 
 
 def has_sources(names: Collection[str], sets: Sequence[Any]) -> bool:
-    """Whether an archive with entries `names` contains all files of these source sets, and there is at least one
-    set."""
+    """Whether there are source sets, and an archive with entries `names` contains all their files."""
     return bool(sets) and all(
         posixpath.normpath(f"sources/{source}") in names for one in sets for source in one.sourceFiles
     )
@@ -330,8 +329,7 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
 
 
 class CacheInfo(NamedTuple):
-    """Contents of the FMU cache `folder`: number of FMUs, total size (bytes), files modified since they were
-    verified."""
+    """Contents of the FMU cache: number of FMUs, total size (bytes), files modified since they were verified."""
 
     folder: Path
     drives: int
@@ -476,8 +474,7 @@ def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bo
 
 
 def _extract_entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, content: Path) -> None:
-    """Extract the `entry` of `archive` to `content` by atomic replacement; processes that loaded the old file keep
-    it."""
+    """Extract an archive entry to `content` by atomic replacement; processes keep a loaded old file."""
     target = content / entry_path(entry)
     if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)

@@ -88,8 +88,7 @@ KNOWN_UNITS |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATUR
 
 
 def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
-    """Return the conversion of `unit` to SI by the FMU's definitions (FMPy's), else by well-known names; None if
-    unknown."""
+    """Return the conversion of `unit` to SI by the FMU's `definitions` or well-known names; None if unknown."""
     for definition in definitions:
         if definition.name == unit and definition.baseUnit is not None:
             base = definition.baseUnit
@@ -307,8 +306,7 @@ class FilePath(str):
 
 
 def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
-    """Convert a setting to JSON; a file or a Binary is represented by its SHA-256, so that its location does not
-    matter."""
+    """Convert a setting to JSON, with files and Binaries represented by SHA-256, independent of location."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if not isinstance(value, list):

@@ -417,8 +417,7 @@ def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
 
 
 def _is_readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
-    """Whether a connection can be read and set in initialisation mode; clocked variables cannot, as no clock has
-    ticked."""
+    """Whether a connection can transfer values in initialisation mode; clocked variables cannot."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
 
 

@@ -295,8 +295,7 @@ class _OuterVariables:
         self._add_inner_variables(asked)
 
     def _add_inner_variables(self, asked: Collection[str]) -> None:
-        """Add inner variables that are requested, or all inputs or outputs if the system has no connectors of that
-        side."""
+        """Add requested inner variables; for a side without connectors, all inputs or outputs."""
         fed = {lead.end for lead in self._flat.leads}
         for path in self._flat.components:
             given = self._flat.assigned.get(path, {})

@@ -54,8 +54,7 @@ def split_element(variable: str) -> tuple[str, int]:
 
 
 def type_rank(variable: Variable) -> int:
-    """Return the rank of a variable's type: 2 real, 1 integer, 0 Boolean; a value fits a target of equal or higher
-    rank."""
+    """Return a variable's type rank: 2 real, 1 integer, 0 Boolean; values fit targets of equal or higher rank."""
     return {"double": 2, "bool": 0}.get(FIELD_KINDS.get(variable.type, "int"), 1)
 
 

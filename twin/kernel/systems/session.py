@@ -50,8 +50,7 @@ _PORT_PATTERN = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
 
 
 class ObservedSeries:
-    """Observed signals: `series["motor.omega"]` has shape (n,) or (n, size); `series.t` are its times (s), shape
-    (n,)."""
+    """Observed signals: `series["motor.omega"]` is (n,) or (n, size), `series.t` the times (s), (n,)."""
 
     def __init__(self, columns: Mapping[str, slice], tick: float):
         self._columns, self._tick = columns, tick
@@ -218,8 +217,7 @@ class Cosimulation:
         return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
 
     def get(self, name: str) -> float | np.ndarray:
-        """Read the present value of "component.variable", in the FMU's own unit: a number, or shape (size,) for an
-        array.
+        """Read the present value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
 
         Raises:
             InputRefused: no such variable, or not a number.
