@@ -59,7 +59,6 @@ class Expression:
     """A function of time as a program of a stack machine.
 
     Attributes:
-        text: source text.
         operations: operation codes, (n,) int64.
         numbers: operand of each OP_NUMBER, (n,).
         depth: required stack size.

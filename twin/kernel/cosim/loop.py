@@ -287,15 +287,11 @@ class LoopComponent(Component):
     """The members of an algebraic loop as one continuous component.
 
     Args:
-        name: component name.
         inputs: ports; wires refer to them as "given.<port>".
         members: continuous components of period 1, in the order of a pass.
         wires: (output, input) pairs as in `System`, of whole ports; every input of a member has one.
         path: name of the loop, for messages.
         cure: alternatives if it does not converge, for messages.
-
-    Attributes:
-        members: the argument.
 
     Raises:
         InputRefused: a member has no reaction function and cannot repeat a step, or too many unknowns.

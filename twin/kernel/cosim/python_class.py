@@ -62,7 +62,6 @@ class PythonComponent(Component):
     """A `PythonModel` as a component; slower than a compiled one, as each step is a callback.
 
     Args:
-        name: component name.
         model: Python object with the step.
         period: step of the component (ticks).
         initial_outputs: None for zeros.
@@ -128,7 +127,6 @@ class ObjectStates:
 
     Args:
         label: name in error messages.
-        model: the object.
 
     Attributes:
         lacking: reason why its state cannot be saved, as a verb phrase; "" if it can.
@@ -256,7 +254,6 @@ class PythonSource:
     """A Python file, read and compiled once; `load_class` executes it.
 
     Attributes:
-        file: its path.
         sha256: digest of its content.
 
     Raises:

@@ -65,7 +65,6 @@ class Simulation:
     """A run of a `System` from its first tick to `last_tick`; `failure` and `culprit` describe an early end.
 
     Args:
-        system: system to run.
         last_tick: last tick, which gets a row but no step.
         slice_ticks: maximum number of ticks per call of `advance`.
         timed: whether to count the processor cycles of each component.
@@ -227,7 +226,6 @@ class Simulation:
         """Set the present tick and outputs; the caller sets the state of the components.
 
         Args:
-            tick: any tick.
             outputs: component name -> valid outputs, also used for all other instants that the system stores; other
                 components keep their outputs.
         """

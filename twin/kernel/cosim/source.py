@@ -80,7 +80,6 @@ def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: f
     """Make a sampled component that outputs the present value of each of `signals` at every tick.
 
     Args:
-        name: component name.
         ports: outputs of size 1, one per signal.
         start: start of the run (s).
     """

@@ -70,7 +70,6 @@ class SavedState:
 
     Attributes:
         tick: tick at whose beginning the state was saved.
-        pieces: pieces of memory.
         inside: states held by FMUs, Python objects or other processes.
         about: further JSON-compatible data, such as the identity of the run.
     """
@@ -383,7 +382,6 @@ def decode_json(stated: Any, where: str) -> Any:
     """Restore a value from the result of `encode_json`; tuples become lists.
 
     Args:
-        stated: JSON value.
         where: prefix of error messages.
 
     Raises:

@@ -56,7 +56,6 @@ class Subsystem(Component):
     """A component whose step is `substeps` ticks of an inner system.
 
     Args:
-        name: component name.
         inputs: ports; inner wires refer to them as "inlet.<port>".
         outputs: pairs (port, "component.port" of the inner system).
         components, wires, scheme: the inner system.

@@ -222,7 +222,6 @@ class System:
             table: component table, from `table`.
             y: memory of all outputs, from `outputs`.
             mark: (2,) int64, see `LOOP_RECORD`.
-            last: last tick.
         """
         loop = np.zeros(1, dtype=LOOP_RECORD)
         m = loop[0]

@@ -53,7 +53,6 @@ class FmuStates:
     """Internal states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
 
     Args:
-        instance: FMU instance.
         stepping: its step; while tokens exist, it announces to the FMU that a state may be restored.
     """
 
@@ -183,7 +182,6 @@ class FmuComponent(Component):
 
     Args:
         name: name of component and FMU instance.
-        description: the checked FMU.
         folder: folder of the unpacked FMU.
         inputs, outputs: its ports.
         settings: values set before initialisation, in the FMU's units.

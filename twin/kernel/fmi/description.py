@@ -113,14 +113,12 @@ class FmuDescription:
     """An FMU that has passed all checks that need no binary.
 
     Attributes:
-        path: the .fmu file.
         sha256: digest of the file.
         compiler: compiler that built its library on this machine; "" if the library came with the FMU.
         version: FMI version 1, 2 or 3.
         kind: kind in use.
         identifier: model identifier, the name of the binary.
         platforms: platform folders with binaries in the archive.
-        variables: variables by name.
         model: FMPy's description.
     """
 

@@ -370,7 +370,6 @@ class ExchangeStepping(Stepping):
 
     Attributes:
         integrator: integrator of the instance, with the memory of the step.
-        solver: the argument.
 
     Raises:
         InputRefused: CVODE is not available for this platform.

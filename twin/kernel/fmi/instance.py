@@ -38,8 +38,6 @@ class Instance:
     Methods that call the FMU raise `ComponentFailed` if it refuses.
 
     Args:
-        name: FMI instance name.
-        description: the checked FMU.
         folder: folder of the unpacked FMU.
         settings: values set before initialisation, in the FMU's units.
         inputs: values set in initialisation mode.

@@ -73,7 +73,6 @@ class CompiledLibrary(NamedTuple):
     """A library compiled on this machine.
 
     Attributes:
-        library: its path.
         compiler: compiler with its version.
     """
 

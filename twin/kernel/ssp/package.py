@@ -32,7 +32,6 @@ class Package:
         file: archive, or the file that names the other files of the system.
         sha256: digest of `file`.
         entries: sizes (bytes) by entry name.
-        structure: the system.
         form: name of the file format, for messages.
         scheme: coupling scheme that tools of this format use.
         loose: files by entry name; empty for an archive.

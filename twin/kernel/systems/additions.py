@@ -91,8 +91,6 @@ class SystemNames:
     """Lookup of component and variable names in a system.
 
     Args:
-        package: package of the system.
-        flat: its flattened system.
         files: FMU files by component.
     """
 

@@ -35,7 +35,6 @@ class PreparedSystem:
         system: components in plan order; parts of a solved loop are merged into one.
         settled: whether the initial values are consistent, i.e. every input equals its source.
         columns: slice of a row by part name.
-        loops: algebraic loops found.
         solved: whether loops are solved.
         forgiven: accepted violations of binaries.
     """

@@ -54,8 +54,6 @@ class EnclosedSystem:
 
     Attributes:
         path, sha256: archive and its digest.
-        version: SSP version.
-        name: system name.
         variables: connectors, and inner variables requested by name; all inner inputs or outputs if the system has no
             connectors of that side.
         plan: inner system; its inputs come from the component INLET_NAME.
@@ -132,7 +130,6 @@ class EnclosedSystem:
         """Initialise the system as a component that makes `every` ticks in a step.
 
         Args:
-            name: component name.
             inputs, outputs: ports of variables of this system; other inputs keep their start values.
             tick: duration of a tick (s).
             every: ticks in a step.

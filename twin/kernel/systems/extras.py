@@ -17,7 +17,6 @@ class Feed:
         by: origin of the connection, for messages.
         unit: unit of the value; "" for the unit of the variable.
         hops: conversions on the way.
-        size: number of values.
     """
 
     end: Endpoint

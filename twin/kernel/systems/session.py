@@ -135,7 +135,6 @@ class Cosimulation:
 
         Args:
             name: component name of letters, digits and _.
-            fmu: FMU file.
             start: values of parameters and inputs before initialisation, in the FMU's units.
             more: further values.
 
@@ -154,7 +153,6 @@ class Cosimulation:
         """Add a component that is not an FMU to the system.
 
         Args:
-            name: component name.
             model: an object with `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`; or a `Component`.
             period: step of the component (ticks).
             initial: outputs before the first step; None for zeros.
