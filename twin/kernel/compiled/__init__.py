@@ -1,1 +1,1 @@
-"""Compiled code: what it is written with, where it is kept, how it is called."""
+"""Compiled code: decorators for its source, storage of object files, calls from Python and C."""

@@ -1,8 +1,8 @@
-"""The names that source of compiled functions is written with; numba is imported when something has to be compiled.
+"""Decorators and names for the source of compiled functions; numba is imported only to compile.
 
-Importing numba takes as long as the rest of a run of Fig. 4, and what a run needs is kept as machine code (`store`). So
-`njit`, `carray` and `intrinsic` stand here as names that numba knows how to read: where it finds one of these objects
-in the source of a function, it asks for its type, and only then there is something of numba's behind it.
+Importing numba takes as long as the rest of a run of Fig. 4, and functions that a run needs are stored as machine code
+(`store`). `njit`, `carray` and `intrinsic` are therefore placeholders: numba asks for their type when it finds them in
+the source of a function, and only then the numba object is created.
 """
 
 import importlib
@@ -18,7 +18,7 @@ from twin.kernel.compiled.numba_internals import NumbaObject, declare_function, 
 
 
 class _Module:
-    """A module that is imported when something of it is asked for."""
+    """A module that is imported on first access to an attribute."""
 
     def __init__(self, name: str):
         self._name = name
@@ -32,7 +32,7 @@ types: Any = _Module("numba.types")
 
 
 class _Layout:
-    """Types of C as LLVM calls them: i8, i32, i64, f64, pointer."""
+    """C types by their LLVM names: i8, i32, i64, f64, pointer."""
 
     def __getattr__(self, name: str) -> Any:
         if name == "pointer":
@@ -44,14 +44,14 @@ c = _Layout()
 
 
 class CompiledOnlyError(TypeError):
-    """Source that Python cannot run: it calls something that machine code alone has."""
+    """Source that Python cannot run, as it calls a function that exists only in compiled code."""
 
 
 class LazyObject(NumbaObject):
-    """Something that compiled functions call, made when numba meets it for the first time.
+    """A placeholder for an object of compiled code, created when numba first meets it.
 
     Args:
-        make: it.
+        make: creates the numba object.
     """
 
     def __init__(self, make: Callable[[], Any]):
@@ -59,9 +59,9 @@ class LazyObject(NumbaObject):
 
     @cached_property
     def numba_object(self) -> Any:  # type: ignore[override]
-        """What numba works with."""
+        """Numba object, created on first access."""
         made = self._make()
-        # numba may be in the middle of the compilation of a function that calls it
+        # the access may happen while numba compiles a calling function
         refresh()
         return made
 
@@ -70,18 +70,18 @@ class LazyObject(NumbaObject):
 
 
 class Function(LazyObject):
-    """A compiled function: what is compiled calls it as such, Python calls its source.
+    """A function that compiled code calls as machine code and Python runs as its source.
 
-    So no command waits for numba because of one number; what has to be fast in Python, or takes records, is a
-    `native.Entry`. Where its source cannot answer, the machine code does.
+    No command has to wait for numba to compute one number. Functions that must be fast in Python, or take records, are
+    a `native.Entry`. If the source cannot be run by Python, the machine code is called.
 
     Args:
         function: its source.
-        options: of numba's `njit`.
+        options: options of numba's `njit`.
     """
 
     def __init__(self, function: Callable, **options: Any):
-        # what takes and gives objects of Python would take half of the time to compile
+        # wrappers for Python objects would double the compile time
         bare = {**options, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         super().__init__(lambda: importlib.import_module("numba").njit(**bare)(function))
         self.options = options
@@ -92,45 +92,45 @@ class Function(LazyObject):
             with np.errstate(all="ignore"):
                 return self.__wrapped__(*arguments)
         except (ArithmeticError, ValueError):
-            # compiled code has infinity and NaN where Python's mathematics raises
+            # compiled code returns infinity or NaN where Python's mathematics raises
             return self.dispatcher(*arguments)
         except CompiledOnlyError as missing:
             try:
                 return self.dispatcher(*arguments)
             except Exception as problem:
-                # what it takes or gives is nothing for Python, but its caller may be
+                # the types of its arguments or result may not exist in Python, so the first error is the relevant one
                 raise missing from problem
 
     @cached_property
     def dispatcher(self) -> Callable:
-        """It as machine code that takes what Python has, compiled anew by each process: for trials."""
+        """Machine code that takes Python objects; compiled again in each process, for experiments."""
         options = {**self.options, "cache": False}
         made: Callable = importlib.import_module("numba").njit(**options)(self.__wrapped__)
         return made
 
     def __getattr__(self, name: str) -> Any:
-        # of numba's dispatcher, by which it knows what to inline; what any object may be asked for is not there
+        # numba reads attributes of its dispatcher to decide on inlining; special names must not be forwarded
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.numba_object, name)
 
 
 def njit(**options: Any) -> Callable[[Callable], Any]:
-    """Decorator: compile a function when it is called, options as of `numba.njit`."""
+    """Decorate a function to be compiled on its first call, with the options of `numba.njit`."""
     return lambda function: Function(function, **options)
 
 
 def intrinsic(function: Callable) -> Any:
-    """Decorator: `numba.extending.intrinsic`."""
+    """Decorate a function like `numba.extending.intrinsic`, with numba imported on first use."""
     return LazyObject(lambda: importlib.import_module("numba.extending").intrinsic(function))
 
 
 carray: Any = LazyObject(lambda: importlib.import_module("numba").carray)
-"""`numba.carray`: the array at a pointer."""
+"""`numba.carray`: view the memory at a pointer as an array."""
 
 
 def pointer_to(item: Any) -> Any:
-    """A compiled function that makes a pointer to `item`, a dtype, of an address; `carray` makes it an array."""
+    """Return a compiled function that converts an address to a pointer to the dtype `item`, for use with `carray`."""
 
     def make() -> Any:
         from numba import from_dtype
@@ -151,7 +151,7 @@ def pointer_to(item: Any) -> Any:
 
 @cache
 def _lane_functions() -> tuple[Any, Any]:
-    """The type made known to numba, and what makes values of it."""
+    """Register `Lanes`, a SIMD register of four doubles, with numba; return `three` and `with_lane`."""
     from numba.extending import intrinsic, lower_builtin, models, register_model
 
     class Lanes(types.Type):  # type: ignore[misc, name-defined]
@@ -230,14 +230,14 @@ def _lane_functions() -> tuple[Any, Any]:
 
 
 three: Any = LazyObject(lambda: _lane_functions()[0])
-"""Three numbers, see above."""
+"""`three(a, b, c)`: the lanes (a, b, c, c), a SIMD register of four doubles."""
 with_lane: Any = LazyObject(lambda: _lane_functions()[1])
-"""`with_lane(lanes, k, number)`: the lanes with another number k."""
+"""`with_lane(lanes, k, number)`: a copy of the lanes with lane k replaced."""
 
 
 @intrinsic
 def store_number(typingctx, address, value):
-    """Write the number `value`, as wide as its type is, to an address that may be no multiple of that."""
+    """Write `value` with the width of its type to an address that need not be aligned."""
 
     def codegen(context, builder, signature, arguments):
         to, number = arguments
@@ -250,9 +250,9 @@ def store_number(typingctx, address, value):
 
 @intrinsic
 def copy(typingctx, to, source, count):
-    """Copy `count` bytes from address `source` to address `to`, which do not overlap.
+    """Copy `count` bytes from address `source` to address `to`; the ranges must not overlap.
 
-    As a loop it would be unrolled for far more than what is copied.
+    Calls memcpy, as the compiler would unroll a loop far beyond the typical count.
     """
 
     def codegen(context, builder, signature, arguments):

@@ -1,8 +1,8 @@
-"""Machine code: LLVM modules without numba's surroundings, the form for this processor, object files loaded.
+"""Machine code: LLVM modules without numba's runtime, the form for this processor, loading of object files.
 
-Numba keeps the optimised LLVM module of a `cfunc`. Beside the function that C can call, which asks the interpreter for
-its error messages, stands an inner one, `int inner(result *, void **exception, <arguments>)`. That one is kept, and
-what it calls; the counting of references to arrays in memory, which needs none, goes once LLVM sees the whole.
+Numba keeps the optimised LLVM module of a `cfunc`. It contains a function for C, which calls the interpreter to report
+errors, and an inner function, `int inner(result *, void **exception, <arguments>)`. Only the inner function and its
+callees are kept. Reference counting of arrays is not needed; LLVM removes it once it optimises the whole module.
 """
 
 import hashlib
@@ -23,22 +23,24 @@ MATH_SYMBOLS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
     r"nearbyint|round|fabs|fmod|copysign|memcpy|memset|memmove)"
 )
-"""What a module may ask of its surroundings: libm, and the functions of memory that a compiler takes for granted."""
+"""Symbols that a module may import: libm, and the memory functions that a compiler assumes."""
 EXCEPTION_STATUS = -1
-"""What a function returns that should have raised an exception."""
+"""Result of a compiled function in place of an exception."""
 PROCESSOR_VARIABLE = "TWIN_PROCESSOR"
-"""Names a form of X86_64 in place of the richest that this processor can run."""
+"""Environment variable that selects a form of X86_64 instead of the most capable one that this processor can run."""
 BASELINE_CPU = "x86-64"
-"""The oldest processor of this kind."""
+"""Baseline processor of the x86-64 architecture for LLVM."""
+_loaded: set[str] = set()
+"""Names of the functions whose object files are loaded in this process."""
 
 
 class Module(NamedTuple):
-    """A compiled function as numba leaves it.
+    """LLVM module of a compiled function, as numba generates it.
 
     Attributes:
-        symbol: as it will be called.
-        inner: as numba calls it.
-        text: LLVM's assembly.
+        symbol: name of the C entry point to add.
+        inner: numba's name of the inner function.
+        text: LLVM assembly.
     """
 
     symbol: str
@@ -47,15 +49,15 @@ class Module(NamedTuple):
 
 
 def module_of(signature: Any, function: Callable, symbol: str) -> Module:
-    """The module of `function`, compiled for a `signature` of numba's, that shall be called `symbol`."""
+    """Compile `function` for a numba `signature` to an LLVM module whose C entry point will be called `symbol`."""
     return Module(symbol, *inner_module(signature, function))
 
 
 def strip_module(module: Module, machine: Any) -> Any:
-    """The LLVM module of `module` with its inner function alone visible, for a target machine.
+    """Compile `module` for a target machine with only its inner function exported.
 
     Returns:
-        (module, names of what it needs and is not mathematics).
+        (LLVM module, imported symbols that are not mathematics).
     """
     made = llvm.parse_assembly(module.text)
     made.triple, made.data_layout = machine.triple, str(machine.target_data)
@@ -74,11 +76,10 @@ def _is_mathematics(name: str) -> bool:
 
 
 def with_c_entry(module: Module, returned: str) -> Module:
-    """`module` with a function in front of the inner one that takes its arguments and returns its result.
+    """Add a C entry point that calls the inner function with its arguments and returns the result.
 
     Args:
-        module: of a function.
-        returned: LLVM's name of what it returns; it is RAISED in place of an exception.
+        returned: LLVM type of the result. The entry point returns EXCEPTION_STATUS in place of an exception.
     """
     inner = llvm.parse_assembly(module.text).get_function(module.inner)
     kinds = [str(argument.type) for argument in inner.arguments][2:]
@@ -94,7 +95,7 @@ define {returned} @"{module.symbol}"({taken}) {{
     if returned == "void":
         body += "  ret void\n}\n"
     else:
-        # numba's code of a function that ended with a value
+        # numba's inner function returns status 0 if it ended with a value
         body += f"""  %ended = icmp eq i32 %status, 0
   %value = load {returned}, ptr %result
   %outcome = select i1 %ended, {returned} %value, {returned} {bad}
@@ -105,11 +106,11 @@ define {returned} @"{module.symbol}"({taken}) {{
 
 
 class ProcessorForm(NamedTuple):
-    """Machine code for what not every processor of a kind has.
+    """A variant of machine code for the instruction sets that a processor supports.
 
     Attributes:
-        suffix: of the names of functions and of object files.
-        features: that LLVM may use.
+        suffix: suffix of function names and object files.
+        features: processor features that LLVM may use.
     """
 
     suffix: str
@@ -117,36 +118,33 @@ class ProcessorForm(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As `TWIN_PROCESSOR` has it."""
+        """Value of TWIN_PROCESSOR that selects this form."""
         return self.suffix.lstrip("_") or "any"
 
 
 X86_64 = (ProcessorForm("", ""), ProcessorForm("_avx", "+avx"), ProcessorForm("_avx512", "+avx512f,+avx512vl"))
-"""All three give the same bits. Fig. 4's plant takes 1.14, 1.09 and 1.02 times as long as what is compiled for one
-processor alone."""
-
-_loaded: set[str] = set()
-"""Functions whose object files are in this process."""
+"""Forms for x86-64; all three give the same bits. The plant of Fig. 4 takes 1.14, 1.09 and 1.02 times as long as code
+compiled for the exact processor."""
 
 
 @cache
 def compiler_versions() -> tuple[str, ...]:
-    """What machine code depends on besides its source and its form."""
+    """Return the versions of numba and llvmlite, on which machine code depends in addition to source and form."""
     return version("numba"), version("llvmlite")
 
 
 @cache
 def chosen_form() -> ProcessorForm:
-    """The form that this process makes and loads.
+    """Return the processor form that this process compiles and loads.
 
     Raises:
-        InputRefused: TWIN_PROCESSOR names none that this processor can run.
+        InputRefused: TWIN_PROCESSOR names a form that this processor cannot run.
     """
     able = llvm.get_host_cpu_features()
     if llvm.get_process_triple().startswith("x86_64"):
         forms = [form for form in X86_64 if all(able.get(word[1:]) for word in form.features.split(",") if word)]
     else:
-        # of others there is one, for this very processor
+        # other architectures have one form, for this exact processor
         known_by = f"{llvm.get_host_cpu_name()} {able.flatten()}".encode()
         forms = [ProcessorForm(f"_{hashlib.blake2b(known_by, digest_size=8).hexdigest()}", able.flatten())]
     named = {form.name: form for form in forms}
@@ -160,7 +158,7 @@ def chosen_form() -> ProcessorForm:
 
 @cache
 def target_machine(form: ProcessorForm) -> Any:
-    """A processor of `form`, and code that may lie anywhere in memory."""
+    """Create an LLVM target machine for a processor form, with relocatable code."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(
@@ -174,12 +172,12 @@ def target_machine(form: ProcessorForm) -> Any:
 
 
 def object_name(name: str, form: ProcessorForm) -> str:
-    """The object file of the function `name` in a form."""
+    """Return the file name of the object file of function `name` in a processor form."""
     return f"{name}{form.suffix}{store.OBJECT_SUFFIX}"
 
 
 def load_object(name: str) -> bool:
-    """Whether there is an object file of the function `name`, which has an address from now on."""
+    """Load the object file of function `name` if the store has one; return whether the function is loaded."""
     if name not in _loaded:
         content = store.stored_code(object_name(name, chosen_form()))
         if content:
@@ -188,13 +186,13 @@ def load_object(name: str) -> bool:
 
 
 def store_object(name: str, content: bytes) -> None:
-    """Take a new object file; it is there for other processes too if that is possible."""
+    """Store a new object file for other processes, if the folder is writable, and load it into this process."""
     store.store_file(object_name(name, chosen_form()), content)
     _load(name, content)
 
 
 def function_address(symbol: str) -> int:
-    """Of a function of an object file that is there."""
+    """Return the address of a function in a loaded object file."""
     return int(_engine().get_function_address(symbol))
 
 

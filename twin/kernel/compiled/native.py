@@ -1,4 +1,4 @@
-"""Functions that C can call, as machine code: taken from the store, or compiled and kept there."""
+"""Compiled functions with a C entry point: loaded from the object store, or compiled and stored there."""
 
 import contextlib
 import ctypes
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin.kernel.compiled.machine import Module
 
 Kind = str | np.dtype
-"""Of what a function takes or returns: a key of `_TYPE_NAMES`, or a record's dtype, which it takes by its address."""
+"""Type of an argument or result: a key of `_TYPE_NAMES`, or the dtype of a record, which is passed by its address."""
 
 _TYPE_NAMES: dict[str, tuple[str, str, Any]] = {
     "int": ("int64", "i64", ctypes.c_int64),
@@ -29,16 +29,16 @@ _TYPE_NAMES: dict[str, tuple[str, str, Any]] = {
     "bytes": ("CPointer(uint8)", "ptr", ctypes.c_void_p),
     "nothing": ("void", "void", None),
 }
-"""What numba, LLVM and ctypes call it."""
+"""Names of each type in numba and LLVM, and its ctypes class."""
 
 
 _under_way: list[None] = []
-"""One for each of what is being compiled, as threads may compile side by side."""
+"""One entry for each compilation in progress; threads may compile at the same time."""
 
 
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
-    """Around what compiles, or waits for another process that compiles the same."""
+    """Call the hooks `HOOKS.compiling` before and after a compilation, or a wait for another process that compiles."""
     _under_way.append(None)
     if len(_under_way) == 1:
         for hook in HOOKS.compiling:
@@ -53,13 +53,13 @@ def compiling() -> Iterator[None]:
 
 
 class Native:
-    """A function at an address, compiled or taken from the store when that is asked for.
+    """A function with a C address, loaded from the store or compiled when the address is first used.
 
-    Most runs need few of those there are, and compiling takes seconds.
+    Most runs need few of the functions, and compiling takes seconds.
 
     Args:
-        returns, takes: kinds; no record is returned.
-        function: its source. Dividing by zero gives NaN or infinity there, and an exception is lost.
+        returns, takes: types of result and arguments; a record cannot be returned.
+        function: its source. In compiled code, division by zero gives NaN or infinity, and exceptions are lost.
     """
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
@@ -67,7 +67,7 @@ class Native:
 
     @cached_property
     def address(self) -> int:
-        """Where the machine code is."""
+        """Address of the machine code, compiled if it is not in the store."""
         if not self.name:
             return self._compile_with_numba()
         if not self.has_code:
@@ -81,22 +81,22 @@ class Native:
 
     @property
     def has_code(self) -> bool:
-        """Whether it need not be compiled any more."""
+        """Whether the machine code is loaded or in the store, so that nothing has to be compiled."""
         return bool(self.name) and machine.load_object(self.name)
 
     @property
     def signature(self) -> Any:
-        """Its types as numba has them."""
+        """Signature of the function in numba's types."""
         return _numba_type(self.returns)(*map(_numba_type, self.takes))
 
     @cached_property
     def c_function(self) -> Callable:
-        """It, for Python, where addresses are numbers. The interpreter's lock is free meanwhile."""
+        """The function for Python, with addresses as integers; a call releases the GIL."""
         return self._ctypes_function(ctypes.CFUNCTYPE)
 
     @cached_property
     def c_function_with_gil(self) -> Callable:
-        """The same, with the interpreter's lock: for what is over before another thread would have taken its turn."""
+        """The function for Python, called with the GIL held: for calls shorter than a switch between threads."""
         return self._ctypes_function(ctypes.PYFUNCTYPE)
 
     def _ctypes_function(self, make: Callable) -> Callable:
@@ -108,23 +108,24 @@ class Native:
 
     @cached_property
     def name(self) -> str:
-        """Of what is kept of it; "" if nothing can be."""
+        """Name of the function's files in the store; "" if its code has no unique name and cannot be stored."""
         kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
         with contextlib.suppress(store.UnnamedFunction):
             return store.name_of(self.function, f"{self.returns} {kinds} {machine.compiler_versions()}")
         return ""
 
     def emit_object(self, form: machine.ProcessorForm) -> bytes:
-        """Object code of a form; none if it needs more than mathematics."""
+        """Compile the object code for a processor form; empty if the function needs more than mathematics."""
         returns = _TYPE_NAMES[self.returns][1]
         module = machine.with_c_entry(self.module(self.name), returns)
         made, foreign = machine.strip_module(module, machine.target_machine(form))
         return b"" if foreign else bytes(machine.target_machine(form).emit_object(made))
 
     def module(self, symbol: str) -> "Module":
-        """As numba leaves it, with a function that shall be called `symbol`.
+        """Return the LLVM module of the function, whose C entry point will be called `symbol`.
 
-        It is kept for what it may be built into, and for other forms: numba takes longer than all that comes after it.
+        The module is stored for other functions that include it and for other processor forms, as numba takes longer
+        than all later stages.
         """
         import zstandard
 
@@ -147,23 +148,25 @@ class Native:
 
 
 def address_of(array: np.ndarray) -> int:
-    """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long, but not of records:
-    a buffer has to describe their fields."""
+    """Return the address of the first element of an array.
+
+    `array.ctypes.data` takes four times as long, except for records, as a buffer has to describe their fields.
+    """
     if array.dtype.kind == "V":
         return array.ctypes.data
     try:
         return ctypes.addressof(ctypes.c_byte.from_buffer(array))  # type: ignore[arg-type]
     except (TypeError, ValueError, BufferError):
-        # it is read only, empty, or has gaps
+        # the array is read-only, empty or not contiguous
         return array.ctypes.data
 
 
 class Entry(Function):
-    """A compiled function that Python enters without numba, and that compiled functions call like others.
+    """A compiled function that Python calls without numba, and that compiled functions call like any other.
 
     Args:
-        returns, takes, function: as of `Native`.
-        at_once: see `entry`.
+        returns, takes, function: see `Native`.
+        at_once: whether Python calls it with the GIL held.
     """
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable, at_once: bool = False):
@@ -171,14 +174,16 @@ class Entry(Function):
         self.native, self._at_once = Native(returns, takes, function), at_once
 
     def __call__(self, *arguments: Any) -> Any:
-        """For a pointer an array may be given, contiguous and of the right kind."""
+        """Call the machine code; a pointer argument may be a contiguous array of the right type."""
         called = self.native.c_function_with_gil if self._at_once else self.native.c_function
         return called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
 def entry(returns: str, *takes: Kind, at_once: bool = False) -> Callable[[Callable], Any]:
-    """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs, unless
-    `at_once`: it is over before another thread would have taken its turn."""
+    """Decorate a function as an `Entry` with arguments "int", "double" and pointers.
+
+    Calls release the GIL unless `at_once` is set, which is for calls shorter than a switch between threads.
+    """
     return lambda function: Entry(returns, takes, function, at_once)
 
 

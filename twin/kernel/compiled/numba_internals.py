@@ -1,7 +1,7 @@
-"""All that is used of numba's insides: private names, and modules of `numba.core`, which a new version may change.
+"""Access to numba's internals: private names, and modules of `numba.core` that a new version may change.
 
-`pyproject.toml` allows no version for which the tests of this file were not run. Numba is imported when one of them is
-used.
+`pyproject.toml` allows only the numba versions for which the tests of this file were run. Numba is imported on first
+use.
 """
 
 import gc
@@ -9,16 +9,16 @@ from collections.abc import Callable
 from typing import Any
 
 GC_THRESHOLDS = (50_000, 20, 20)
-"""When garbage is looked for (`gc.set_threshold`). Numba makes objects by the million, hardly any of them in circles;
-to look as often as usual takes a tenth of all."""
+"""Thresholds of garbage collection while numba compiles (`gc.set_threshold`). Numba allocates millions of objects,
+hardly any of them in reference cycles; the default thresholds cost a tenth of the compile time."""
 
 
 class NumbaObject:
-    """What numba meets in the source of a function, and asks for its type."""
+    """An object in the source of a compiled function; numba asks for its type when it compiles the function."""
 
     @property
     def numba_object(self) -> Any:
-        """What numba works with in its place."""
+        """Numba object that replaces this object during compilation."""
         raise NotImplementedError
 
     @property
@@ -27,34 +27,38 @@ class NumbaObject:
 
 
 def refresh() -> None:
-    """Let numba see what was registered while it is in the middle of a compilation."""
+    """Make definitions that were registered during a compilation visible to numba."""
     _target().typing_context.refresh()
     _target().target_context.refresh()
 
 
 def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
-    """(name of the inner function, LLVM's assembly of the module) of `function`, compiled as a `cfunc`."""
+    """Compile `function` as a `cfunc`; return (name of the inner function, LLVM assembly of the module)."""
     from numba import cfunc
 
-    often = gc.get_threshold()
+    previous = gc.get_threshold()
     gc.set_threshold(*GC_THRESHOLDS)
     try:
-        # anew: what comes from numba's cache has no module
+        # compiled without cache: a function loaded from numba's cache has no LLVM module
         compiled = cfunc(signature, error_model="numpy")(function)
     finally:
-        gc.set_threshold(*often)
+        gc.set_threshold(*previous)
     return compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module)
 
 
 def declare_function(module: Any, kind: Any, name: str) -> Any:
-    """The function `name` of LLVM's type `kind`, declared in `module`."""
+    """Declare the function `name` of the LLVM type `kind` in `module`, or return the existing declaration."""
     from numba.core import cgutils
 
     return cgutils.get_or_insert_function(module, kind, name)
 
 
 def infer(function: Any, *signatures: tuple[Any, ...]) -> None:
-    """Make known what `function` returns for arguments: (returned, arguments ...) each."""
+    """Register the result types of `function` with numba's type inference.
+
+    Args:
+        signatures: (result type, argument types ...) of each supported call.
+    """
     from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 
     cases = [signature(*types) for types in signatures]

@@ -1,8 +1,7 @@
-"""Digests of source code without its text: what compiled functions are named after.
+"""Digests of source code without comments and docstrings; compiled functions are named after them.
 
-Comments, docstrings and other statements that are only a string do not count, nor do blank lines: rewriting a sentence
-compiles nothing. Parsing takes 1.5 ms per file, so the result is kept under the digest of the whole file, and a file
-that has not changed is not parsed again.
+Statements that are only a string, and blank lines, are ignored too, so that editing text recompiles nothing. Parsing
+takes 1.5 ms per file; results are stored under the digest of the whole file, so unchanged files are not parsed again.
 """
 
 import ast
@@ -23,14 +22,15 @@ from typing import NamedTuple
 
 PACKAGE_FOLDER = Path(__file__).parents[2]
 INSTALLED_PATTERN = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
-"""Paths of files that are identified by the version of Python or of a package; this package's own are not."""
+"""Paths of installed files, which are identified by the version of Python or of their package; excludes this
+package."""
 
 
 class SourceFile(NamedTuple):
-    """What the parser finds in a file.
+    """Digest, imports and function positions of a Python file.
 
     Attributes:
-        digest: of its code without text.
+        digest: digest of the code without comments and docstrings.
         imports: (module as written, imported names) of each import, also inside functions.
         functions: first lines of all functions, ascending.
     """
@@ -41,12 +41,12 @@ class SourceFile(NamedTuple):
 
 
 def digest_of(content: bytes) -> str:
-    """Return a short hash as hex."""
+    """Compute a short BLAKE2 hash (8 bytes) as hex."""
     return blake2b(content, digest_size=8).hexdigest()
 
 
 def parse_source(content: bytes) -> SourceFile:
-    """Parse the content of a Python file; other content is hashed whole."""
+    """Parse the content of a Python file; content that is not valid Python is hashed as a whole."""
     try:
         text = decode_source(content)
         nodes = list(ast.walk(ast.parse(text)))
@@ -58,7 +58,7 @@ def parse_source(content: bytes) -> SourceFile:
 
 
 def _without_text(text: str, nodes: Sequence[ast.AST]) -> str:
-    """The lines of `text` without comments, strings that are statements, blanks at line ends, and empty lines."""
+    """Remove comments, string statements, trailing blanks and empty lines from `text`."""
     lines = text.split("\n")
     cuts: list[tuple[int, int, int]] = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -68,7 +68,7 @@ def _without_text(text: str, nodes: Sequence[ast.AST]) -> str:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             first, last = node.lineno - 1, (node.end_lineno or 0) - 1
             for number in range(first, last + 1):
-                # the parser counts bytes of UTF-8
+                # ast counts columns in bytes of UTF-8
                 line = lines[number].encode()
                 start = len(line[: node.col_offset].decode()) if number == first else 0
                 end = len(line[: node.end_col_offset].decode()) if number == last else len(lines[number])
@@ -86,7 +86,7 @@ def _imports(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _first_lines(nodes: Sequence[ast.AST]) -> Iterator[int]:
-    """`co_firstlineno` of every function: the line of its first decorator, if it has one."""
+    """Yield `co_firstlineno` of every function: the line of its first decorator, or of its definition."""
     for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
@@ -98,10 +98,10 @@ class Sources:
     """Source files of modules that are not installed, each read once.
 
     Args:
-        known: parsed files of earlier processes, by the digest of their whole content.
+        known: files parsed by earlier processes, by the digest of their whole content.
 
     Attributes:
-        known: the same, and the files parsed by this process.
+        known: the argument, extended by the files that this process parsed.
         parsed: number of files parsed by this process.
     """
 
@@ -110,7 +110,7 @@ class Sources:
         self._of: dict[str, SourceFile | None] = {}
 
     def digest(self, *modules: str) -> str:
-        """Return the digest of the code of `modules` and of all that they import."""
+        """Compute the digest of the code of `modules` and of all modules that they import, directly or indirectly."""
         reached: dict[str, str] = {}
         ahead = list(modules)
         while ahead:
@@ -122,12 +122,12 @@ class Sources:
         return digest_of("".join(name + digest for name, digest in sorted(reached.items()) if digest).encode())
 
     def place(self, function: Callable) -> int:
-        """Return the number of a function within its file, which text before it does not change."""
+        """Return the index of a function within its file, which editing text before it does not change."""
         source = self.source(function.__module__)
         return bisect_left(source.functions, function.__code__.co_firstlineno) if source else 0
 
     def source(self, module: str) -> SourceFile | None:
-        """What is in the file of `module`; None if it has none, or an installed one."""
+        """Return the parsed file of `module`; None if it has no file or is installed."""
         if module not in self._of:
             file = source_file(module)
             self._of[module] = self._read_source(Path(file)) if file else None
@@ -142,12 +142,12 @@ class Sources:
         return self.known[whole]
 
     def _imported_modules(self, module: str, source: SourceFile) -> set[str]:
-        """Modules that `module` may import; a name imported from a package may be a module."""
+        """Return the modules that `module` may import; a name imported from a package counts as a possible module."""
         file = source_file(module) or ""
         package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
         found: set[str] = set()
         for origin, names in source.imports:
-            # an import may lead out of the package
+            # a relative import may point outside the package
             with contextlib.suppress(ImportError):
                 whole = resolve_name(origin, package)
                 found.add(whole)
@@ -158,7 +158,7 @@ class Sources:
 
 @cache
 def source_file(module: str) -> str | None:
-    """The file of a module of this package, or of one that is loaded and not installed."""
+    """Return the file of a module of this package, or of a loaded module that is not installed; else None."""
     top, _, below = module.partition(".")
     if top == PACKAGE_FOLDER.name:
         stem = os.path.join(PACKAGE_FOLDER, *below.split("."))

@@ -1,10 +1,10 @@
-"""Machine code kept between processes: an object file for each root, which is loaded without numba.
+"""Object files kept between processes, one for each root function, loaded without numba.
 
-A root is a function that C or Python calls; its file holds all that it calls, and asks for nothing but mathematics. The
-file is named after the code that the root reaches, without its text, what it was closed over, its types, numba and the
-form of the processor, so that code of an older source is never found. A hash at its end finds accidents: what was
-damaged is thrown away and compiled again. Against malice stands that the folder and each file are the user's alone, see
-`twin.kernel.cache_folder`; or that they came with the package, where a wheel has brought them.
+A root is a function that C or Python calls. Its file contains all functions that it calls, and imports only
+mathematics. The file name is derived from the code that the root reaches (without comments and docstrings), its
+closure, its types, the version of numba and the processor form, so that code of an older source is never loaded. A
+hash at the end of a file detects damage; a damaged file is deleted and compiled again. Protection against malicious
+files: folder and files belong to the user alone (`twin.kernel.cache_folder`), or came with the package in a wheel.
 """
 
 import contextlib
@@ -25,22 +25,22 @@ from twin.kernel.errors import InputRefused
 try:
     import fcntl
 except ImportError:
-    # Windows, where two processes may make the same file
+    # Windows has no fcntl; two processes may compile the same file there
     fcntl = None  # type: ignore[assignment]
 
 FOLDER_VARIABLE = "NUMBA_CACHE_DIR"
-"""Names a folder of the user's own choice."""
+"""Environment variable that selects the folder of compiled code."""
 MAX_FILES = 1000
-"""Files that are kept: seven sources of all there is, two files each."""
+"""Maximum number of stored files: seven versions of all functions, two files each."""
 OBJECT_SUFFIX = ".o"
 SEAL_SIZE = 16
-"""Bytes of the hash at the end of a file."""
+"""Size of the hash at the end of a file (bytes)."""
 PACKAGED_OBJECTS = Path(__file__).with_name("objects")
-"""Where a wheel has object files; they are looked at first and never written."""
+"""Folder of the object files in a wheel; searched first and never written."""
 DIGESTS_FILE = "sources.json"
 """File of parsed source files, see `twin.kernel.compiled.source`."""
 MAX_DIGESTS = 1000
-"""Maximum number of source files in it: seven versions of each."""
+"""Maximum number of source files in DIGESTS_FILE: seven versions of each."""
 _FILE_PATTERN = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()
@@ -51,14 +51,14 @@ class UnnamedFunction(Exception):
 
 
 def name_of(function: Any, made_for: str) -> str:
-    """Of the object file of a function.
+    """Derive the name of a function's object file from its code, types and compiler.
 
     Args:
         function: its source.
-        made_for: what tells its types, the compiler and the processor.
+        made_for: text that identifies its types, the compiler and the processor.
 
     Raises:
-        Unnamed: its source is in no file, or it is closed over something without a known value.
+        UnnamedFunction: its source is in no file, or its closure contains an object without a known value.
     """
     modules: set[str] = set()
     variant = digest_of(f"{_identity(function, modules)}\0{made_for}".encode())
@@ -66,24 +66,24 @@ def name_of(function: Any, made_for: str) -> str:
 
 
 def store_file(file: str, content: bytes) -> None:
-    """Put a file beside the object files, if that is possible."""
-    aside = object_folder() / f".{file}-{os.getpid()}"
-    # a full disk, a folder that is gone: the code runs all the same
+    """Write a sealed file to the folder of object files; silently skipped if writing fails."""
+    scratch = object_folder() / f".{file}-{os.getpid()}"
+    # the code also runs unstored, e.g. if the disk is full or the folder was removed
     with contextlib.suppress(OSError):
-        # whatever the umask leaves to others
-        with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
+        # mode 0600 regardless of the umask
+        with open(scratch, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
             written.write(seal(file, content))
-        aside.replace(object_folder() / file)
+        scratch.replace(object_folder() / file)
         evict(object_folder(), MAX_FILES, _FILE_PATTERN)
 
 
 def seal(file: str, content: bytes) -> bytes:
-    """The bytes of a file of that name; one that was renamed is none of ours."""
+    """Append a hash over file name and content, so that a renamed file is recognised as damaged."""
     return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL_SIZE).digest()
 
 
 def stored_code(file: str) -> bytes:
-    """What came with the package or was kept under that name; nothing if it is not there, or not as it was written."""
+    """Read a file from the package or the store; empty if it is missing or damaged. Damaged files are deleted."""
     with contextlib.suppress(OSError):
         if content := _unseal(PACKAGED_OBJECTS / file):
             return content
@@ -107,11 +107,11 @@ def stored_code(file: str) -> bytes:
 
 @contextlib.contextmanager
 def object_lock(name: str) -> Iterator[None]:
-    """No other process makes the object file of that name meanwhile."""
+    """Hold a lock that prevents other processes from compiling the object file of that name."""
     try:
-        lock = open(object_folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
+        lock = open(object_folder() / f".{name}.lock", "w")  # noqa: SIM115, closed by the with statement below
     except OSError:
-        # nothing can be stored, so no process can wait for it
+        # nothing can be stored, so no other process would wait for this one
         yield
         return
     with lock:
@@ -123,9 +123,9 @@ def object_lock(name: str) -> Iterator[None]:
 
 @cache
 def object_folder() -> Path:
-    """Where object files are: beside the package, or in the user's cache folder where that is not the user's alone.
+    """Return the folder of object files: in the package, or in the user's cache folder if the former is not private.
 
-    Where neither is, nothing is kept beyond this process and those that it starts.
+    A temporary folder, shared with child processes, if neither is private.
     """
     given = os.environ.get(FOLDER_VARIABLE)
     try:
@@ -142,36 +142,36 @@ def object_folder() -> Path:
 
 
 def refusal() -> str:
-    """Why nothing that is compiled is kept, as a sentence; "" if it is."""
+    """Return the error message if no private folder for compiled code was found; "" otherwise."""
     object_folder()
     return "".join(_refusal)
 
 
 def object_files(place: Path | None = None) -> list[Path]:
-    """Those that are kept, of all sources; or those of another place, `PACKAGED_OBJECTS` say."""
+    """List the object files in `place`; None for the store, with the files of all source versions."""
     return sorted((place or object_folder()).glob(f"[!.]*{OBJECT_SUFFIX}"))
 
 
 def object_count() -> int:
-    """How many object files are kept; what a run needs beyond them is compiled when it is needed."""
+    """Count the object files in the store; further functions are compiled when needed."""
     return len(object_files())
 
 
 def damaged_files(files: Iterable[Path]) -> list[Path]:
-    """Those of `files` that are not as they were written."""
+    """Return the elements of `files` whose content does not match its hash."""
 
     def is_damaged(path: Path) -> bool:
         try:
             return not _unseal(path)
         except OSError as problem:
-            # another process may have cleared it
+            # another process may have deleted it
             return not isinstance(problem, FileNotFoundError)
 
     return [path for path in files if is_damaged(path)]
 
 
 def source_digest(*modules: str) -> str:
-    """Return the digest of the code of `modules` and all that they import, but for installed packages."""
+    """Compute the digest of the code of `modules` and all that they import, except installed packages."""
     sources = _sources()
     before = sources.parsed
     found = sources.digest(*modules)
@@ -186,7 +186,7 @@ def _sources() -> Sources:
 
 
 def _read_digests() -> dict[str, SourceFile]:
-    """What earlier processes have found in source files; empty if nothing is kept, or it is damaged."""
+    """Read the parsed source files that earlier processes stored; empty if the file is missing or damaged."""
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
         path = object_folder() / DIGESTS_FILE
         discard_foreign(path)
@@ -198,24 +198,24 @@ def _read_digests() -> dict[str, SourceFile]:
 
 
 def _store_digests(sources: Sources) -> None:
-    """Keep them beside the object files, with those that another process has kept meanwhile."""
+    """Store parsed source files, merged with the entries that other processes have stored meanwhile."""
     both = _read_digests() | sources.known
     store_file(DIGESTS_FILE, json.dumps(dict([*both.items()][-MAX_DIGESTS:])).encode())
 
 
 def _identity(value: Any, modules: set[str]) -> str:
-    """What tells `value`, a function or what it is closed over, from others within their source.
+    """Return a text that identifies a function or closure value within its source.
 
     Args:
-        value: it.
-        modules: those of functions in it are added.
+        value: function, or value of a closure.
+        modules: modules of all functions in `value` are added to it.
 
     Raises:
-        Unnamed: nothing does.
+        UnnamedFunction: `value` has no unique text.
     """
     import numpy as np
 
-    # ours is a name for a function, and so is numba's
+    # unwrap a `Function` of this package or a numba dispatcher
     value = getattr(value, "__wrapped__", getattr(value, "py_func", value))
     if value is None or isinstance(value, (bool, int, float, str)):
         return repr(value)
@@ -231,17 +231,17 @@ def _identity(value: Any, modules: set[str]) -> str:
 
 
 def _unseal(path: Path) -> bytes:
-    """What was sealed in a file; nothing if it is not as it was written."""
+    """Read the content of a sealed file; empty if its hash does not match."""
     content = path.read_bytes()
     return content[:-SEAL_SIZE] if content == seal(path.name, content[:-SEAL_SIZE]) else b""
 
 
 def _temporary_folder() -> str:
-    """A folder that goes with this process."""
+    """Create a temporary folder that is deleted when this process exits."""
     import atexit
     import shutil
     import tempfile
 
-    passing = tempfile.mkdtemp(prefix="twin-native-")
-    atexit.register(shutil.rmtree, passing, ignore_errors=True)
-    return passing
+    path = tempfile.mkdtemp(prefix="twin-native-")
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path

@@ -1,1 +1,1 @@
-"""Co-simulation: ports, components, wires, integer ticks, the compiled master, systems as files. Knows no robot."""
+"""Co-simulation: ports, components, wires, integer ticks, the compiled master, saved states. Knows no robot."""

@@ -1,4 +1,4 @@
-"""The component interface of the master."""
+"""Components of the master: interface, compiled steps, and saving of their memory."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -12,26 +12,30 @@ from twin.kernel.cosim.port import Port, by_port, port_record, record, state_fie
 from twin.kernel.errors import InputRefused
 
 PIECE_RECORD = record(array="i8", copy="i8", size="i8")
-"""Addresses of a piece of memory and of its copy, and their bytes."""
+"""A piece of memory: its address, the address of its copy, and its size (bytes)."""
 _PIECES_RECORD = record(table="i8", count="i8")
 NOT_FINITE = 1 << 32
-"""Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
+"""Status from the master if a step wrote NaN or infinity; beyond int32, so a step cannot return it itself."""
+doubles_at = pointer_to(np.float64)
+bytes_at = pointer_to(np.uint8)
+integers_at = pointer_to(np.uint64)
+"""View of unsigned integers at an address; an index read from it cannot be negative, which saves a check."""
+pieces_at = pointer_to(PIECE_RECORD)
 
 
 def step_function(
     memory: np.dtype, inputs: tuple[Port, ...] = (), outputs: tuple[Port, ...] = ()
 ) -> Callable[[Callable], Native]:
-    """Decorator: compile `f(m, t, h, u, y) -> int32` as a component's step.
+    """Decorate `f(m, t, h, u, y) -> int32` as the compiled step of a component.
 
-    `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port, so
-    that a step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. The compiled step is kept
-    on disk. Dividing by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` of their own
-    for that.
+    `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port: a
+    step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. The machine code is stored on disk.
+    Division by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` for that.
 
     Args:
-        memory: of the component.
-        inputs, outputs: its ports. Where none are given, because there are none or because they are known only when a
-            component is made, `u` or `y` is a pointer to doubles, of which `carray` makes an array.
+        memory: record dtype of the component's memory.
+        inputs, outputs: its ports. If empty, because the component has no ports or they are known only at its
+            creation, `u` or `y` is a pointer to doubles, which `carray` converts to an array.
     """
     u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
     takes: tuple[Kind, ...] = (memory, "double", "double", u, y)
@@ -40,7 +44,7 @@ def step_function(
 
 @intrinsic
 def call_step(typingctx, function, self, t, h, u, y):
-    """`int32 step(void *self, double t, double h, const double *u, double *y)` at address `function`."""
+    """Call `int32 step(void *self, double t, double h, const double *u, double *y)` at address `function`."""
     signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64)
 
     def codegen(context, builder, signature, arguments):
@@ -55,7 +59,7 @@ def call_step(typingctx, function, self, t, h, u, y):
 
 @intrinsic
 def address_of(typingctx, pointer):
-    """The address (int64) behind an argument of a compiled step that is a pointer or a record."""
+    """Return the address (int64) of a pointer or record argument of a compiled step."""
 
     def codegen(context, builder, signature, arguments):
         return builder.ptrtoint(arguments[0], c.i64)
@@ -63,15 +67,9 @@ def address_of(typingctx, pointer):
     return types.int64(pointer), codegen
 
 
-doubles_at = pointer_to(np.float64)
-bytes_at = pointer_to(np.uint8)
-integers_at = pointer_to(np.uint64)
-"""Unsigned: an index read from it is never negative, which saves a check."""
-
-
 @intrinsic
 def clock_cycles(typingctx):
-    """The processor's cycle counter; differences are proportional to time."""
+    """Read the processor's cycle counter; differences are proportional to time."""
 
     def codegen(context, builder, signature, arguments):
         counter = builder.module.declare_intrinsic("llvm.readcyclecounter", fnty=ir.FunctionType(c.i64, []))
@@ -82,12 +80,12 @@ def clock_cycles(typingctx):
 
 @dataclass(frozen=True)
 class Rewind:
-    """How a component goes back: two functions of a step's signature, which read neither time nor inputs.
+    """Save and restore functions of a component, with the signature of a step; they use neither time nor inputs.
 
     Attributes:
-        save_address, restore_address: `restore` brings back what `save` last kept, as often as it is called.
-        self_address: memory that both are called with.
-        keep: whatever owns the memory behind the addresses.
+        save_address, restore_address: `restore` restores the last saved state, any number of times.
+        self_address: memory argument of both functions.
+        keep: owner of the memory behind the addresses.
     """
 
     save_address: int
@@ -96,12 +94,9 @@ class Rewind:
     keep: Any = field(default=None, repr=False)
 
 
-pieces_at = pointer_to(PIECE_RECORD)
-
-
 @njit(cache=True)
 def save_pieces(table, count):
-    """Copy the `count` pieces of memory of the `PIECE_RECORD` records at address `table`."""
+    """Copy `count` pieces of memory to their copies; `table` is the address of `PIECE_RECORD` records."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         copy(pieces[i].copy, pieces[i].array, pieces[i].size)
@@ -109,7 +104,7 @@ def save_pieces(table, count):
 
 @njit(cache=True)
 def restore_pieces(table, count):
-    """The copies become what is there again."""
+    """Restore `count` pieces of memory from their copies; `table` is the address of `PIECE_RECORD` records."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         copy(pieces[i].array, pieces[i].copy, pieces[i].size)
@@ -117,7 +112,7 @@ def restore_pieces(table, count):
 
 @entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
-    """Copy pieces of memory to their places in `buffer`, or `back` from there; `PIECE.copy` is the place."""
+    """Copy pieces of memory to `buffer`, at the offsets `PIECE_RECORD.copy`, or `back` from it."""
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         if back:
@@ -139,7 +134,7 @@ def _restore(m, t, h, u, y):
 
 
 def contiguous_parts(array: np.ndarray) -> list[tuple[int, int]]:
-    """(address, bytes) of the parts of `array` that lie in one piece, in the order of its values."""
+    """Return (address, bytes) of the contiguous parts of `array`, in the order of its values."""
     if array.flags.c_contiguous:
         return [(array.ctypes.data, array.nbytes)] if array.size else []
     return [run for part in array for run in contiguous_parts(part)] if array.ndim > 1 else _single_elements(array)
@@ -151,7 +146,7 @@ def _single_elements(array: np.ndarray) -> list[tuple[int, int]]:
 
 
 def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
-    """The `PIECE_RECORD` records of `arrays` with copies one after the other from `copy_address` on."""
+    """Make `PIECE_RECORD` records of `arrays`, with consecutive copies from `copy_address` on."""
     rows = []
     for address, size in (run for array in arrays for run in contiguous_parts(array)):
         rows.append((address, copy_address, size))
@@ -160,14 +155,14 @@ def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
 
 
 class Pieces:
-    """Pieces of memory that are copied together, one after the other, to a row of bytes and back.
+    """Pieces of memory that are copied together to and from a contiguous row of bytes.
 
     Args:
-        arrays: in which they lie.
+        arrays: arrays that contain the pieces.
 
     Attributes:
-        at: address of a table of `PIECE_RECORD`, with the place of each in the row, and how many there are.
-        size: of the row, bytes.
+        at: (address of a `PIECE_RECORD` table with offsets in the row, number of records).
+        size: size of the row (bytes).
     """
 
     def __init__(self, arrays: Iterable[np.ndarray]):
@@ -177,18 +172,18 @@ class Pieces:
         self.at = self._table.ctypes.data, len(self._table)
 
     def save(self) -> np.ndarray:
-        """What is there now (size,)."""
+        """Copy the present content to a new row, uint8 (size,)."""
         row = np.empty(self.size, dtype=np.uint8)
         copy_pieces(*self.at, row.ctypes.data, 0)
         return row
 
     def restore(self, row: np.ndarray) -> None:
-        """Let `row`, taken here or of like pieces elsewhere, be what is there."""
+        """Copy `row`, saved here or from pieces of the same form, back to memory."""
         copy_pieces(*self.at, row.ctypes.data, 1)
 
 
 def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
-    """Of a component whose whole state are `pieces`."""
+    """Make save and restore functions of a component whose whole state is `pieces`."""
     copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)
     table = piece_table(pieces.values(), copies.ctypes.data)
     memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES_RECORD)
@@ -196,39 +191,39 @@ def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
 
 
 class Holder(Protocol):
-    """Holds a part of a component's state where the master cannot copy it: inside an FMU, a Python object, a process.
+    """A holder of component state outside the master's memory: in an FMU, a Python object or a process.
 
-    A token stands for what was held at one time. It belongs to its holder, which frees all of them when it is closed.
+    A token identifies a saved state. It belongs to its holder, which frees all tokens when it is closed.
     """
 
     def save_state(self) -> Any:
-        """A token of what is held now."""
+        """Save the present state and return its token."""
 
     def restore_state(self, token: Any) -> None:
-        """Hold what `token` stands for; as often as it is asked for."""
+        """Restore the state saved as `token`; a token may be restored repeatedly."""
 
     def free(self, token: Any) -> None:
-        """Forget `token`; harmless if it is forgotten already."""
+        """Free `token`; safe if it is already freed."""
 
     def pack(self, token: Any) -> bytes:
-        """What `token` stands for, for another process."""
+        """Serialise the state saved as `token` for another process."""
 
     def unpack(self, content: bytes) -> Any:
-        """A token of what `pack` gave, there.
+        """Create a token from the result of `pack`, possibly of another process.
 
         Raises:
-            InputRefused: it is nothing that `pack` gives.
+            InputRefused: invalid content.
         """
 
 
 @njit(cache=True)
 def step_status(status, outputs, part):
-    """0 if a step went well, else its status, or `NOT_FINITE`; `master` asks by itself, which is faster.
+    """Return 0 if a step succeeded, else its status or `NOT_FINITE`; `master` has its own, faster check.
 
     Args:
-        status: that the step returned.
-        outputs: address of what it wrote.
-        part: record of the component, with `y_size`, and `finite`: whether NaN and infinity are bad.
+        status: status that the step returned.
+        outputs: address of the outputs.
+        part: record with `y_size` and `finite`, whether outputs have to be finite.
     """
     if status != 0 and status != 1:
         return status
@@ -241,25 +236,25 @@ def step_status(status, outputs, part):
 
 @dataclass
 class Component:
-    """One participant of a co-simulation, stepped by address.
+    """A participant of a co-simulation, stepped through a function address.
 
     `int32 step(void *self, double t, double h, const double *u, double *y)` reads the inputs `u`, writes the outputs
-    `y` and returns 0 (or 1, a warning); anything else stops the run.
+    `y` and returns 0 (or 1, a warning); any other status stops the run.
 
     Attributes:
         name: unique in the system.
-        inputs, outputs: ports, in the order in which `u` and `y` hold them.
-        sampled: True: evaluated AT t_k, no time passes in it. False: goes from t_k to t_k + h.
-        step_address, self_address: the step function and its memory.
-        initial_outputs: outputs that are valid before tick 0.
-        period: in ticks.
-        label: what an error sentence calls it (an FMU's file name, say).
-        finite: whether NaN or infinity in an output is a failure that ends the run. False for what plays a broken
-            sensor, and for what must live on behind one.
-        unread: (number of outputs,) int64: 1 for an output that nothing reads and that need not be finite, 2 + the
-            tick of the step after which it first was not; None if there is no such output.
-        alive: whether it is handed from one system to the next as it is: states hold its outputs, and nothing inside.
-        keep: whatever owns the memory behind the addresses.
+        inputs, outputs: ports, in the order of `u` and `y`.
+        sampled: True if it is evaluated at t_k, without advancing time; False if it steps from t_k to t_k + h.
+        step_address, self_address: addresses of the step function and its memory.
+        initial_outputs: outputs valid before tick 0.
+        period: step of the component (ticks).
+        label: name in error messages, e.g. the file name of an FMU.
+        finite: whether NaN or infinity in an output is a failure. False for components that model a broken sensor, and
+            for components that must survive one.
+        unread: (number of outputs,) int64: 1 for an output that nothing reads and that need not be finite, 2 + the tick
+            of the step that first made it non-finite; None if there is no such output.
+        alive: whether it is passed unchanged from one system to the next; states contain its outputs, not its memory.
+        keep: owner of the memory behind the addresses.
     """
 
     name: str
@@ -277,77 +272,75 @@ class Component:
     keep: Any = field(default=None, repr=False)
 
     def initial(self, name: str) -> np.ndarray:
-        """Initial values of the output port `name`."""
+        """Return the initial values of output port `name`."""
         return by_port(self.outputs, self.initial_outputs)[name]
 
     def explain(self, status: int) -> str:
-        """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
+        """Describe a failure `status` of a step, as a verb phrase for an error message."""
         return f"returned status {status}"
 
     def requests_end(self, status: int) -> bool:
-        """Whether a bad `status` of its step says that the run is to end here, regularly."""
+        """Whether a failure `status` of the component's step requests a regular end of the run."""
         return False
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """What its steps change in this process's memory, by name: views, always in the same order."""
+        """Return views of the memory that the component's steps change in this process, by name, in a fixed order."""
         return {}
 
     def holders(self) -> dict[str, Holder]:
-        """By name what holds the rest of its state."""
+        """Return the holders of component state outside the master's memory, by name."""
         return {}
 
     def refuse_index(self) -> None:
-        """Refuse memory in which an index leads beyond its array, which a step would follow.
-
-        Raises:
-            InputRefused: it names the field.
-        """
+        """Refuse memory with an index beyond its array, which a step would dereference."""
 
     def lacks_state(self, portable: bool = True) -> str:
-        """Why its state cannot be saved, as the verb phrase of a sentence; "" if it can.
+        """Return why the component's state cannot be saved, as a verb phrase; "" if it can.
 
         Args:
-            portable: for another process, and not only to go back in this one.
+            portable: whether the state is for another process, rather than for this one.
         """
         return "does not say what its steps change"
 
     def rewind(self) -> Rewind | None:
-        """How to repeat its steps, from now on possible; None: it cannot."""
+        """Return functions to save and restore the component before repeating steps; None if it cannot repeat steps."""
         if self.lacks_state(portable=False) or self.holders():
             return None
         return pieces_rewind(self.pieces())
 
     def reaction(self) -> int:
-        """Address of a function of a step's signature that gives the outputs for other inputs at the time that it has
-        come to; 0: it has none, and has to make its step again."""
+        """Return the address of a function that computes the outputs for other inputs at the end of the last step.
+
+        It has the signature of a step. 0 if there is none, so that the step has to be repeated.
+        """
         return 0
 
     def keep_time(self, clock: np.ndarray) -> None:
-        """Take note of the clock of the simulation it is part of: `clock[0]` is the tick being stepped."""
+        """Set the clock of the simulation: `clock[0]` is the tick being stepped."""
 
     def take_messages(self) -> list[tuple[int, str]]:
-        """(tick, text): what it had to say since it was last asked, for people."""
+        """Return and clear the messages (tick, text) for the user since the last call."""
         return []
 
     def close(self) -> None:
-        """Release what the component holds outside Python's memory."""
+        """Release the component's resources outside Python's memory."""
 
 
 class NativeComponent(Component):
-    """A component with a compiled step over a record, as most are; what is declared as `state` there is its state.
+    """A component with a compiled step over a record; the fields declared as `state` are its state.
 
     Args:
         name, inputs, outputs, sampled, period: see `Component`.
-        step: made by `native.step_function`.
-        memory: (1,) record that the step works on.
-        initial_outputs: zeros if not given; a sampled component overwrites them at tick 0.
-        keep: what `memory` points to, unless `pointers` says it.
-        pointers: by field of `memory` the array whose address is put there; then all that the step works on is known,
-            and can be taken elsewhere.
+        step: function decorated by `step_function`.
+        memory: (1,) record of the step.
+        initial_outputs: None for zeros; a sampled component overwrites them at tick 0.
+        keep: owners of the memory that `memory` points to, if not in `pointers`.
+        pointers: field of `memory` -> array whose address it gets. If it covers all pointers, the component is
+            portable.
 
     Attributes:
-        step, memory, pointers: see there.
-        portable: whether `memory` and `pointers` are all that the step works on.
+        step, memory, pointers: the arguments.
+        portable: whether `memory` and `pointers` are all data of the step, so that it can run in another place.
     """
 
     def __init__(
@@ -388,16 +381,16 @@ class NativeComponent(Component):
     def refuse_index(self) -> None:
         for one in state_fields(self.memory.dtype):
             values = one.view_in(self.memory)
-            # -1, before the first step, is the last one to compiled code
+            # -1, before the first step, is the last index in compiled code
             if one.below and not np.all((values >= -1) & (values < np.maximum(one.limit(self.memory), 1))):
                 raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: leads beyond what it counts")
 
 
 @dataclass(frozen=True)
 class MemoryPlace:
-    """The `field` of a record in the memory of the component with the name `component`.
+    """A field of a record in the memory of the component `component`.
 
-    `record`: names of records in records, joined by "."; "" the memory itself.
+    `record` is the path of the record in the memory, joined by "."; "" for the memory itself.
     """
 
     component: str
@@ -405,7 +398,7 @@ class MemoryPlace:
     field: str
 
     def memory_of(self, owner: Component) -> np.ndarray | None:
-        """The numbers there, a view (1,) or (1, size); None if `owner` has no such memory."""
+        """Return a view of the field in the memory of `owner`, (1,) or (1, size); None if `owner` has no such field."""
         try:
             memory = owner.memory[0:1]  # type: ignore[attr-defined]
             for name in filter(None, (*self.record.split("."), self.field)):

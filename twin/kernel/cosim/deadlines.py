@@ -1,8 +1,8 @@
-"""Ticks that wait for the clock on the wall, in compiled code.
+"""Real-time pacing of ticks in compiled code.
 
-Deadlines are absolute: tick k is due k times its duration after the beginning, whatever came before, so nothing adds
-up, and what was held up catches up. The wait is clock_nanosleep(2) with TIMER_ABSTIME on the monotonic clock: being
-interrupted between a look at the clock and the wait moves nothing.
+Deadlines are absolute: tick k is due k tick durations after the start, so errors do not accumulate, and a late run
+catches up. The wait is clock_nanosleep(2) with TIMER_ABSTIME on the monotonic clock, so an interruption between
+reading the clock and waiting does not shift a deadline.
 """
 
 import ctypes
@@ -20,40 +20,40 @@ from twin.kernel.cosim.histogram import Histogram, count_in
 from twin.kernel.cosim.port import memory_of, record
 
 MIN_WAIT = 1e-3
-"""Wall time (s) between two deadlines, at least: what a sleep oversleeps by is to be little of it."""
+"""Minimum wall time between two deadlines (s), so that the overshoot of a sleep is small in comparison."""
 TIMER_ABSTIME, NS_PER_SECOND = 1, 10**9
 DEADLINE_RECORD = record(
-    advance="i8",  # address of what makes ticks
-    loop="i8",  # and of its memory
+    advance="i8",  # address of the function that runs ticks
+    loop="i8",  # address of its memory
     clock="i8",  # address of clock_gettime
-    sleep="i8",  # of clock_nanosleep
+    sleep="i8",  # address of clock_nanosleep
     clock_id="i8",
-    time="i8",  # of a struct timespec
-    start="i8",  # the first tick, which is never late; -1: still to come
-    begun="i8",  # ns of tick 0
-    tick="f8",  # ns
-    every="i8",  # ticks from one deadline to the next
+    time="i8",  # address of a struct timespec
+    start="i8",  # first tick, which has no deadline; -1 before it
+    begun="i8",  # time of tick 0 (ns)
+    tick="f8",  # duration of a tick (ns)
+    every="i8",  # ticks between two deadlines
     last="i8",  # tick of the last deadline
-    count="i8",  # deadlines
-    missed="i8",
-    worst="f8",  # s
-    newest="f8",  # lateness at the last deadline, s
-    largest="f8",
-    sum="f8",  # of all
-    squares="f8",
-    waited="f8",  # s
-    bins="i8",  # address of their histogram
+    count="i8",  # number of deadlines
+    missed="i8",  # number of missed deadlines
+    worst="f8",  # largest lateness of a missed deadline (s)
+    newest="f8",  # lateness at the last deadline (s)
+    largest="f8",  # largest lateness (s)
+    sum="f8",  # sum of lateness (s)
+    squares="f8",  # sum of squared lateness (s^2)
+    waited="f8",  # time spent waiting (s)
+    bins="i8",  # address of the histogram of lateness
 )
-"""What the waiting is made of, and what it came to."""
+"""Memory of the pacing: functions, schedule and statistics."""
 
 _deadlines_at, _times_at = pointer_to(DEADLINE_RECORD), pointer_to(np.int64)
 
 
 @cache
 def clock_functions() -> tuple[Any, ...]:
-    """What has the addresses of clock_gettime and clock_nanosleep, and the number of the monotonic clock.
+    """Return clock_gettime, clock_nanosleep and the identifier of the monotonic clock.
 
-    A system that has them not gets them made of Python's clock.
+    On systems without them, replacements that call Python's clock.
     """
     library = ctypes.CDLL(None)
     if hasattr(library, "clock_nanosleep"):
@@ -62,7 +62,7 @@ def clock_functions() -> tuple[Any, ...]:
 
 
 def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
-    """The two functions, for compiled code, made of two of Python like those of `time`."""
+    """Make C replacements of clock_gettime and clock_nanosleep from Python functions like those of `time`."""
     timespec = ctypes.POINTER(ctypes.c_int64)
 
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, timespec)
@@ -71,15 +71,15 @@ def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
         return 0
 
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int, timespec, ctypes.c_void_p)
-    def nap(number: int, flags: int, until: Any, rest: int) -> int:
+    def sleep_until(number: int, flags: int, until: Any, rest: int) -> int:
         sleep(max(0.0, until[0] + until[1] / NS_PER_SECOND - monotonic()))
         return 0
 
-    return clock, nap
+    return clock, sleep_until
 
 
 def _pointer_call(arguments: str) -> Any:
-    """A compiled call of `int f(...)` at an address; i: an int, p: an address."""
+    """Make a compiled call of `int f(...)` at an address; `arguments` has "i" for an int, "p" for an address."""
 
     def call(typingctx, function, first, second, third, fourth):
         kinds = [c.i32 if one == "i" else c.pointer for one in arguments]
@@ -102,7 +102,7 @@ _clock_call, _sleep_call = _pointer_call("ip"), _pointer_call("iipp")
 
 @intrinsic
 def _advance_call(typingctx, function, loop, first, count, row):
-    """`int64 advance(loop, first, count, row)` at an address."""
+    """Call `int64 advance(loop, first, count, row)` at an address, in compiled code."""
 
     def codegen(context, builder, signature, values):
         kind = ir.FunctionType(c.i64, [c.i64] * 4)
@@ -113,7 +113,7 @@ def _advance_call(typingctx, function, loop, first, count, row):
 
 @njit(cache=True)
 def _clock_ns(m):
-    """ns."""
+    """Read the monotonic clock (ns)."""
     _clock_call(m.clock, m.clock_id, m.time, 0, 0)
     at = carray(_times_at(m.time), 2)
     return at[0] * NS_PER_SECOND + at[1]
@@ -121,7 +121,10 @@ def _clock_ns(m):
 
 @njit(cache=True)
 def _wait_until_due(m, k):
-    """Wait until tick `k` is due; False: a signal came first, which Python is to see."""
+    """Wait until tick `k` is due and record the lateness; return False if a signal interrupted the wait.
+
+    The caller then returns to Python, which handles the signal.
+    """
     due = m.begun + np.int64(np.rint(k * m.tick))
     now = _clock_ns(m)
     if now < due:
@@ -147,7 +150,7 @@ def _wait_until_due(m, k):
 
 @entry("int", "int", "int", "int", "int")
 def advance(deadlines, first, count, row):
-    """As `master.advance`, each tick when it is due; fewer rows if a signal came.
+    """Run ticks like `master.advance`, each not before it is due; returns fewer rows after a signal.
 
     Args:
         deadlines: address of a record of `DEADLINE_RECORD`.
@@ -171,16 +174,16 @@ def advance(deadlines, first, count, row):
 
 
 class Deadlines:
-    """Of a simulation whose ticks pass with the clock on the wall.
+    """Deadlines of a simulation that runs in real time.
 
     Args:
         tick: wall time of a tick (s), > 0.
         functions: see `clock_functions`.
 
     Attributes:
-        memory: (1,) of `DEADLINE_RECORD`.
-        address: of it.
-        lateness: time from a deadline to going on.
+        memory: record of `DEADLINE_RECORD`, shape (1,).
+        address: address of `memory`.
+        lateness: time from a deadline to the start of its tick.
     """
 
     def __init__(self, tick: float, functions: tuple[Any, ...]):
@@ -188,21 +191,22 @@ class Deadlines:
         clock, sleep = (ctypes.cast(one, ctypes.c_void_p).value for one in self._functions)
         self._time = np.zeros(2, dtype=np.int64)
         self.lateness = Histogram()
+        every = max(1, math.ceil(MIN_WAIT / tick - 1e-9))
         self.memory = memory_of(
             DEADLINE_RECORD, clock=clock, sleep=sleep, clock_id=number, time=self._time.ctypes.data, start=-1,
-            tick=tick * NS_PER_SECOND, every=max(1, math.ceil(MIN_WAIT / tick - 1e-9)), bins=self.lateness.bins.ctypes.data,
+            tick=tick * NS_PER_SECOND, every=every, bins=self.lateness.bins.ctypes.data,
         )  # fmt: skip
         self.address = self.memory.ctypes.data
 
     def paced_advance(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
-        """`advance`, which calls `ticks`, a function of C like it, with the memory at `loop`."""
+        """Return the paced `advance`, which runs ticks by the C function `ticks` with the memory at address `loop`."""
         self.memory["advance"], self.memory["loop"] = ctypes.cast(ticks, ctypes.c_void_p).value, loop
         found: Callable[[int, int, int, int], int] = advance.native.c_function
         return found
 
     @property
     def counts(self) -> dict[str, float]:
-        """What the waiting came to so far, by the names of `DEADLINE_RECORD`."""
+        """Statistics of the pacing so far, by the field names of `DEADLINE_RECORD`."""
         found = dict(zip(DEADLINE_RECORD.names or (), self.memory[0].item(), strict=True))
         self.lateness.largest = found["largest"]
         return found

@@ -1,4 +1,4 @@
-"""A pure delay of whole ticks, for a computation or a bus that takes time."""
+"""Pure delay by whole ticks, for computation or bus latency; playback of any component over given inputs."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ def step(m, t, h, u, y):
 
 @step_function(DELAY_MEMORY)
 def fill_ring(m, t, h, u, y):
-    """What a delay that is taken elsewhere does before its first step: its inputs have been as they are."""
+    """Fill the memory of a delay with the present inputs, as if they had always been constant."""
     ring = carray(doubles_at(m.ring), m.size * m.ticks)
     u_, y_ = carray(u, m.size), carray(y, m.size)
     for j in range(m.size):
@@ -45,7 +45,7 @@ def fill_ring(m, t, h, u, y):
 
 
 def delay(name: str, ports: tuple[Port, ...], ticks: int, initial: np.ndarray) -> Component:
-    """Sampled component: its outputs `ports` are its inputs of `ticks` (>= 1) ticks ago, before that `initial`."""
+    """Make a sampled component that outputs its inputs of `ticks` (>= 1) ticks ago, and `initial` before that."""
     ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))
     memory = np.array([(width(ports), ticks, 0, 0)], dtype=DELAY_MEMORY)
     return NativeComponent(name, ports, ports, True, step, memory, ring[0].copy(), pointers={"ring": ring})
@@ -59,8 +59,11 @@ def _play(
     step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_address, row_bytes, failed,
     table, pieces, copies_address, copy_bytes,
 ):  # fmt: skip
-    """Row k becomes the outputs after `steps[k]` more steps, row k of the copies the `pieces` of memory of the `table`
-    then; rows done, all of `count` unless a step `failed`."""
+    """Step a component `steps[k]` times for each row k; store outputs and `pieces` of memory after each.
+
+    Returns:
+        Completed rows: `count`, or fewer if a step `failed`.
+    """
     j = 0
     for k in range(count):
         for _ in range(steps[k]):
@@ -84,19 +87,18 @@ def play(
     pieces: Pieces = NO_PIECES,
     copies: NDArray[np.uint8] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
-    """Step `component` from where it stands, once per row of `u`.
+    """Step `component` from its present state, once per row of `u`; its memory is changed.
 
     Args:
-        component: its memory is changed.
-        t, h: time and length of each step (m,), s.
-        u: its inputs at each step (m, inputs).
-        steps: after how many steps each row of outputs is taken (n,), m in all; None: after each.
-        before: outputs (outputs,) that it has so far; None: its initial ones.
-        pieces, copies: of memory, what is there after each row goes to `copies` (rows, pieces.size).
+        t, h: time and length of each step (s), shape (m,).
+        u: inputs at each step, shape (m, inputs).
+        steps: number of steps before each row of outputs, shape (n,), m in total; None for one each.
+        before: present outputs, shape (outputs,); None for the initial ones.
+        pieces, copies: after each row, the `pieces` of memory are copied to a row of `copies` (rows, pieces.size).
 
     Returns:
-        Outputs (rows, outputs), fewer than asked for if a step failed, and the status of that step, else 0. What a
-        step leaves unwritten keeps its value, as in a run.
+        (outputs (rows, outputs), status); fewer rows and the status of the step if one failed, else status 0. Outputs
+        that a step does not write keep their value, as in a run.
     """
     steps = np.ones(len(u), dtype=np.int64) if steps is None else steps
     u = np.ascontiguousarray(u, dtype=np.float64)
@@ -111,11 +113,11 @@ def play(
 
 
 def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """`rows` (n, outputs) by port: (n,), or (n, size) of a port of several."""
+    """Split `rows` (n, outputs) by output port of `component`: (n,), or (n, size) for a port with several values."""
     return values_by_port(component.outputs, rows)
 
 
 def values_by_port(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """The same of outputs `ports`."""
+    """Split `rows` (n, width of `ports`) by port: (n,), or (n, size) for a port with several values."""
     parts = by_port(ports, rows)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in parts.items()}

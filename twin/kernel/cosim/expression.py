@@ -1,7 +1,7 @@
-"""Expressions of time, such as `2*step(1.0) - 0.5*sin(2*pi*t)`: read without executing anything, run compiled.
+"""Expressions of time, such as `2*step(1.0) - 0.5*sin(2*pi*t)`: parsed without executing code, evaluated compiled.
 
-The grammar is numbers, `t` (s), `pi`, + - * / **, brackets and the functions of `FUNCTION_CODES`. Python's parser reads it,
-and what is not in the grammar is refused. What remains is a list of operations on a stack.
+The grammar consists of numbers, `t` (s), `pi`, + - * / **, brackets and the functions of `FUNCTION_CODES`. Python's
+parser reads it, and any other syntax is refused. The result is a list of operations of a stack machine.
 """
 
 import ast
@@ -17,9 +17,10 @@ from twin.kernel.cosim.component import doubles_at, integers_at
 from twin.kernel.errors import InputRefused, nearest
 
 MAX_LENGTH = 1000
-"""Characters."""
+"""Maximum length of an expression (characters)."""
 TIME_TOLERANCE = 1e-9
-"""s, and relative: t is a whole number of ticks and rounds; what begins at 0.3 s begins at the tick next to that."""
+"""Tolerance of times (s, and relative): t is a rounded multiple of the tick, and an event at 0.3 s shall take effect at
+the nearest tick."""
 (
     OP_NUMBER,
     OP_TIME,
@@ -47,20 +48,20 @@ FUNCTION_CODES: dict[str, dict[int, int]] = {
     "ramp": {1: OP_RAMP, 2: OP_RISE},
     "pulse": {2: OP_PULSE, 3: OP_PULSES},
 }
-"""By name and number of arguments: sin, cos and exp of a number; `step(start)` 1 from there on; `ramp(start)` the time
-since then; `ramp(start, duration)` from 0 to 1; `pulse(start, width)` 1 so long, `pulse(start, width, period)` again
-and again; each 0 before its start."""
+"""Operation by function name and number of arguments: sin, cos and exp of a number; `step(start)` is 1 from `start` on;
+`ramp(start)` is the time since `start`; `ramp(start, duration)` rises from 0 to 1; `pulse(start, width)` is 1 for
+`width`, `pulse(start, width, period)` repeats. All are 0 before `start`."""
 GRAMMAR_PHRASE = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTION_CODES)
 
 
 @dataclass(frozen=True)
 class Expression:
-    """A function of time.
+    """A function of time as a program of a stack machine.
 
     Attributes:
-        text: as it was written.
-        operations: what is done, (n,) int64, and `numbers`, (n,), what a NUMBER puts onto the stack.
-        depth: of the stack.
+        operations: operation codes, (n,) int64.
+        numbers: operand of each OP_NUMBER, (n,).
+        depth: required stack size.
     """
 
     text: str
@@ -69,7 +70,7 @@ class Expression:
     depth: int
 
     def value_at(self, t: float) -> float:
-        """Its value at `t` (s); NaN where it has none."""
+        """Return the value of the expression at time `t` (s); NaN if undefined."""
         stack = np.empty(self.depth)
         return float(
             _value(
@@ -79,19 +80,19 @@ class Expression:
 
 
 def parse_expression(text: str, where: str) -> Expression:
-    """What `text` says.
+    """Parse an expression of time.
 
     Args:
-        where: for sentences.
+        where: prefix of error messages.
 
     Raises:
-        InputRefused: it is none of the grammar.
+        InputRefused: not an expression of the grammar.
     """
     if len(text) > MAX_LENGTH:
         raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {MAX_LENGTH}")
     try:
         tree = ast.parse(text.strip(), mode="eval")
-    # of brackets without end
+    # MemoryError and RecursionError: too deeply nested brackets
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise InputRefused(
             f"{where}: '{text}' is neither a file nor an expression; expected {GRAMMAR_PHRASE}"
@@ -106,7 +107,7 @@ def parse_expression(text: str, where: str) -> Expression:
 
 
 class _ExpressionReader:
-    """Turns a tree into operations, what an operation takes standing before it."""
+    """Compiler from a syntax tree to operations in postfix order."""
 
     def __init__(self, where: str):
         self._where = where
@@ -139,9 +140,8 @@ class _ExpressionReader:
                     self.visit(one)
                 self._append(kinds[len(node.args)], len(node.args))
             case ast.Call(func=ast.Name(id=name)) | ast.Name(id=name) if name not in FUNCTION_CODES:
-                self._refuse(
-                    f"'{name}' is not known; {nearest(name, [*FUNCTION_CODES, 't', 'pi'], f'expected {GRAMMAR_PHRASE}')}"
-                )
+                hint = nearest(name, [*FUNCTION_CODES, "t", "pi"], f"expected {GRAMMAR_PHRASE}")
+                self._refuse(f"'{name}' is not known; {hint}")
             case _:
                 self._refuse(f"'{ast.unparse(node)}' is not allowed; expected {GRAMMAR_PHRASE}")
 
@@ -165,13 +165,13 @@ class _ExpressionReader:
 
 @njit(cache=True, error_model="numpy")
 def has_begun(t, start):
-    """Whether `t` is at `start` or later, as far as ticks round."""
+    """Whether `t` is at or after `start`, within `TIME_TOLERANCE`."""
     return t - start >= -TIME_TOLERANCE * max(1.0, abs(start))
 
 
 @njit(cache=True, error_model="numpy")
 def evaluate(operations_at, numbers_at, count, stack_at, t):
-    """The value at `t` of the expression whose operations, numbers and stack are at these addresses."""
+    """Evaluate at time `t` the expression whose operations, numbers and stack are at the given addresses."""
     operations, numbers = carray(integers_at(operations_at), count), carray(doubles_at(numbers_at), count)
     stack = carray(doubles_at(stack_at), count)
     top = -1
@@ -200,7 +200,7 @@ def evaluate(operations_at, numbers_at, count, stack_at, t):
                 top -= 2
                 start, wide, period = stack[top], stack[top + 1], stack[top + 2]
                 since = t - start
-                # what has begun as far as ticks round is in the new period
+                # within the tolerance, a period that is about to begin has begun
                 since -= period * math.floor((since + TIME_TOLERANCE * max(1.0, abs(t))) / period)
                 value = 1.0 if has_begun(t, start) and not has_begun(since, wide) else 0.0
                 stack[top] = value if period > 0.0 else math.nan

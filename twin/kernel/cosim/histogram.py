@@ -1,4 +1,4 @@
-"""Times of any number in little memory, counted by compiled code or by Python."""
+"""Histogram of durations in constant memory, filled by compiled code or Python."""
 
 import math
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ _integers = pointer_to(np.int64)
 
 @njit(cache=True)
 def bin_of(seconds):
-    """The bin of a time; below `MIN_TIME` it is the first one."""
+    """Return the bin index of a duration (s); bin 0 below `MIN_TIME`."""
     return min(int(math.log(seconds / MIN_TIME) / LOG_STEP) + 1, BIN_COUNT - 1) if seconds > MIN_TIME else 0
 
 
 @njit(cache=True)
 def count_in(bins, seconds):
-    """Count a time in the bins at this address."""
+    """Count a duration (s) in the bins at address `bins`."""
     carray(_integers(bins), BIN_COUNT)[bin_of(seconds)] += 1
 
 
 class Histogram:
-    """Quantiles of times to 2 %.
+    """A histogram of durations, whose quantiles are accurate to 2 %.
 
     Attributes:
-        bins: how many times are in each, (BINS,) int64.
-        largest: s.
+        bins: number of durations per bin, (BIN_COUNT,) int64.
+        largest: largest duration (s).
     """
 
     def __init__(self) -> None:
@@ -36,23 +36,23 @@ class Histogram:
         self.largest = 0.0
 
     def add(self, seconds: float) -> None:
-        """One more time; below 0 it counts as 0."""
+        """Add a duration (s); negative values count as 0."""
         self.bins[bin_of.__wrapped__(seconds)] += 1
         self.largest = max(self.largest, seconds)
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of durations in the histogram."""
         return int(self.bins.sum())
 
     def counts_below(self, bounds: Sequence[float]) -> list[int]:
-        """How many of them are at most so long, for each of `bounds` (s), to 2 %."""
+        """Return the number of durations at or below each of `bounds` (s), to 2 %."""
         sums = np.cumsum(self.bins)
         places = [math.floor(math.log(bound / MIN_TIME) / LOG_STEP) for bound in bounds]
         return [int(sums[min(max(place, 0), BIN_COUNT - 1)]) for place in places]
 
     def quantile(self, share: float) -> float:
-        """The time (s) that so large a share of them does not exceed; NaN without any."""
+        """Return the duration (s) that the fraction `share` does not exceed, to 2 %; NaN if the histogram is empty."""
         if not self.count:
             return math.nan
         place = int(np.searchsorted(np.cumsum(self.bins), share * self.count))

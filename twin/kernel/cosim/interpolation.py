@@ -1,10 +1,9 @@
-"""Input signals between communication points: held, or interpolated linearly.
+"""Inputs between communication points: held constant, or interpolated linearly.
 
-A component takes its inputs as constants over a step. Held values that belong to one end of it make an error of order
-one in the step; the value of the middle makes one of order two, because what rises by as much after the middle as
-before it cancels (the midpoint rule). Of a source that goes before in Gauss-Seidel order, or in a repeated step of any,
-both ends of the line are known; else the line of the step before is drawn on (Kuebler and Schiehlen 2000; FMI 3.0,
-4.2.1).
+A component takes its inputs as constants over a step. A value held from one end of the step makes an error of first
+order in the step size; the value in the middle makes one of second order (the midpoint rule). Both ends are known for
+a source that steps earlier in Gauss-Seidel order, and for any source in a repeated step; otherwise the line of the
+previous step is extrapolated (Kuebler and Schiehlen 2000; FMI 3.0, 4.2.1).
 """
 
 from typing import Literal
@@ -17,15 +16,15 @@ Inputs = Literal["hold", "linear"]
 Scheme = Literal["gauss_seidel", "jacobi"]
 
 VALID_WEIGHTS, NEWEST_WEIGHTS, PREVIOUS_WEIGHTS = np.eye(3)
-"""What is valid at the start of the step, the newest result, and what was valid one step earlier."""
+"""Unit weights of the output valid at the start of the step, the newest result, and the output valid one step
+before."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
-    """Weights (2, 3) of `VALID_WEIGHTS`, `NEWEST_WEIGHTS` and `PREVIOUS_WEIGHTS` in the first step of a tick and in a repeated one.
+    """Weights (2, 3) of the valid, newest and previous output; rows: the first step, and repeated steps.
 
     Args:
-        port: the input.
-        seen: whether its source's result is known in the first step.
+        seen: whether the result of the input's source is known in the first step.
     """
     ends = np.array(
         [

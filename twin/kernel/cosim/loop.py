@@ -1,14 +1,14 @@
-"""An algebraic loop as one component: its members are asked again until inputs and outputs agree.
+"""Solver of an algebraic loop: its members as one component, iterated until inputs and outputs agree.
 
-What a member returns for other inputs is found in one of two ways. One that reacts (model exchange) is asked at the
-time that it has come to. Any other one goes back to the start of the step and makes it again, as co-simulation defines
-no outputs for inputs that are set after a step. The values z of what leads back in the order of the members are to
-agree with what one pass g(z) over the members makes of them. Newton's method finds them,
+The response of a member to other inputs is computed in one of two ways. A member with a reaction function (model
+exchange) is evaluated at the end of its step. Any other member is restored and repeats the step, as co-simulation
+defines no outputs for inputs that are set after a step. The unknowns z are the values fed back against the order of the
+members. They have to equal g(z), the result of one pass over the members. Newton's method finds them,
 
     z <- z + M (g(z) - z),    M = (I - dg/dz)^-1
 
-with dg/dz by differences when it is needed and corrected by every pass (Broyden 1965, Mathematics of Computation 19).
-A step is made shorter where the residual grows. M is kept from step to step.
+with dg/dz by finite differences when needed, and a correction after every pass (Broyden 1965, Mathematics of
+Computation 19). Steps are shortened if the residual grows. M is kept from step to step.
 """
 
 from collections.abc import Sequence
@@ -34,50 +34,50 @@ from twin.kernel.settings import fields_of_form
 MEMBER_RECORD = record(
     step="i8",
     self="i8",
-    react="i8",  # 0: it goes back instead
+    react="i8",  # 0 if it repeats steps instead
     **fields_of_form("i8", "save restore rewind"),
-    sources="i8",  # indices into all values
+    sources="i8",  # address of its indices into all values
     u="i8",
     u_size="i8",
-    y="i8",  # within all values
+    y="i8",  # address within all values
     y_size="i8",
     finite="i8",
 )
-"""What the loop knows of a member; addresses and sizes."""
+"""Member data of the loop: addresses and sizes."""
 LOOP_MEMORY = record(
     members="i8",
     count="i8",
-    given="i8",  # how many values the loop is given
-    outputs="i8",  # how many its members make
-    size="i8",  # how many lead back
-    values="i8",  # given, outputs, and those that lead back: z
-    led="i8",  # indices of the outputs that z is to agree with
+    given="i8",  # number of inputs of the loop
+    outputs="i8",  # number of outputs of its members
+    size="i8",  # number of unknowns z
+    values="i8",  # inputs, outputs, unknowns z
+    led="i8",  # indices of the outputs g(z)
     inverse="i8",  # M
-    scale="i8",  # the largest that each of z has been
+    scale="i8",  # largest magnitude of each unknown so far
     work="i8",  # see `_WORK_ROWS`
-    known=state("i8"),  # whether M is
+    known=state("i8"),  # whether M is known
     culprit="i8",
     status="i8",
-    passes="i8",  # of the last step
-    residual="f8",  # of the last pass
-    correction="f8",  # of z, that Newton's method asks for then
+    passes="i8",  # passes of the last step
+    residual="f8",  # residual of the last pass
+    correction="f8",  # remaining Newton correction of z
 )
 _WORK_ROWS = 6
-"""Rows of scratch of the size of z: residual, the one before, step, three more; the matrix stands behind them."""
+"""Rows of scratch memory of the size of z: residual, previous residual, step, three more; the matrix follows them."""
 
 MAX_RESIDUAL = 1e-8
-"""Largest residual, of the largest value that has been there: FMUs with solvers of their own are no smoother."""
+"""Maximum relative residual, with respect to the largest value so far; FMUs with own solvers are not smoother."""
 MAX_CORRECTION, MAX_GROWTH = 1e-4, 1e6
-"""Largest correction that is left out, likewise, and how many times as large as at first values may become: where they
-are larger, a loop has no solution, or many."""
+"""Maximum relative Newton correction that is omitted, and maximum growth of values over their first magnitude; beyond
+these, a loop has no solution or many."""
 MIN_SCALE = 1e-12
-"""What a value that has always been 0 counts as."""
+"""Scale of a value that has always been 0."""
 DIFFERENCE_STEP = 1e-4
-"""Of a value, by which it is changed to see what follows."""
+"""Relative change of a value in finite differences."""
 MAX_PASSES, JACOBIAN_PASSES = 60, (8, 20, 40)
-"""Passes before it is given up, and those at which dg/dz is found anew."""
+"""Maximum number of passes, and the passes at which dg/dz is computed again."""
 MAX_LOOP_VALUES = 200
-"""Of z; for each a pass is made to find dg/dz."""
+"""Maximum number of unknowns; each costs a pass to compute dg/dz."""
 MEMBER_FAILED, NOT_CONVERGED = 2, 3
 
 _members_at = pointer_to(MEMBER_RECORD)
@@ -94,7 +94,7 @@ def _gather(m, part):
 
 @njit(cache=True)
 def _check_member(m, c, part, status):
-    """Whether a member went on, with finite outputs; if not, who and why is noted."""
+    """Whether a member stepped with finite outputs; if not, the member and its status are stored."""
     status = step_status(status, part.y, part)
     if status != 0:
         m.culprit, m.status = c, status
@@ -103,7 +103,7 @@ def _check_member(m, c, part, status):
 
 @njit(cache=True)
 def _run_pass(m, t, h):
-    """One pass over the members with the present z; the residual g(z) - z goes to the first row of the scratch."""
+    """Run a pass over the members with the present z; store the residual g(z) - z. Return False if a member failed."""
     members = carray(_members_at(m.members), m.count)
     m.passes += 1
     for c in range(m.count):
@@ -131,7 +131,7 @@ def _run_pass(m, t, h):
 
 @njit(cache=True)
 def _invert(a, inverse, n):
-    """The inverse of `a` (n, n), which is lost; False: there is none."""
+    """Invert `a` (n, n), which is overwritten; return False if it is singular."""
     for i in range(n):
         for j in range(n):
             inverse[i, j] = 1.0 if i == j else 0.0
@@ -160,7 +160,7 @@ def _invert(a, inverse, n):
 
 @njit(cache=True)
 def _differentiate(m, t, h):
-    """Find M where z is, whose residual is known; False: a member failed."""
+    """Compute M at the present z, whose residual is known; return False if a member failed."""
     n = m.size
     work = carray(doubles_at(m.work), (_WORK_ROWS, n))
     matrix = carray(doubles_at(m.work + 8 * _WORK_ROWS * n), (n, n))
@@ -177,13 +177,13 @@ def _differentiate(m, t, h):
             return False
         z[j] = before
         for i in range(n):
-            # of z - g(z)
+            # derivative of z - g(z)
             matrix[i, j] = (here[i] - work[0, i]) / nudge
     for i in range(n):
         work[0, i] = here[i]
     m.residual = residual
     if not _invert(matrix, inverse, n):
-        # a loop without a solution, or with many: small steps may still lead out of there
+        # singular: the loop has no solution or many, but damped steps may still leave this point
         for i in range(n):
             for j in range(n):
                 inverse[i, j] = 0.5 if i == j else 0.0
@@ -193,7 +193,7 @@ def _differentiate(m, t, h):
 
 @njit(cache=True)
 def _correct_inverse(m):
-    """Broyden's correction of M by the last step and what it did to the residual."""
+    """Update M by Broyden's formula from the last step and its change of the residual."""
     n = m.size
     work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     step, change, row = work[2], work[3], work[4]
@@ -212,7 +212,7 @@ def _correct_inverse(m):
 
 @njit(cache=True)
 def _solve(m, t, h):
-    """Passes until the residual is small enough; 0, or a bad status."""
+    """Iterate until the residual is small enough; return 0, MEMBER_FAILED or NOT_CONVERGED."""
     n = m.size
     work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     z = carray(doubles_at(m.values), m.given + m.outputs + n)[m.given + m.outputs :]
@@ -225,7 +225,7 @@ def _solve(m, t, h):
             if number == 0:
                 reach = max(reach, scale[i], abs(z[i] + work[0, i]))
             elif not abs(z[i]) <= MAX_GROWTH * reach:
-                # of what the values were: of those that ran away anything is small
+                # relative to the initial magnitude, as any residual is small compared to diverged values
                 m.residual = abs(work[0, i]) / reach
                 return NOT_CONVERGED
         m.correction = 0.0
@@ -265,7 +265,7 @@ def _step(m, t, h, u, y):
     members = carray(_members_at(m.members), m.count)
     copy(m.values, address_of(u), 8 * m.given)
     m.passes = 0
-    # all inputs are those of the start before any output is that of the end
+    # gather all inputs at the start of the step before any output is overwritten
     for c in range(m.count):
         _gather(m, members[c])
     for c in range(m.count):
@@ -287,18 +287,14 @@ class LoopComponent(Component):
     """The members of an algebraic loop as one continuous component.
 
     Args:
-        name: of the component.
-        inputs: its ports; wires take them as "given.<port>".
-        members: continuous, of period 1, in the order in which a pass asks them.
-        wires: (output, input) as `System` takes them, of whole ports; every input of a member has one.
-        path: the loop, for sentences.
-        cure: what may be done if it does not converge, for sentences.
-
-    Attributes:
-        members: the argument.
+        inputs: ports; wires refer to them as "given.<port>".
+        members: continuous components of period 1, in the order of a pass.
+        wires: (output, input) pairs as in `System`, of whole ports; every input of a member has one.
+        path: name of the loop, for messages.
+        cure: alternatives if it does not converge, for messages.
 
     Raises:
-        InputRefused: a member neither reacts nor goes back, or too many values lead back.
+        InputRefused: a member has no reaction function and cannot repeat a step, or too many unknowns.
     """
 
     INPUT_OWNER = "given"
@@ -385,7 +381,7 @@ class LoopComponent(Component):
 
     @property
     def passes(self) -> int:
-        """That the last step took."""
+        """Number of passes of the last step."""
         return int(self._memory["passes"][0])
 
     def requests_end(self, status: int) -> bool:
@@ -433,7 +429,7 @@ class LoopComponent(Component):
 
 
 def _value_offsets(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:
-    """Where each given value and each output stands among all values, by "component.port"."""
+    """Return the offset of each input and output among all values, by "component.port"."""
     found, place = {}, 0
     for owner, ports in ((given, inputs), *((member.name, member.outputs) for member in members)):
         for port in ports:

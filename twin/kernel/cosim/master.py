@@ -1,14 +1,14 @@
-"""The master: one compiled loop over integer ticks.
+"""The master algorithm: one compiled loop over integer ticks.
 
-At tick k: (1) sampled components that are due are evaluated at t_k from outputs valid at t_k; (2) the row of t_k is
-written; (3) continuous components that are due go from t_k to t_k + h, and what is valid at t_(k+1) is published.
+At tick k: (1) sampled components that are due are evaluated at t_k, from outputs valid at t_k; (2) the row of t_k is
+written; (3) continuous components that are due step from t_k to t_k + h, and outputs valid at t_(k+1) are published.
 
-Outputs stand twice in `y`: first what is valid at the present tick, then the newest result of each continuous
-component, which may belong to a later tick. Gauss-Seidel and Jacobi differ only in which of the two a wire reads, so
-the coupling scheme is data (see `system.py`). Where no input reads what a newer result has replaced, both are the
-same place. Where inputs are interpolated, a third copy holds what was valid before the last publication, and an input
-is a weighted sum of the three; where steps are repeated, continuous components go back and forth again with the weights
-of a tick whose end is known.
+The array `y` contains outputs twice: first the valid values of the present tick, then the newest result of each
+continuous component, which may belong to a later tick. Gauss-Seidel and Jacobi differ only in which of the two a wire
+reads, so the coupling scheme is data (see `system.py`). If no input reads a value that a newer result has replaced,
+both are the same memory. If inputs are interpolated, a third copy contains the values valid before the last
+publication, and an input is a weighted sum of the three. If steps are repeated, continuous components are restored and
+step again, with the weights of a tick whose end is known.
 """
 
 import numpy as np
@@ -39,20 +39,21 @@ COMPONENT_RECORD = np.dtype(
     ],
     align=True,
 )
-"""What the loop knows of a component: addresses of its step, its memory, the indices into `y` that feed it, its inputs
-and the copies of its outputs (a sampled component has only the valid one); period in ticks; number of inputs and
-outputs; whether outputs have to be finite, and which need not be (`Component.unread`; 0: none); processor cycles spent
-in it.
+"""Component data of the loop. Addresses: step function, its memory, the indices into `y` of its inputs, its inputs, and
+the copies of its outputs (only the valid one for a sampled component). Period (ticks), number of inputs and outputs,
+whether outputs have to be finite, and the outputs that need not be (`Component.unread`; 0 without any). Processor
+cycles spent in the component.
 
-Addresses that may be 0: `weights` (2, inputs, 3) of what is valid, newest and before, in the first and in a repeated
-step, where inputs are interpolated, and `before`; `save`, `restore` and the memory `rewind` that both work on.
+Addresses that may be 0: `weights` (2, inputs, 3) of the valid, newest and previous outputs, in the first and in a
+repeated step, and `before`, both for interpolated inputs; `save`, `restore` and `rewind`, the memory of both.
 
-Addresses, because asking an array for its own costs an atomic reference count, in every step of every component.
+Addresses are used as obtaining the address of an array costs an atomic reference count, in every step of every
+component.
 """
 
 
 NO_COMPONENT = -1
-"""What the mark says between slices, when no component is being stepped."""
+"""Component number in the mark between slices, when no component is stepping."""
 LOOP_RECORD = np.dtype(
     [
         ("table", "i8"),
@@ -73,14 +74,14 @@ LOOP_RECORD = np.dtype(
     ],
     align=True,
 )
-"""What the loop works on: address of a `COMPONENT_RECORD` of components, how many there are, and how many of them, the first, are
-sampled; whether to count cycles; how often the continuous components make each step, 1 or more; whether their newest
-outputs stand apart from the valid ones; duration of a tick (s); address of all outputs, one to three times, and how
-many they are; address of the memory of rows, and how many outputs are written to each; the tick that gets a row but no
-step; address of the mark, two integers set to tick and component before each step, for a supervisor outside: a
-step that crashes or never returns reports nothing itself.
+"""Memory of the loop: address of a `COMPONENT_RECORD` table, number of components, of which the first `sampled` are
+sampled; whether to count cycles; number of passes over each step of the continuous components, at least 1; whether
+newest outputs are separate from the valid ones; duration of a tick (s); address of all outputs (one to three copies)
+and their number; address of the rows, and number of outputs written to each; the last tick, which gets a row but no
+step; address of the mark, two integers set to tick and component before each step, for a supervisor outside, as a step
+that crashes or never returns reports nothing itself.
 
-What it tells: component -1 if all went well, else the one whose step failed, and its status.
+Results: component -1 on success, else the component whose step failed, and its status.
 """
 
 _parts_at, _loop_at = pointer_to(COMPONENT_RECORD), pointer_to(LOOP_RECORD)
@@ -112,7 +113,7 @@ def _step(part, timed, y, t, dt, width, again, held):
         return status
     newest = carray(doubles_at(part.newest), part.y_size)
     for j in range(part.y_size):
-        # tested first, so that components whose outputs are all read pay nothing for the others
+        # tested first, so that components without unread outputs do not pay for them
         if not np.isfinite(newest[j]) and part.finite:
             if part.unread == 0:
                 return NOT_FINITE
@@ -137,7 +138,7 @@ def _publish(part):
 
 @njit(cache=True, inline="always")
 def _call_all(m, table, mark, restoring):
-    """Save or restore every continuous component; False, and `status` set, if one fails."""
+    """Save or restore every continuous component; return False, and set `status`, if one fails."""
     for c in range(m.sampled, m.components):
         mark[1] = c
         status = call_step(table[c].restore if restoring else table[c].save, table[c].rewind, 0.0, 0.0, 0, 0)
@@ -149,11 +150,11 @@ def _call_all(m, table, mark, restoring):
 
 @njit(cache=True, inline="always")
 def _step_continuous(m, table, mark, timed, y, k, again, apart):
-    """Step every continuous component that is due; False, and `status` set, if one fails.
+    """Step every continuous component that is due; return False, and set `status`, if one fails.
 
     Args:
-        apart: as in the loop; False: all are due, and inputs are held. Said where this is called, so that what is not
-            asked for is not there.
+        apart: whether newest outputs are separate; if False, all components are due and inputs are held. Passed as a
+            constant so that the compiler removes the unused branch.
     """
     for c in range(np.uint64(m.sampled), np.uint64(m.components)):
         part = table[c]
@@ -168,19 +169,19 @@ def _step_continuous(m, table, mark, timed, y, k, again, apart):
 
 @njit(cache=True)
 def run_ticks(m, first, count, row):
-    """Run ticks `first` to `first + count - 1`, at most to the last; the last gets a row but no step.
+    """Run ticks `first` to `first + count - 1`, but not beyond the last tick, which gets a row but no step.
 
     Args:
         m: record of `LOOP_RECORD`.
-        row: number of the first row to be written.
+        row: index of the first row to write.
 
     Returns:
-        Rows written. If `m.culprit` is a component, its step at tick `first + rows written - 1` (continuous) or
-        `first + rows written` (sampled) failed.
+        Rows written. If `m.culprit` is a component, its step failed at tick `first + rows written - 1` (continuous) or
+        `first + rows written` (sampled).
     """
     table, mark = carray(_parts_at(m.table), m.components), carray(integers_at(m.mark), 2)
     y = carray(doubles_at(m.y), 3 * m.width)
-    # unsigned: an index that is never negative saves a check
+    # unsigned: an index that cannot be negative saves a check
     sampled, components = np.uint64(m.sampled), np.uint64(m.components)
     width, dt, timed = m.width, m.dt, m.timed != 0
     m.culprit = -1
@@ -217,10 +218,10 @@ def run_ticks(m, first, count, row):
 
 @entry("int", "int", "int", "int", "int")
 def advance(loop, first, count, row):
-    """`run_ticks` of the loop at this address, for Python: numbers alone are handed over in a fifth of a microsecond.
+    """Call `run_ticks` for the loop at address `loop` from Python; passing only integers takes 0.2 us.
 
     Returns:
-        Rows written; -1 less them if a component failed.
+        Rows written; -1 - rows if a component failed.
     """
     m = carray(_loop_at(loop), 1)[0]
     done = run_ticks(m, first, count, row)

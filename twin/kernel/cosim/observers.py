@@ -1,4 +1,4 @@
-"""Observers of a simulation and the events they report, slice by slice."""
+"""Simulation driver that calls observers after each slice of ticks, and the events that observers report."""
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -15,11 +15,11 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 
 Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 MAX_SLICE = 1000
-"""Ticks. Where no observer waits for a slice it may be long; but its rows are to stay in the processor's cache."""
+"""Maximum slice length without halts (ticks), so that its rows stay in the processor's cache."""
 
 
 class TickEvent(NamedTuple):
-    """Something that happened at a tick: how much it matters, what, and in which component."""
+    """An event at a tick: severity, message, and component."""
 
     tick: int
     level: Level
@@ -28,14 +28,14 @@ class TickEvent(NamedTuple):
 
 
 class Observer:
-    """Sees a simulation slice by slice. By itself it does nothing: a kind of observer overrides what it needs.
+    """An observer of a simulation; subclasses override the methods they need.
 
-    The thread that steps calls all observers of a simulation in their order, between slices: what they take their time
-    over delays the run. None may write into rows.
+    The stepping thread calls all observers in order between slices, so slow observers delay the run. Observers must not
+    write to rows.
 
     Attributes:
-        enough: asked after every slice: whether the simulation may end before its time.
-        halts: ticks at which a slice is to begin.
+        enough: whether the simulation may end early; read after every slice.
+        halts: ticks at which a slice must begin.
         lasting: names of the attributes that belong to the state of a run.
     """
 
@@ -44,20 +44,20 @@ class Observer:
     lasting: tuple[str, ...] = ()
 
     def begin(self, simulation: Simulation) -> None:
-        """`simulation` runs as soon as all observers have returned from this."""
+        """Prepare for `simulation`, which starts after this method of all observers has returned."""
 
     def ready(self, tick: int) -> None:
-        """The slice from `tick` on is next: what is now written into a component's memory acts from that tick on."""
+        """Prepare for the slice from `tick` on; values written to component memory now take effect at that tick."""
 
     def state(self) -> Any:
-        """What it has found out so far, as JSON says it."""
+        """Return the attributes `lasting` in JSON-compatible form."""
         return encode_json({name: getattr(self, name) for name in self.lasting})
 
     def restore(self, state: Any) -> None:
-        """Go on from what `state` returned when as many ticks were over as now.
+        """Restore a result of `state` that was taken at the same tick.
 
         Raises:
-            InputRefused: it is nothing that `state` returns.
+            InputRefused: invalid content.
         """
         found = decode_json(state, type(self).__name__)
         if not isinstance(found, dict) or set(found) != set(self.lasting):
@@ -69,19 +69,19 @@ class Observer:
             setattr(self, name, value)
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        """A slice is over.
+        """Process the rows and events of a completed slice.
 
         Args:
             first: tick of the first row.
-            rows: (n, width of the system's outputs), overwritten by the next slice; fewer than in other slices at the
-                end, none if a component failed in its first tick.
-            events: what happened in it as far as the observers before this one found out, by ascending ticks; one that
-                finds more puts it in.
+            rows: shape (n, width of the system's outputs), overwritten by the next slice. The last slice may be
+                shorter, and empty if a component failed in its first tick.
+            events: events of the slice reported by earlier observers, by ascending tick; an observer may insert its
+                own.
         """
 
 
 def _is_same_kind(value: Any, mine: Any) -> bool:
-    """Whether `value` may take the place of `mine`."""
+    """Whether `value` can replace `mine`: a number, an array of equal dtype and dimension, or the same type."""
     if isinstance(mine, np.ndarray):
         return isinstance(value, np.ndarray) and (value.dtype, value.ndim) == (mine.dtype, mine.ndim)
     if isinstance(mine, (bool, int, float, np.generic)):
@@ -90,7 +90,7 @@ def _is_same_kind(value: Any, mine: Any) -> bool:
 
 
 class ProgressObserver(Observer):
-    """Reports how far a run of `ticks` has come: `report(ticks done, ticks)`."""
+    """An observer that reports progress: `report(completed ticks, ticks)`."""
 
     def __init__(self, report: Callable[[int, int], None], ticks: int):
         self._report, self._ticks = report, ticks
@@ -100,7 +100,7 @@ class ProgressObserver(Observer):
 
 
 class MessageObserver(Observer):
-    """Reports the messages of a system's components as events."""
+    """An observer that reports the messages of a system's components as events."""
 
     def __init__(self, system: System):
         self._system = system
@@ -111,28 +111,28 @@ class MessageObserver(Observer):
 
 
 def message_events(system: System) -> Iterator[TickEvent]:
-    """The messages of the components of `system` since they were last asked for."""
+    """Yield the component messages of `system` since the last call, as events."""
     for component in system.components:
         for tick, text in component.take_messages():
             yield TickEvent(tick, "WARNING", text, component.name)
 
 
 class SystemOwner(Protocol):
-    """What has a system."""
+    """An object that owns a system."""
 
     @property
     def system(self) -> System:
-        """To be stepped."""
+        """The system to be stepped."""
 
 
 @dataclass(frozen=True)
 class SimulationResult:
-    """A simulation that is over.
+    """Result of a simulation: its final state, failure and wall time.
 
     Attributes:
-        simulation: how far it came, and what ended it too early, if anything did.
+        simulation: completed or failed simulation.
         stepping: wall time in the master (s).
-        first: tick from which on it went.
+        first: tick at which stepping began.
     """
 
     simulation: Simulation
@@ -144,18 +144,14 @@ class SimulationResult:
         return self.simulation.failure
 
     def require_success(self) -> Self:
-        """The same, of a simulation in which no component failed.
-
-        Raises:
-            ComponentFailed: one did.
-        """
+        """Return the result itself if no component failed, else raise the failure."""
         if self.failure:
             raise self.failure
         return self
 
     @property
     def costs(self) -> dict[str, float]:
-        """Wall time per tick of each component (s), by its name; {} if they were not timed."""
+        """Wall time per tick of each component (s), by name; empty if not timed."""
         cycles, ticks = self.simulation.cycles, max(1, self.simulation.next_tick - self.first)
         share = self.stepping / max(1, cycles.sum()) / ticks
         return {c.name: float(n * share) for c, n in zip(self.simulation.system.components, cycles, strict=False)}
@@ -172,18 +168,18 @@ def simulate(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     start: Callable[[Simulation], None] | None = None,
 ) -> SimulationResult:
-    """Step a system from its first tick to `last_tick`, or until a component fails or an observer has seen enough.
+    """Step a system from its first tick to `last_tick`, until a component fails, or until an observer ends it.
 
     Args:
-        assembly: freshly made.
-        last_tick: the tick that gets the last row and no step.
+        assembly: owner of a newly created system.
+        last_tick: last tick, which gets a row but no step.
         observers: called in this order.
-        slice_ticks: most ticks of a slice.
-        timed: measure each component.
-        state: to go on from in place of tick 0.
-        lasting: those of `observers` that go on from what the state says about "observers", by name.
-        adopt: restores the state where it is of a system that is not the same; None: it is the same.
-        start: brings the simulation to another tick than 0 where there is no such `state`.
+        slice_ticks: maximum length of a slice (ticks).
+        timed: whether to measure the time of each component.
+        state: initial state in place of tick 0.
+        lasting: observers by name that are restored from the entry "observers" of the state.
+        adopt: restores a state of a different system; None if the state is of the same system.
+        start: moves the simulation to a tick other than 0 if there is no such `state`.
 
     Raises:
         InputRefused: the state is of another system.
@@ -201,15 +197,14 @@ def simulate(
     for name, observer in lasting.items() if state is not None else ():
         try:
             observer.restore(found.get(name))
-        # a state may hold anything, and each observer checks its own part only
+        # the file may contain anything, and each observer checks only its own part
         except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as problem:
             raise InputRefused(f"the state of {name} is damaged: {problem}") from None
     return step_until(simulation, observers, last_tick + 1)
 
 
 def step_until(simulation: Simulation, observers: Sequence[Observer], until: int) -> SimulationResult:
-    """Step `simulation`, which the `observers` know, from where it stands to the beginning of tick `until`, a failure,
-    or until one of them has seen enough."""
+    """Step `simulation` until tick `until`, a failure, or until one of its `observers` ends it."""
     halts = sorted({until, *(tick for observer in observers for tick in observer.halts)})
     stepping, began_at = 0.0, simulation.next_tick
     waited = simulation.wait_time

@@ -1,7 +1,4 @@
-"""Ports of components, and records of their values in memory.
-
-The memory of a component as a record, which compiled code and Python read and write by the same names.
-"""
+"""Ports of components, and component memory as records that compiled code and Python access by the same names."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,21 +10,21 @@ from twin.kernel.settings import Settings, Values, setting_fields
 
 FIELD_FORMS = {float: "f8", tuple[float, float, float]: "3f8"}
 STATE_KEY, BELOW_KEY = "state", "below"
-"""Keys of a dtype's metadata; they change nothing of a record's layout."""
+"""Keys of the metadata of a field's dtype; metadata does not affect the layout of a record."""
 
 
 @dataclass(frozen=True)
 class Port:
-    """A named input or output.
+    """A named input or output of a component, with size, unit and meaning.
 
     Attributes:
-        name: the quantity's name, the same everywhere.
+        name: name of the quantity, the same in all components.
         size: number of doubles.
         unit: SI unit as text, "1" for pure numbers.
-        meaning: one phrase, frames and sign included.
-        kind: "double", "int" or "bool": how a recording keeps it; on a wire every value is a double.
-        instant: which instant of a step an input stands for, where the system interpolates inputs: one that is held
-            over the step for its middle; see `System`.
+        meaning: one phrase, including frame and sign.
+        kind: type in a recording, "double", "int" or "bool"; on a wire every value is a double.
+        instant: instant of the step whose value an interpolated input takes: "middle" for an input that is constant
+            over the step; see `System`.
     """
 
     name: str
@@ -39,28 +36,28 @@ class Port:
 
 
 def width(ports: tuple[Port, ...]) -> int:
-    """Number of doubles that `ports` take together."""
+    """Total number of doubles of `ports`."""
     return sum(port.size for port in ports)
 
 
 def port_record(ports: tuple[Port, ...]) -> np.dtype:
-    """The values of `ports` as a record: under the name of each a double, or an array of as many as its size."""
+    """Record dtype with a field per port: a double, or an array of the port's size."""
     return np.dtype([(port.name, "f8") if port.size == 1 else (port.name, "f8", (port.size,)) for port in ports])
 
 
 def by_port(ports: tuple[Port, ...], values: np.ndarray) -> dict[str, np.ndarray]:
-    """`values` (..., width of `ports`) by the name of the port, (..., size) each, views."""
+    """Split `values` (..., width of `ports`) into views (..., size) by port name."""
     return {name: values[..., place] for name, place in port_slices(ports).items()}
 
 
 def port_slices(ports: tuple[Port, ...]) -> dict[str, slice]:
-    """Which of the values of `ports` are those of each, by its name."""
+    """Slices of the ports in the concatenated values, by port name."""
     ends = np.cumsum([port.size for port in ports]).tolist()
     return {port.name: slice(end - port.size, end) for port, end in zip(ports, ends, strict=True)}
 
 
 def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
-    """`speed = 0.13 rad/s, torque = 0.061 N m`: the values of `ports`, for people."""
+    """Format the values of `ports` for messages: `speed = 0.13 rad/s, torque = 0.061 N m`."""
     texts = []
     for port, part in zip(ports, by_port(ports, values).values(), strict=True):
         shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"
@@ -69,22 +66,22 @@ def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
 
 
 def record(**fields: Any) -> np.dtype:
-    """A record, aligned as in C, with a field of each name.
+    """Record dtype with the given fields, aligned as in C.
 
     Args:
-        fields: "i8" a whole number or an address, "u8" one without a sign, "f8" a real number, "3f8" three of them;
-            or a record, or (a record, (n,)) for n of them; what steps change as `state` of one of these.
+        fields: field name -> "i8" for an integer or address, "u8" for an unsigned integer, "f8" for a double, "3f8" for
+            three doubles, a record, (record, (n,)) for n records, or `state` of one of these if steps change it.
     """
     return np.dtype(list(fields.items()), align=True)
 
 
 def state(form: Any, below: str = "") -> np.dtype:
-    """`form` of a field that steps change, as `record` takes it; of an address: what lies there is changed.
+    """Mark the dtype of a field as changed by steps; for an address, the memory behind it.
 
     Args:
         form: see `record`.
-        below: field that a whole number here stays below, an index; of the same record, or with "/" before it of the
-            outermost one.
+        below: for an index, name of the field that is its upper bound (exclusive), in the same record, or prefixed by
+            "/" in the outermost one; "" for other fields.
     """
     kind = np.dtype(form)
     base, shape = kind.subdtype or (kind, ())
@@ -93,16 +90,16 @@ def state(form: Any, below: str = "") -> np.dtype:
 
 
 def states(**fields: Any) -> dict[str, np.dtype]:
-    """`fields` as `record` takes them, each as `state`."""
+    """Mark the dtypes of all `fields` as `state`."""
     return {name: state(form) for name, form in fields.items()}
 
 
 @dataclass(frozen=True)
 class StateField:
-    """A field of a record, or of a record in it, that steps change.
+    """A field of a record, possibly nested, that steps change.
 
     Attributes:
-        path: names of the fields that lead there.
+        path: field names from the outermost record.
         below: see `state`.
     """
 
@@ -114,19 +111,19 @@ class StateField:
         return ".".join(self.path)
 
     def view_in(self, memory: np.ndarray) -> np.ndarray:
-        """The values in `memory`, a view."""
+        """Return a view of the field's values in `memory`."""
         for name in self.path:
             memory = memory[name]
         return memory
 
     def limit(self, memory: np.ndarray) -> np.ndarray:
-        """What each of the values stays below, shaped as these."""
+        """Return the exclusive upper bounds of the field's values, in the same shape."""
         path = (self.below[1:],) if self.below.startswith("/") else (*self.path[:-1], self.below)
         return StateField(path, "").view_in(memory)
 
 
 def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateField]:
-    """Every field of the record `kind` that is declared as `state`, in their order."""
+    """Yield every field of the record `kind` that is declared as `state`, in order."""
     for name, (field, *_) in (kind.fields or {}).items():
         base = field.base
         metadata: Mapping[str, Any] = base.metadata or {}
@@ -137,7 +134,7 @@ def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateFi
 
 
 def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
-    """A record of that kind in an array of its own, (1,), with `values` in its fields and 0 in all others."""
+    """Make a new record of dtype `kind`, shape (1,), with `values` in its fields and 0 in all others."""
     memory = np.zeros(1, dtype=kind)
     for name, value in values.items():
         memory[name][0] = value
@@ -145,11 +142,11 @@ def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
 
 
 def record_of(values: type, **more: Any) -> np.dtype:
-    """A record of the fields of `values`, and `more`.
+    """Record dtype with the fields of a class, and `more`.
 
     Args:
-        values: `Values`; or a table of settings, whose numbers these are; or a NamedTuple of real numbers, triples of
-            them, and whole numbers, as truth values and the members of an IntEnum are.
+        values: a `Values` class, a table of settings (its numbers become fields), or a NamedTuple of floats, triples of
+            floats, and integers (including Booleans and members of an IntEnum).
     """
     if issubclass(values, Settings):
         forms = {name: source.form for name, source in setting_fields(values).items()}

@@ -1,7 +1,7 @@
-"""A component written as a plain Python class.
+"""Components written as Python classes.
 
-Its step works in the master's memory. With `NamedPorts` around it a class takes and gives dictionaries by the names of
-ports, which is slower, and nothing can be written by mistake: so a user writes a part of the robot.
+The step of a `PythonModel` works in the master's memory. For users' classes, `NamedPorts` converts to and from
+dictionaries by port name, which is slower and protects that memory.
 """
 
 import ctypes
@@ -27,46 +27,45 @@ from twin.kernel.units import known_unit, weight_hint
 
 STEP_FAILED = 2
 STATE_METHODS = ("state", "restore")
-"""Methods of a class whose state can be saved: `state()` gives numbers, texts and arrays, in lists and dictionaries;
-`restore(state)` goes back to what it gave, tuples as lists."""
+"""Methods of a class whose state can be saved: `state()` returns numbers, strings and arrays, in lists and
+dictionaries; `restore(state)` restores such a result, in which tuples have become lists."""
 STEP_FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
 MAX_EXCEPTION_TEXT = 200
-"""Of an exception that is quoted."""
+"""Maximum length of a quoted exception (characters)."""
 
 
 class PythonModel(Protocol):
-    """What a plain class needs to take part.
+    """Interface of a Python class that can be a component.
 
     Plain class attributes serve as the three properties.
     """
 
     @property
     def inputs(self) -> Sequence[Port]:
-        """Its input ports."""
+        """Input ports of the component."""
 
     @property
     def outputs(self) -> Sequence[Port]:
-        """Its output ports."""
+        """Output ports of the component."""
 
     @property
     def sampled(self) -> bool:
-        """See `Component`."""
+        """Whether the component is evaluated at t_k, without advancing time; see `Component`."""
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        """Read inputs `u`, write outputs `y` in place; raise to stop the run."""
+        """Compute outputs `y` in place from inputs `u`, for a step from `t` to `t` + `h` (s); raise to stop the run."""
 
 
 class PythonComponent(Component):
-    """A `PythonModel` as a component, slower than a compiled one: a callback per step.
+    """A `PythonModel` as a component; slower than a compiled one, as each step is a callback.
 
     Args:
-        name: of the component.
-        model: it.
-        period: in ticks.
-        initial_outputs: zeros if not given.
-        label: what an error calls it; its class if not given.
+        model: Python object with the step.
+        period: step of the component (ticks).
+        initial_outputs: None for zeros.
+        label: name in error messages; the class name by default.
     """
 
     def __init__(
@@ -86,7 +85,7 @@ class PythonComponent(Component):
                 views[u, y] = (doubles_view(u, width(inputs)), doubles_view(y, width(outputs)))
             try:
                 model.step(t, h, *views[u, y])
-            # Anything that leaves a callback would be printed and lost; it is kept for `explain`.
+            # ctypes prints and drops an exception that leaves a callback, so it is stored for `explain`
             except BaseException as exception:
                 self.exception = exception
                 return STEP_FAILED
@@ -124,14 +123,13 @@ class PythonComponent(Component):
 
 
 class ObjectStates:
-    """The states of a Python object, a `Holder`: its tokens are what it would write down.
+    """State of a Python object as a `Holder`; its tokens are the serialised state.
 
     Args:
-        label: what an error calls it.
-        model: the object.
+        label: name in error messages.
 
     Attributes:
-        lacking: why it has no state, as the verb phrase of a sentence; "" if it has one.
+        lacking: reason why its state cannot be saved, as a verb phrase; "" if it can.
     """
 
     def __init__(self, label: str, model: Any):
@@ -147,7 +145,7 @@ class ObjectStates:
         self._call_method("restore", lambda: self._model.restore(state))
 
     def free(self, token: bytes) -> None:
-        """Nothing is held."""
+        """Do nothing, as tokens own no resources."""
 
     def pack(self, token: bytes) -> bytes:
         return token
@@ -169,16 +167,16 @@ def doubles_view(address: int, count: int) -> np.ndarray:
 
 
 class InvalidOutputs(Exception):
-    """What a step returned is not what its class has said."""
+    """Outputs of a step that do not match the declared ports; the message is a verb phrase."""
 
 
 class DeclaredPorts:
-    """Ports that a class names, with units of its own where it says so.
+    """Ports that a class declares, optionally in units of its own.
 
     Attributes:
-        ports: of them, in the contract's order.
-        gains: SI values per value of the class's, by port.
-        units: of the class's values, by port.
+        ports: declared ports, in the order offered.
+        gains: port name -> SI value per value in the class's unit.
+        units: port name -> the class's unit.
     """
 
     def __init__(self, label: str, side: str, listed: Any, offered: Sequence[Port]):
@@ -209,14 +207,14 @@ def _gain(label: str, port: Port, unit: Any) -> float:
 
 
 class NamedPorts:
-    """A `PythonModel` of one that takes and gives dictionaries, and nothing but copies: arrays into them, and back.
+    """Adapter from a class with dictionaries to a `PythonModel`; arrays are copied in both directions.
 
     Args:
-        model: with `step(t, inputs) -> outputs`.
-        inputs, outputs: what it has.
+        model: object with `step(t, inputs) -> outputs`.
+        inputs, outputs: its declared ports.
 
     Attributes:
-        stateful: `model`, whose state is this one's.
+        stateful: `model`, which holds the state.
     """
 
     sampled = True
@@ -226,17 +224,13 @@ class NamedPorts:
         self._model, self._inputs, self._outputs = model, inputs, outputs
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        # copies, so that what a class keeps stays what it was
+        # copies, so that values that the class keeps do not change later
         given = {n: u[p] / g if s > 1 else float(u[p][0]) / g for n, s, p, g in self._inputs.places}
         _write_outputs(self._model.step(t, given), self._outputs, y)
 
 
 def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None:
-    """Write what a step has returned to `into`.
-
-    Raises:
-        OutputsRefused: it is not what the class has said, as the verb phrase of a sentence.
-    """
+    """Check the result of a step and write it to `into`, in SI units."""
     if not isinstance(answer, Mapping):
         raise InvalidOutputs(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:
@@ -257,14 +251,13 @@ def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None
 
 
 class PythonSource:
-    """A Python file as it was read once; it is run by `load_class`, not before.
+    """A Python file, read and compiled once; `load_class` executes it.
 
     Attributes:
-        file: where it lies.
-        sha256: of its bytes.
+        sha256: digest of its content.
 
     Raises:
-        InputRefused: it cannot be read, or is no Python.
+        InputRefused: it cannot be read, or is not valid Python.
     """
 
     def __init__(self, file: Path):
@@ -275,24 +268,24 @@ class PythonSource:
         except SyntaxError as problem:
             raise InputRefused(f"{file}, line {problem.lineno}: {problem.msg}") from None
         except ValueError as problem:
-            raise InputRefused(f"{file}: no Python: {problem}") from None
+            raise InputRefused(f"{file}: not a Python file: {problem}") from None
 
     def load_class(self, name: str) -> type:
-        """The class `name`, of a module made anew; the file can import those beside it.
+        """Execute the file as a new module and return its class `name`; the file can import from its own folder.
 
         Raises:
-            InputRefused: the file cannot be run, or has no such class.
+            InputRefused: the file raises an exception, or has no such class.
         """
         module = ModuleType(f"{self.file.stem}_{self.sha256[:12]}")
         module.__file__ = str(self.file)
-        # dataclasses look their module up
+        # dataclasses look up their module in sys.modules
         sys.modules[module.__name__] = module
         sys.path.insert(0, str(self.file.parent))
         try:
             exec(self._code, module.__dict__)
         except KeyboardInterrupt:
             raise
-        # whatever a file of somebody does when it is imported, it is a reason to refuse it
+        # any exception, even SystemExit, while a user's file is imported is a reason to refuse it
         except BaseException as problem:
             raise InputRefused(f"{self.file}: cannot be imported: it {exception_phrase(problem)}") from None
         finally:
@@ -307,15 +300,15 @@ class PythonSource:
 def declared_ports(
     label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]
 ) -> tuple[DeclaredPorts, DeclaredPorts]:
-    """What a class, or an instance, says that it takes and gives.
+    """Check the declarations of a class or instance; return its (inputs, outputs).
 
     Args:
-        label: what an error calls it.
-        inputs, outputs: ports of the part of the robot that it is to be.
-        required: outputs that it must have.
+        label: name in error messages.
+        inputs, outputs: ports offered by the part of the robot that it implements.
+        required: outputs that it must declare.
 
     Raises:
-        InputRefused: it says nothing, or names what is not there; or it has no `step(t, inputs)`.
+        InputRefused: a missing declaration, an unknown port, or no `step(t, inputs)`.
     """
     for attribute in ("inputs", "outputs", "step"):
         if not hasattr(kind, attribute):
@@ -331,10 +324,10 @@ def declared_ports(
 
 
 def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
-    """An instance.
+    """Create an instance of `kind` with `parameters`.
 
     Raises:
-        InputRefused: it has no such parameters, or refuses to be made.
+        InputRefused: unknown or missing parameters, or an exception in the constructor.
     """
     try:
         known = list(inspect.signature(kind).parameters)
@@ -352,11 +345,11 @@ def make_instance(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
 
 
 def exception_phrase(problem: BaseException | None) -> str:
-    """`raised ValueError: text (my_controller.py, line 12)`: where in somebody's own file it came from."""
+    """Describe an exception and its origin: `raised ValueError: text (my_controller.py, line 12)`."""
     frames = [
         f for f in traceback.extract_tb(problem.__traceback__ if problem else None) if not _is_this_file(f.filename)
     ]
-    # what the user's file has called may be numpy's: the last line of the user's own is the one to look at
+    # the innermost frame may be in a library; the user needs the last line of their own file
     own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
     where = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""
     text = " ".join(str(problem).split())

@@ -1,4 +1,4 @@
-"""A component that has some of the values of its ports in another one, which does the work; the others are 0."""
+"""Adapter that exposes a component through wider ports; the additional output values are 0."""
 
 from collections.abc import Sequence
 
@@ -28,13 +28,13 @@ def _step(m, t, h, u, y):
 
 
 class Selection(Component):
-    """`inner` behind wider ports.
+    """A component that exposes an inner component through wider ports.
 
     Args:
-        inner: what does the work; its ports in the order of its values.
-        inputs, outputs: ports to the outside.
-        taken: by each value of the inner inputs which one of the outer it is.
-        given: by each value of the inner outputs which one of the outer it is; no others come from it.
+        inner: component that does the work.
+        inputs, outputs: outer ports.
+        taken: index of the outer input value for each inner input value.
+        given: index of the outer output value for each inner output value; other outer outputs are 0.
     """
 
     def __init__(

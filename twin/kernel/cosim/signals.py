@@ -1,4 +1,4 @@
-"""A component that plays back known signals."""
+"""Playback: a component whose outputs are rows of a given array."""
 
 import numpy as np
 
@@ -20,10 +20,10 @@ def step(m, t, h, u, y):
 
 
 def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
-    """Sampled component without inputs: at tick k its outputs are row k of `values`, after the last row that one.
+    """Make a sampled component that outputs row k of `values` at tick k, and the last row afterwards.
 
     Args:
-        values: (ticks, width of `ports`).
+        values: shape (ticks, width of `ports`).
     """
     rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
     memory = memory_of(PLAYBACK_MEMORY, count=len(rows), size=rows.shape[1])

@@ -1,7 +1,4 @@
-"""A running system: slices of compiled ticks, and failures turned into sentences.
-
-Failures of components as sentences.
-"""
+"""A running system: compiled slices of ticks, saved and restored states, failures with error messages."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,12 +17,12 @@ from twin.kernel.hooks import HOOKS
 
 
 def failure_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
-    """What went wrong: component, function, simulated time and last inputs, without a full stop.
+    """Describe a failure: component, function, simulated time and last inputs, without a full stop.
 
     Args:
-        u, y: memory of all inputs, and of all outputs, as the master left them.
-        culprit, status: as the master returned them.
-        tick: the one at which it happened.
+        u, y: memory of all inputs and of all outputs, as the master left them.
+        culprit, status: component number and status from the master.
+        tick: tick of the failed step.
     """
     component = system.components[culprit]
     what = _not_finite(system, y, culprit) if status == NOT_FINITE else component.explain(status)
@@ -53,11 +50,11 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
 
 @dataclass(frozen=True)
 class SimulationMemory:
-    """What can be seen from outside while a step runs.
+    """Memory that another process can read while a step runs.
 
     Attributes:
         mark: (2,) int64: tick and component being stepped, NO_COMPONENT between slices.
-        u: (inputs_width,) float64: the inputs that each component was last stepped with.
+        u: (inputs_width,) float64: last inputs of each component.
     """
 
     mark: np.ndarray
@@ -65,13 +62,12 @@ class SimulationMemory:
 
 
 class Simulation:
-    """Runs a `System` from its first tick to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
+    """A run of a `System` from its first tick to `last_tick`; `failure` and `culprit` describe an early end.
 
     Args:
-        system: what to run.
-        last_tick: the tick that gets the last row and no step.
-        slice_ticks: most ticks one call of `advance` runs.
-        timed: count the processor cycles of each component.
+        last_tick: last tick, which gets a row but no step.
+        slice_ticks: maximum number of ticks per call of `advance`.
+        timed: whether to count the processor cycles of each component.
         memory: memory of the mark and the inputs; None to use `HOOKS.memory`.
     """
 
@@ -102,21 +98,21 @@ class Simulation:
         self.failure: ComponentFailed | None = None
         self.culprit = ""
         self._unchanged = [change.memory.copy() for change in system.changes]
-        # no ticks: compiles, or loads from the cache, before anyone's clock runs
+        # a call without ticks compiles the loop, or loads it from the cache, before time is measured
         self._address = self._loop.ctypes.data
         self._advance = advance.native.c_function
         self._advance(self._address, 0, 0, 0)
         self._deadlines: Deadlines | None = None
 
     def pace(self, waits: Deadlines) -> None:
-        """From now on no tick begins before it is due."""
+        """Pace the simulation: from now on no tick begins before its deadline."""
         self._advance = waits.paced_advance(self._advance, self._address)
         self._deadlines, self._address = waits, waits.address
         self._advance(self._address, 0, 0, 0)
 
     @property
     def wait_time(self) -> float:
-        """Wall time (s) that was waited for ticks to be due."""
+        """Wall time spent waiting for deadlines (s)."""
         return float(self._deadlines.memory["waited"][0]) if self._deadlines else 0.0
 
     @property
@@ -129,14 +125,14 @@ class Simulation:
         return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
     def advance(self, most: int | None = None) -> np.ndarray:
-        """Run one slice, of at most so many ticks.
+        """Run one slice of at most `most` ticks (None for `slice_ticks`).
 
         Returns:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
-            component failed, the rows before it, and `failure` says what happened.
+            component failed, only the rows before the failure; `failure` describes it.
         """
         done, most = 0, min(len(self._rows), most or len(self._rows))
-        # what `is_over` says, which would cost a tenth of a slice of small drives to ask
+        # inlined `is_over`, whose call costs a tenth of a slice of small drives
         while done < most and self.next_tick <= self.last_tick and self.failure is None:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
             made = self._advance(self._address, self.next_tick, count, done)
@@ -150,19 +146,19 @@ class Simulation:
         return self._rows if done == len(self._rows) else self._rows[:done]
 
     def state(self) -> SystemState:
-        """The state at the beginning of `next_tick`, to be restored here, or saved for another process.
+        """Save the state at the beginning of `next_tick`, to restore it here or export it to another process.
 
         Raises:
-            InputRefused: a component has no state, see `stateless`.
+            InputRefused: a component cannot save its state, see `stateless_reasons`.
             ComponentFailed: an FMU refuses.
         """
         return self._places.save_state(self.next_tick)
 
     def restore(self, state: SystemState | SavedState) -> None:
-        """Go to where `state` was taken, here or of the same system elsewhere; `last_tick` stays.
+        """Restore `state`, from this simulation or one of the same system; `last_tick` is unchanged.
 
         Raises:
-            InputRefused: it is of another system, or a component has no state.
+            InputRefused: the state is of another system, or a component cannot restore its state.
             ComponentFailed: an FMU refuses.
         """
         if isinstance(state, SavedState):
@@ -183,15 +179,15 @@ class Simulation:
             taken.close()
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Go to where `saved` was taken, of a system with perhaps more, fewer or changed components.
+        """Restore a state of a system that may have more, fewer or changed components.
 
-        Each component goes on from the state of that with its name; what an experiment says of it is this system's.
+        Components are matched by name. Constants of the experiment are not changed.
 
         Returns:
-            Names of the components that the state has nothing of: they stand as they were made.
+            Names of components that the state does not contain; they keep their initial state.
 
         Raises:
-            InputRefused: a component cannot go on from the state of the one with its name.
+            InputRefused: a component cannot restore the state of its namesake.
             ComponentFailed: an FMU refuses.
         """
         self._refuse_other_time(saved)
@@ -202,13 +198,13 @@ class Simulation:
         return new
 
     def copy_from(self, other: "Simulation") -> list[str]:
-        """Go to where `other` stands: of a system of the same components, but for some that only one of both has.
+        """Copy tick and outputs from another simulation, whose system may have more or fewer components.
 
-        What components hold is theirs, so it is not copied; only from one that has another of its name in the other
-        system, of which the memory is all that holds something.
+        Components shared by both systems keep their own state, so it is not copied; the memory of a different component
+        of the same name is copied, which must be its whole state.
 
         Returns:
-            Names of the components that only this system has: they stand as they were made.
+            Names of components that only this system has; they keep their initial state.
         """
         there = {component.name: (component, start) for component, start in other._starts}
         mine, theirs = self._copies(), other._copies()
@@ -227,12 +223,11 @@ class Simulation:
         return new
 
     def jump_to(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
-        """Be at the beginning of `tick`; what components hold is put there by others.
+        """Set the present tick and outputs; the caller sets the state of the components.
 
         Args:
-            tick: any.
-            outputs: by the name of a component what is valid of its outputs, and was at all instants of which the
-                system keeps any; of the others they stay.
+            outputs: component name -> valid outputs, also used for all other instants that the system stores; other
+                components keep their outputs.
         """
         copies = self._copies()
         for component, start in self._starts:
@@ -244,34 +239,33 @@ class Simulation:
         self.failure, self.culprit = None, ""
 
     def derive_outputs(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Let the outputs of `component` be what `passed_on` makes of the outputs that feed it; and so at all instants
-        of which the system keeps outputs, the newest last."""
+        """Set the outputs of `component` to `passed_on(inputs)`, at all stored instants, the newest last."""
         c = self.system.components.index(component)
         sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]] % self.system.outputs_width
         copies = self._copies()
-        # before, valid, newest; of a sampled component there is what is valid
+        # previous, valid, newest; sampled components have only valid outputs
         for one in (2, 0, 1) if c >= self.system.sampled else (0,):
             if one < len(copies):
                 copies[one, self.system.y_start[c] : self.system.y_start[c + 1]] = passed_on(copies[one, sources])
 
     @cached_property
     def _starts(self) -> list[tuple[Component, int]]:
-        """Each component, and where its outputs begin."""
+        """Components with the offsets of their outputs."""
         return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
 
     def _copies(self) -> np.ndarray:
-        """All outputs, (instants of which they are kept, outputs_width), a view."""
+        """Return a view of all outputs, (number of stored instants, outputs_width)."""
         return self._y.reshape(-1, self.system.outputs_width)
 
     def _set_tick(self, tick: int) -> None:
-        """Be at the beginning of `tick`, with the changes until then made."""
+        """Set the present tick and apply the scheduled memory changes before it."""
         for change in self.system.changes:
             if change.tick < tick:
                 change.memory[...] = change.value
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Raise InputRefused if the tick of a state is outside this simulation or contradicts the state's time."""
+        """Refuse a state whose tick is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(
@@ -282,11 +276,11 @@ class Simulation:
             or not abs(time - saved.tick * self.system.tick) <= 1e-6 * self.system.tick
         ):
             raise InputRefused(
-                f"the state says {time!r} s at tick {saved.tick}, which is at another time; it is damaged"
+                f"the state says {time!r} s at tick {saved.tick}, which is at a different time; it is damaged"
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Raise InputRefused if an output that a component reads is not finite."""
+        """Refuse a state with a non-finite output that a component reads."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:
@@ -302,10 +296,10 @@ class Simulation:
         return StatePlaces(self.system.components, self._y, self._u)
 
     def run(self) -> np.ndarray:
-        """Run to the end and return every row: (last_tick + 1, outputs).
+        """Run to the end and return all rows, (last_tick + 1, outputs).
 
         Raises:
-            ComponentFailed: with the sentence that names component, function, simulated time and last inputs.
+            ComponentFailed: a component failed; the message names component, function, simulated time and last inputs.
         """
         slices = []
         while not self.is_over:
@@ -315,17 +309,17 @@ class Simulation:
         return np.concatenate(slices)
 
     def inputs(self, component: Component) -> np.ndarray:
-        """The inputs that `component` was last stepped with."""
+        """Return the inputs of the last step of `component`."""
         c = self.system.components.index(component)
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
     def outputs(self, component: Component) -> np.ndarray:
-        """What is valid of the outputs of `component`."""
+        """Return the valid outputs of `component`, a view."""
         c = self.system.components.index(component)
         return self._y[self.system.y_start[c] : self.system.y_start[c + 1]]
 
     def _change_memory(self) -> int:
-        """Make the changes of the next tick; how many ticks may follow before there are others to make."""
+        """Apply the memory changes of the next tick; return the number of ticks until the following change."""
         for change in self.system.changes:
             if change.tick == self.next_tick:
                 change.memory[...] = change.value

@@ -1,4 +1,4 @@
-"""A component without inputs, whose outputs are functions of time: expressions, and samples held or joined by lines."""
+"""Signal source: a component whose outputs are functions of time, from expressions or samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,23 +12,23 @@ from twin.kernel.cosim.expression import Expression, evaluate, has_begun
 from twin.kernel.cosim.port import Port, record
 
 CHANNEL_RECORD = record(kind="i8", first="i8", second="i8", size="i8", stack="i8")
-"""Addresses of an output's operations, numbers and stack, or of its times and values; and how many."""
+"""Memory of an output: addresses of operations, numbers and stack of an expression, or times and values of samples,
+and their count."""
 SOURCE_MEMORY = record(channels="i8", width="i8")
 EXPRESSION_CHANNEL, LINES_CHANNEL, HOLD_CHANNEL = range(3)
 _channels_at = pointer_to(CHANNEL_RECORD)
-
-
 Between = Literal["lines", "held"]
 
 
 @dataclass(frozen=True)
 class SampledSignal:
-    """Values over time.
+    """A signal given by samples over time.
 
     Attributes:
-        t: times (s), which do not descend, (n,); where one comes twice the value jumps.
-        values: (n,).
-        between: "lines", or "held": each until the next. Before the first one and after the last one these hold.
+        t: times (s), non-decreasing, (n,); the value jumps where a time occurs twice.
+        values: shape (n,).
+        between: "lines" to interpolate linearly, "held" to hold each value until the next. The first and last value
+            extend beyond the samples.
     """
 
     t: np.ndarray
@@ -36,7 +36,7 @@ class SampledSignal:
     between: Between
 
     def value_at(self, t: float) -> float:
-        """The value at `t` (s)."""
+        """Return the value of the signal at time `t` (s)."""
         times, values = (np.ascontiguousarray(one, dtype=float) for one in (self.t, self.values))
         return float(_sample(times, values, self.between == "lines", float(t)))
 
@@ -47,7 +47,7 @@ Signal = Expression | SampledSignal
 @njit(cache=True, error_model="numpy")
 def _sample(times, values, lines, t):
     low, high = 0, len(times)
-    # the last sample that has begun
+    # bisect for the last sample at or before t
     while low < high:
         middle = (low + high) // 2
         if has_begun(t, times[middle]):
@@ -77,13 +77,11 @@ def step(m, t, h, u, y):
 
 
 def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: float = 0.0) -> NativeComponent:
-    """A sampled component that at each tick gives the value that each of `signals` has then.
+    """Make a sampled component that outputs the present value of each of `signals` at every tick.
 
     Args:
-        name: of the component.
-        ports: its outputs, one value each.
-        signals: of each.
-        start: when the run begins (s).
+        ports: outputs of size 1, one per signal.
+        start: start of the run (s).
     """
     channels, keep = np.zeros(len(signals), dtype=CHANNEL_RECORD), []
     for channel, signal in zip(channels, signals, strict=True):
@@ -97,5 +95,5 @@ def source(name: str, ports: Sequence[Port], signals: Sequence[Signal], start: f
         keep += parts
     memory = np.array([(channels.ctypes.data, len(signals))], dtype=SOURCE_MEMORY)
     initial = np.array([signal.value_at(start) for signal in signals])
-    # nothing of it changes, so its state goes anywhere
+    # the memory never changes, so the component has no state to save
     return NativeComponent(name, (), tuple(ports), True, step, memory, initial, keep=(channels, keep))

@@ -1,8 +1,8 @@
-"""The state of a running system: taken and restored in memory, or written down for another process.
+"""State of a running system: saved and restored in memory, or serialised for another process.
 
-A state belongs to the beginning of a tick: components have made all steps before it, the row of the tick is not yet
-there. It holds what steps change (memory of components, outputs, what FMUs and Python objects hold) and nothing that
-an experiment says, so a system whose constants differ can go on from it. Addresses are no part of it.
+A state belongs to the beginning of a tick: all steps before it are complete, and the row of the tick is not yet
+written. It contains values that steps change (component memory, outputs, the state of FMUs and Python objects) but no
+constants of the experiment, so a system with other constants can continue from it. It contains no addresses.
 """
 
 import base64
@@ -27,19 +27,19 @@ from twin.kernel.files import parse_json
 
 MEDIA_TYPE = "application/x-twin-state"
 VERSION = 1
-"""Of what `SavedState.to_bytes` writes."""
+"""Format version of `SavedState.to_bytes`."""
 PORT_SIDES = ("outputs", "inputs")
-"""Pieces that lie in the master's memory."""
+"""Names of the pieces in the master's memory."""
 MAX_STATE_SIZE = 64 * 2**20
-"""Bytes of a state, unpacked: those of the shipped experiments have some kilobytes."""
+"""Maximum uncompressed size of a state (bytes); states of the shipped experiments have some kilobytes."""
 _DTYPE_PATTERN = re.compile(r"[<>|](?:b1|[iu][1248]|f[248]|V\d{1,6})")
-"""Of numbers, or of a record, in a piece."""
+"""Valid dtypes of a piece: numbers, or a record."""
 SIMPLE_DTYPES = "?bhilqBHILQfd"
-"""Kinds of numbers that an array read from a file may hold."""
+"""Type codes that an array read from a file may have."""
 
 
 class SavedPiece(NamedTuple):
-    """A piece of a component's memory: whose, what it is called, dtype and shape of its numbers, and their bytes."""
+    """A piece of a component's memory: component, piece name, dtype and shape of its numbers, and content."""
 
     component: str
     name: str
@@ -49,7 +49,7 @@ class SavedPiece(NamedTuple):
 
     @property
     def form(self) -> tuple[str, str, str, list[int]]:
-        """All but the bytes."""
+        """Piece without content: component, name, dtype, shape."""
         return self[:4]
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class SavedPiece(NamedTuple):
 
 
 class SavedContent(NamedTuple):
-    """What an FMU, a Python object or another process holds of a component's state: whose, its name, its bytes."""
+    """State of a component held by an FMU, a Python object or another process: component, holder name, content."""
 
     component: str
     name: str
@@ -66,13 +66,12 @@ class SavedContent(NamedTuple):
 
 @dataclass(frozen=True)
 class SavedState:
-    """A state without addresses, for any process that has made the same system.
+    """A state without addresses, for any process with the same system.
 
     Attributes:
-        tick: at whose beginning it was taken.
-        pieces: of memory.
-        inside: what is held elsewhere.
-        about: what else belongs to it, of whom it is; what JSON can say.
+        tick: tick at whose beginning the state was saved.
+        inside: states held by FMUs, Python objects or other processes.
+        about: further JSON-compatible data, such as the identity of the run.
     """
 
     tick: int
@@ -81,7 +80,7 @@ class SavedState:
     about: dict[str, Any]
 
     def to_bytes(self) -> bytes:
-        """Itself, compressed."""
+        """Serialise and compress the state."""
         pieces = [[*piece.form, len(piece.content)] for piece in self.pieces]
         inside = [[one.component, one.name, len(one.content)] for one in self.inside]
         front = {"version": VERSION, "tick": self.tick, "pieces": pieces, "inside": inside, "about": self.about}
@@ -91,14 +90,13 @@ class SavedState:
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
-        """What `to_bytes` wrote.
+        """Read a state written by `to_bytes`.
 
         Args:
-            content: the bytes.
-            where: what a refusal begins with.
+            where: prefix of error messages.
 
         Raises:
-            InputRefused: something else, of another version, or damaged.
+            InputRefused: not a state, of another version, or damaged.
         """
         try:
             size = zstandard.frame_content_size(content)
@@ -117,8 +115,13 @@ class SavedState:
         tick, about, contents = front.get("tick"), front["about"], BytesIO(whole[8 + length :])
         if type(tick) is not int or not 0 <= tick < 1 << 62:
             raise InputRefused(f"{where}: this is no state that twin saved: tick {tick!r}")
-        if not all(_has_form(one, [str, str, str, list, int]) and all(type(n) is int for n in one[3])
-                   and _DTYPE_PATTERN.fullmatch(one[2]) and 0 <= one[4] <= MAX_STATE_SIZE for one in front["pieces"]):  # fmt: skip
+        if not all(
+            _has_form(one, [str, str, str, list, int])
+            and all(type(n) is int for n in one[3])
+            and _DTYPE_PATTERN.fullmatch(one[2])
+            and 0 <= one[4] <= MAX_STATE_SIZE
+            for one in front["pieces"]
+        ):
             raise other
         if not all(_has_form(one, [str, str, int]) and 0 <= one[2] <= MAX_STATE_SIZE for one in front["inside"]):
             raise other
@@ -136,7 +139,7 @@ class SavedState:
 
 
 def _has_form(value: Any, form: dict[str, type] | list[type]) -> bool:
-    """Whether JSON's `value` is a table with these keys, or a list of these items, of these very types."""
+    """Whether a JSON value is a table with these keys, or a list with these items, of exactly these types."""
     if isinstance(form, list):
         return isinstance(value, list) and len(value) == len(form) and all(map(_has_type, value, form))
     return isinstance(value, dict) and all(
@@ -149,48 +152,48 @@ def _has_type(value: Any, kind: type) -> bool:
 
 
 class SystemState:
-    """A state in the memory of the process that it was taken in; FMUs hold their part of it.
+    """A state in the memory of its own process; FMUs hold their part of it.
 
     Attributes:
-        tick: at whose beginning it was taken.
+        tick: tick at whose beginning the state was saved.
     """
 
     def __init__(self, places: "StatePlaces", tick: int, memory: np.ndarray, tokens: Sequence[Any]):
         self.tick, self.memory, self.tokens = tick, memory, tuple(tokens)
         self.places = places
         self._freed = weakref.finalize(self, places.free, self.tokens)
-        # at the end of the process FMUs are gone first
+        # FMUs are already freed when the process exits
         self._freed.atexit = False
 
     def saved(self, **about: Any) -> SavedState:
-        """The same for another process, with what else is said `about` it.
+        """Export the state for another process, with additional data `about` it.
 
         Raises:
-            InputRefused: a component's state cannot be written down.
+            InputRefused: a component's state cannot be serialised.
             ComponentFailed: an FMU refuses.
         """
         return self.places.export_state(self, about)
 
     def close(self) -> None:
-        """Free what FMUs hold of it; safe to call twice. It happens by itself when nothing refers to the state."""
+        """Free the parts that FMUs store; safe to call twice, and called by garbage collection."""
         self._freed()
 
 
 def holds_all(holder: Holder) -> bool:
-    """Whether what it packs is a `SavedState` of its whole component, which lives in another process."""
+    """Whether the holder packs a `SavedState` of its whole component, which lives in another process."""
     return bool(getattr(holder, "whole", False))
 
 
 class StatePlaces:
-    """Where the state of a system lies.
+    """Memory and holders that contain the state of a system.
 
     Args:
-        components: of the system.
-        outputs: memory of all their outputs, one or several times; none: it is of another system.
-        inputs: memory of all their inputs; likewise.
+        components: components of the system.
+        outputs: memory of all outputs, in one or several copies; empty if it belongs to another system.
+        inputs: memory of all inputs; likewise.
 
     Raises:
-        InputRefused: a component has no state.
+        InputRefused: a component cannot save its state.
     """
 
     def __init__(self, components: Sequence[Component], outputs: np.ndarray, inputs: np.ndarray):
@@ -210,30 +213,22 @@ class StatePlaces:
         self._memory = Pieces(array for *_, array in self._pieces)
 
     def save_state(self, tick: int) -> SystemState:
-        """The present state, at the beginning of `tick`.
-
-        Raises:
-            ComponentFailed: an FMU refuses.
-        """
+        """Save the present state, at the beginning of `tick`."""
         return SystemState(self, tick, self._memory.save(), [holder.save_state() for *_, holder in self._holders])
 
     def restore_state(self, state: SystemState) -> None:
-        """Make `state`, taken here, the present one.
-
-        Raises:
-            ComponentFailed: an FMU refuses.
-        """
+        """Restore a state that was saved here."""
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.restore_state(token)
         self._memory.restore(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
-        """Let holders forget `tokens`."""
+        """Free saved states that are identified by the tokens of all holders."""
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 
     def export_state(self, state: SystemState, about: dict[str, Any]) -> SavedState:
-        """`state`, taken here, for another process; raises as `SystemState.saved`."""
+        """Export a state that was saved here for another process; errors as in `SystemState.saved`."""
         refuse_stateless(self._components)
         packed = [holder.pack(token) for (*_, holder), token in zip(self._holders, state.tokens, strict=True)]
         own, place = [], 0
@@ -262,10 +257,10 @@ class StatePlaces:
         return SavedState(state.tick, pieces, inside, about)
 
     def import_state(self, saved: SavedState) -> SystemState:
-        """A state of this system made of a `saved` one.
+        """Convert a `SavedState` of the same system to a state that can be restored here.
 
         Raises:
-            InputRefused: that is of another system, or holds what no component can go on from.
+            InputRefused: the state is of another system, or invalid.
             ComponentFailed: an FMU refuses its part.
         """
         pieces, contents = self._split_state(saved)
@@ -292,13 +287,13 @@ class StatePlaces:
         return SystemState(self, saved.tick, memory, tokens)
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Take over what `saved`, of a system with perhaps other components, has of those that are here.
+        """Restore the components that `saved`, possibly of a different system, has in common with this system.
 
         Returns:
-            Names of the components that it has nothing of: they are as they were made.
+            Names of components that the state does not contain; they are unchanged.
 
         Raises:
-            InputRefused: a component of the same name has another state.
+            InputRefused: a component of the same name has a different form of state.
             ComponentFailed: an FMU refuses its part.
         """
         pieces, contents = self._split_state(saved)
@@ -309,7 +304,7 @@ class StatePlaces:
                 continue
             piece = there.get((component, name))
             if name == "inputs" and (piece is None or piece.shape != list(array.shape)):
-                # they are given anew before each step
+                # inputs are written again before each step
                 continue
             if piece is None or piece.form[2:] != (array.dtype.str, list(array.shape)):
                 raise InputRefused(f"{component}: its {name} is not what the state has; it cannot be another one now")
@@ -328,7 +323,10 @@ class StatePlaces:
         return {(component, name) for component, name, _ in self._holders}
 
     def _split_state(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
-        """The pieces that lie here, and by component and name what holders are given, some of it whole states."""
+        """Split a state into pieces in this process and contents for holders, by (component, holder name).
+
+        The content for a holder of a whole component is a serialised `SavedState`.
+        """
         pieces, left = list(saved.pieces), list(saved.inside)
         contents: dict[tuple[str, str], bytes] = {}
         for component, name, holder in self._holders:
@@ -350,32 +348,24 @@ class StatePlaces:
 
 
 def _member_prefix(name: str) -> str:
-    """What names of a component's state begin with in that of another one which it is a member of; "": it is none.
-
-    Args:
-        name: of its holder there.
-    """
+    """Return the prefix "member." of a nested holder's name; "" for a holder of the component itself."""
     return name[: name.rfind(".") + 1]
 
 
 def refuse_stateless(components: Iterable[Component], portable: bool = True) -> None:
-    """Refuse components without a state that can be saved.
-
-    Raises:
-        InputRefused: it names each, and why.
-    """
+    """Refuse components whose state cannot be saved, with the reason for each."""
     if missing := stateless_reasons(components, portable):
         raise InputRefused("; ".join(missing))
 
 
 def stateless_reasons(components: Iterable[Component], portable: bool = True) -> list[str]:
-    """A sentence, without a full stop, on each of `components` whose state cannot be saved, and is needed."""
+    """Return a sentence without full stop for each of `components` whose state is needed and cannot be saved."""
     why = [(component, component.lacks_state(portable)) for component in components if not component.alive]
     return [f"{c.label} ({c.name}) {reason}" if c.label else f"{c.name} {reason}" for c, reason in why if reason]
 
 
 def encode_json(value: Any) -> Any:
-    """`value` (numbers, texts, arrays, tuples, lists and dictionaries of them) as JSON says it."""
+    """Convert numbers, strings, arrays, and nested tuples, lists and dictionaries of them to JSON-compatible values."""
     if isinstance(value, np.ndarray):
         data = base64.b64encode(value.tobytes()).decode()
         return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
@@ -389,14 +379,13 @@ def encode_json(value: Any) -> Any:
 
 
 def decode_json(stated: Any, where: str) -> Any:
-    """What `encode_json` made `stated` of; tuples are lists.
+    """Restore a value from the result of `encode_json`; tuples become lists.
 
     Args:
-        stated: what JSON says.
-        where: what a refusal begins with.
+        where: prefix of error messages.
 
     Raises:
-        InputRefused: nothing that `encode_json` makes.
+        InputRefused: not a result of `encode_json`.
     """
     if isinstance(stated, list):
         return [decode_json(one, where) for one in stated]

@@ -1,7 +1,7 @@
-"""A subsystem as a component: finer steps and components of its own.
+"""A subsystem as a component: an inner system with finer ticks.
 
-A drive made of several FMUs, or one with a fast loop in front of it, is a system with its own tick that runs a whole
-number of times per outer step. The inner loop is the same compiled master.
+Examples are a drive made of several FMUs, or a drive with a fast control loop. The inner system runs a whole number of
+its own ticks per outer step, in the same compiled master.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 
 INLET_NAME = "inlet"
-"""The inner component whose outputs are the subsystem's inputs."""
+"""Name of the inner component whose outputs are the subsystem's inputs."""
 
 NO_LAST_TICK = 1 << 62
 
@@ -41,7 +41,7 @@ def _step(m, t, h, u, y):
     loop = carray(_loop_at(m.loop), 1)[0]
     done = run_ticks(loop, m.next, m.substeps, 0)
     if loop.culprit >= 0:
-        # a continuous component fails in the tick that was already counted
+        # a continuous component fails in a tick that is already counted
         m.next += done - (1 if loop.culprit >= loop.sampled else 0)
         return INNER_FAILED
     m.next += m.substeps
@@ -56,21 +56,20 @@ class Subsystem(Component):
     """A component whose step is `substeps` ticks of an inner system.
 
     Args:
-        name: of the component.
-        inputs: its ports; inner wires take them from the component "inlet".
-        outputs: (port, "component.port" of the inner system) pairs.
-        components, wires, scheme: the inner system; `wires` name inlets as "inlet.<port>".
-        tick: of the inner system (s).
+        inputs: ports; inner wires refer to them as "inlet.<port>".
+        outputs: pairs (port, "component.port" of the inner system).
+        components, wires, scheme: the inner system.
+        tick: inner tick (s).
         substeps: inner ticks per outer step.
-        label: what an error sentence calls it.
-        sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
+        label: name in error messages.
+        sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
 
     Attributes:
         system, wires: the inner system.
-        outlets: by the name of an output, "component.port" of the inner system.
+        outlets: output name -> "component.port" of the inner system.
 
     Raises:
-        InputRefused: as `System`.
+        InputRefused: `substeps` < 1, or as `System`.
     """
 
     def __init__(
@@ -100,7 +99,7 @@ class Subsystem(Component):
         self._table = self.system.table(self._u, self._y)
         columns = [self.system.columns(source) for _, source in outputs]
         self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
-        # no mark inside: a supervisor of the outer system sees this component as one
+        # a private mark, as a supervisor of the outer system sees the subsystem as one component
         self._mark = np.zeros(2, dtype=np.int64)
         self._loop = self.system.loop(self._table, self._y, self._mark, NO_LAST_TICK)
         self._memory = np.zeros(1, dtype=_SUBSYSTEM_MEMORY)
@@ -145,7 +144,7 @@ class Subsystem(Component):
 
     @property
     def _inner(self) -> Sequence[Component]:
-        """All but the inlet, which is given anew in every step."""
+        """Inner components except the inlet, whose values are set again in every step."""
         return self.system.components[1:]
 
     def keep_time(self, clock: np.ndarray) -> None:

@@ -1,6 +1,6 @@
-"""A system: components joined by wires, checked as a whole before the first step.
+"""Systems: components joined by wires, checked as a whole before the first step.
 
-Wires value by value: which output feeds which input, for code that builds a system or inserts components.
+Wires can also be handled value by value (`Feeds`), for code that builds a system or inserts components.
 """
 
 import re
@@ -21,7 +21,7 @@ _END_PATTERN = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>
 
 
 class End(NamedTuple):
-    """One value of a port: an end of a wire."""
+    """One value of a port, as an end of a wire."""
 
     component: str
     port: str
@@ -29,11 +29,11 @@ class End(NamedTuple):
 
 
 Feeds = dict[End, End]
-"""By each value of an input the value of an output that feeds it."""
+"""Source of each input value: input value -> output value."""
 
 
 def ends(components: Iterable[Component], side: Side, port: str) -> list[End]:
-    """Every value of the port called `port` of those of `components` that have one, in order."""
+    """All elements of port `port`, over the components that have it, in component order."""
     return [
         End(component.name, port, index)
         for component in components
@@ -44,7 +44,7 @@ def ends(components: Iterable[Component], side: Side, port: str) -> list[End]:
 
 
 def wires(feeds: Mapping[End, End], components: Sequence[Component]) -> list[tuple[str, str]]:
-    """The same as pairs of texts that `System` takes, a wire for each port that is fed as a whole by another one."""
+    """Convert value-by-value feeds to wires for `System`; ports that are fed as a whole by one port become one wire."""
     sizes = {
         (component.name, side, port.name): port.size
         for component in components
@@ -75,7 +75,7 @@ def _text(end: End) -> str:
 
 @dataclass(frozen=True)
 class Slots:
-    """Where a wire's end lies in the vector of all inputs or all outputs."""
+    """Position of a wire end in the vector of all inputs or all outputs."""
 
     start: int
     size: int
@@ -83,7 +83,7 @@ class Slots:
 
 
 class MemoryChange(NamedTuple):
-    """A number of a component's memory that is another from `tick` on: `memory[...] = value`."""
+    """A scheduled change of a value in component memory: `memory[...] = value` at `tick`."""
 
     tick: int
     memory: np.ndarray
@@ -91,28 +91,28 @@ class MemoryChange(NamedTuple):
 
 
 class System:
-    """A co-simulation ready to be run.
+    """A co-simulation ready to run: components, wires, coupling scheme and tick.
 
     Args:
-        components: any order among kinds; the order within the sampled and within the continuous ones is the order of
+        components: in any order of kinds; the order within the sampled and within the continuous ones is the order of
             evaluation.
-        wires: pairs (output, input) as `"arm.torque[0]", "motor_1.load"`; an index picks one element.
+        wires: pairs (output, input) like `"arm.torque[0]", "motor_1.load"`; an index selects one element.
         tick: duration of a tick (s), > 0.
-        scheme: "gauss_seidel": a continuous component sees the newest outputs of those before it (of a slower one,
-            those that its present step will publish), and those of t_k of the others. "jacobi": all see t_k.
-        inputs: of continuous components from each other. "hold": what the scheme says, constant over the step.
-            "linear": the value in the middle of the step, or where the port's `instant` says, on a line between both
-            ends as far as the scheme knows them, else drawn on from the step before.
-        iterations: how often the continuous components make each step; from the second time on all of them see what
-            the others came to.
+        scheme: "gauss_seidel": a continuous component reads the newest outputs of earlier ones (for a slower component,
+            the result of its present step), and the outputs at t_k of later ones. "jacobi": all read outputs at t_k.
+        inputs: inputs of continuous components from each other. "hold": the value according to the scheme, constant
+            over the step. "linear": the value in the middle of the step, or at the port's `instant`, interpolated
+            between both ends as far as the scheme knows them, else extrapolated from the previous step.
+        iterations: number of times the continuous components make each step; repetitions use the results of all others.
 
     Attributes:
-        changes: what every simulation of it changes on the way, by ascending ticks; none unless somebody sets them.
-        first_tick: at which simulations of it begin.
+        changes: scheduled changes of memory in every simulation of the system, by ascending tick; empty by default.
+        first_tick: tick at which its simulations begin.
 
     Raises:
-        InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two; a
-            continuous component that cannot repeat a step, or does not step every tick, where that is asked for.
+        InputRefused: an unknown or repeated component or port name, sizes that differ, an input without or with two
+            wires; with interpolation or iterations, a continuous component that cannot repeat a step or does not step
+            every tick.
     """
 
     changes: tuple[MemoryChange, ...] = ()
@@ -163,9 +163,10 @@ class System:
 
     @property
     def has_separate_newest(self) -> bool:
-        """Whether newest outputs stand apart from the valid ones.
+        """Whether newest outputs are stored separately from the valid ones.
 
-        In Gauss-Seidel order, where all go on in every tick, what has been replaced was read before.
+        Not needed in Gauss-Seidel order if all components step every tick, as every replaced value has been read
+        before.
         """
         every = all(c.period == 1 for c in self.components[self.sampled :])
         return self.interpolates or self.scheme != "gauss_seidel" or not every
@@ -179,19 +180,20 @@ class System:
         return int(self.y_start[-1])
 
     def outputs(self) -> np.ndarray:
-        """Memory of all outputs before tick 0: (outputs_width,), twice if they stand apart, 3 times if interpolated."""
+        """Allocate the initial outputs: (outputs_width,), times 2 if newest are separate, 3 if interpolated."""
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """The components as the compiled loop reads them.
+        """Make the component table of the compiled loop.
 
         Args:
             u: memory of all inputs, (inputs_width,).
-            y: of all outputs, as `outputs` makes it.
+            y: memory of all outputs, from `outputs`.
 
         Returns:
-            (number of components,) of `COMPONENT_RECORD`; it holds addresses of `u`, `y` and this system, and keeps none alive.
+            `COMPONENT_RECORD` array, (number of components,); it contains addresses of `u`, `y` and this system
+            without keeping them alive.
         """
         table = np.zeros(len(self.components), dtype=COMPONENT_RECORD)
         table["step"] = [c.step_address for c in self.components]
@@ -214,13 +216,12 @@ class System:
         return table
 
     def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
-        """What the compiled loop works on, (1,) of `LOOP_RECORD`, without rows; it holds addresses, and keeps nothing alive.
+        """Make the memory of the compiled loop, `LOOP_RECORD` (1,), without rows; it does not keep the arguments alive.
 
         Args:
-            table: of this system, as `table` makes it.
-            y: of all outputs, as `outputs` makes it.
-            mark: (2,) int64, see there.
-            last: tick.
+            table: component table, from `table`.
+            y: memory of all outputs, from `outputs`.
+            mark: (2,) int64, see `LOOP_RECORD`.
         """
         loop = np.zeros(1, dtype=LOOP_RECORD)
         m = loop[0]
@@ -230,12 +231,12 @@ class System:
         return loop
 
     def columns(self, end: str) -> slice:
-        """Which columns of a row hold the output `"component.port"`."""
+        """Return the columns of a row with the output `"component.port"`."""
         slots = self._slots(end, "output")
         return slice(slots.start, slots.start + slots.size)
 
     def has_output(self, end: str) -> bool:
-        """Whether there is an output `"component.port"`."""
+        """Whether the output `"component.port"` exists."""
         name, _, port = end.partition(".")
         return any(c.name == name and any(p.name == port for p in c.outputs) for c in self.components)
 
@@ -244,7 +245,7 @@ class System:
 
     def _connect(self, wires: list[tuple[str, str]]) -> np.ndarray:
         sources = np.full(self.inputs_width, -1, dtype=np.int64)
-        # inputs that are interpolated have weights instead
+        # interpolated inputs select the copy by weights instead
         apart = self.has_separate_newest and not self.interpolates
         for source, target in wires:
             from_, to = self._slots(source, "output"), self._slots(target, "input")
@@ -263,7 +264,7 @@ class System:
         return sources
 
     def _interpolation_weights(self) -> list[np.ndarray]:
-        """Weights (2, inputs, 3) of each continuous component."""
+        """Return the interpolation weights (2, inputs, 3) of each continuous component."""
         found = []
         for c in range(self.sampled, len(self.components)):
             component = self.components[c]
@@ -297,7 +298,7 @@ class System:
         return rewinds
 
     def sees_newest(self, source: int, target: int) -> bool:
-        """Whether the component number `target` sees what `source` comes to in the same step."""
+        """Whether component number `target` reads the result of component number `source` in the same step."""
         return self.scheme == "gauss_seidel" and self.sampled <= source < target
 
     def _position(self, name: str, end: str) -> int:

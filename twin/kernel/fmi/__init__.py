@@ -1,8 +1,4 @@
-"""FMU import: the check before loading, the instances, the compiled steps. The only importer of fmpy.
-
-Three files know what a motor drive or another part of the robot is: `contract`, `mapping`, `sampled`. All others know
-FMUs alone.
-"""
+"""FMU import: checks before loading, instances, compiled steps. The only importer of fmpy; knows no robot."""
 
 COMPILED_FOLDER = "compiled"
-"""The cache folder of what was compiled of FMUs; here, for importing who compiles takes longer than to look there."""
+"""Cache folder of compiled FMU libraries; defined here, as importing the compiling module takes longer than a look."""

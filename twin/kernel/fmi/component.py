@@ -1,9 +1,7 @@
-"""An FMU of any kind as a component: initialised, brought into step mode, stepped by address.
+"""FMU components: an FMU of any kind, initialised, brought into step mode, and stepped by address.
 
-Each is made anew for each run. FMI's `reset` is used by nothing but a check of it: it begins again, and brings no state
-back.
-
-What an FMU instance holds of a state: its inside by FMI's functions, and which of its messages were handed on.
+Each run creates a new instance. FMI's `reset` is only used to check it, as it initialises again but restores no state.
+The saved state of a component consists of the FMU's internal state and the record of reported messages.
 """
 
 import json
@@ -29,15 +27,15 @@ from twin.kernel.fmi.stepping import FmuPort, PortSlots, Stepping, port_slots
 from twin.kernel.fmi.variable import Setting, Setup
 
 STATELESS_FOLDER = "without_state"
-"""Folder of the cache: a file for each FMU, by its SHA-256, whose state was found not to bring back what it was."""
+"""Cache folder with a file for each FMU (by SHA-256) whose restored state was found to differ from the saved one."""
 
 
 def mark_stateless(sha256: str, reason: str) -> None:
-    """From now on the FMU with this SHA-256 counts as one without a state, for every process of this user; "": no more.
+    """Mark an FMU as having no usable state, for all processes of this user, or remove the mark.
 
     Args:
-        sha256: of its file.
-        reason: what was found.
+        sha256: digest of the FMU file.
+        reason: the finding; "" to remove the mark.
     """
     file = cache_folder(STATELESS_FOLDER) / sha256
     if reason:
@@ -47,16 +45,15 @@ def mark_stateless(sha256: str, reason: str) -> None:
 
 
 def is_marked_stateless(sha256: str) -> bool:
-    """Whether that was found; nothing is made for the question."""
+    """Whether the FMU is marked by `mark_stateless`; creates no folder."""
     return (cache_base() / STATELESS_FOLDER / sha256).exists()
 
 
 class FmuStates:
-    """The states of an FMU's inside (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5), a `Holder`: its tokens are their addresses.
+    """Internal states of an FMU (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5) as a `Holder`; tokens are their addresses.
 
     Args:
-        instance: the FMU.
-        stepping: how it is stepped. As long as there are tokens its steps announce that it may go back.
+        stepping: its step; while tokens exist, it announces to the FMU that a state may be restored.
     """
 
     def __init__(self, instance: Instance, stepping: Stepping):
@@ -76,7 +73,7 @@ class FmuStates:
             try:
                 self._instance.free_state(token)
             except ComponentFailed as failure:
-                # finalizers call this, and their exceptions are lost
+                # called by finalizers, whose exceptions are lost
                 self._instance.report(str(failure))
 
     def pack(self, token: int) -> bytes:
@@ -86,7 +83,7 @@ class FmuStates:
         return self._register(self._instance.deserialize_state(content))
 
     def close(self) -> None:
-        """Free all states."""
+        """Free all saved states of the FMU."""
         for token in list(self._tokens):
             self.free(token)
 
@@ -99,12 +96,12 @@ class FmuStates:
 
 
 class RememberedMessages:
-    """Which messages of an FMU were handed on, a `Holder`: its tokens are lists of them.
+    """Record of an FMU's reported messages as a `Holder`; tokens are lists of messages.
 
     Args:
-        label: what a refusal begins with.
-        instance: the FMU, which says each once.
-        stepping: how it is stepped, where a discarded step is said once.
+        label: prefix of error messages.
+        instance: FMU instance, which reports each message once.
+        stepping: its step, which reports discarded steps once.
     """
 
     def __init__(self, label: str, instance: Instance, stepping: Stepping):
@@ -118,7 +115,7 @@ class RememberedMessages:
         self._stepping.discard_reported = bool(token[2])
 
     def free(self, token: list[Any]) -> None:
-        """Nothing is held."""
+        """Do nothing, as tokens own no resources."""
 
     def pack(self, token: list[Any]) -> bytes:
         return json.dumps(token).encode()
@@ -139,7 +136,7 @@ def open_instance(
     inputs: Sequence[Setting] = (),
     setup: Setup = Setup(),  # noqa: B008, it is frozen
 ) -> Instance:
-    """A new instance; arguments as those of `Instance`.
+    """Create an instance of the FMU's kind; arguments as of `Instance`.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -149,7 +146,7 @@ def open_instance(
 
 
 class _DeferredInstances:
-    """Whether instances are left as they are now, and those that were."""
+    """Instances whose release is deferred, and whether release is deferred now."""
 
     def __init__(self) -> None:
         self.now = False
@@ -161,7 +158,10 @@ _instances_to_free = _DeferredInstances()
 
 @contextmanager
 def defer_release() -> Iterator[None]:
-    """Within the block none is freed, unless its FMU can live only once in a process: some crash then."""
+    """Defer the release of instances that end in the block, as some FMUs crash when freed.
+
+    Instances of FMUs that allow only one per process are freed immediately.
+    """
     _instances_to_free.now = True
     try:
         yield
@@ -170,7 +170,7 @@ def defer_release() -> Iterator[None]:
 
 
 def release(instance: Instance) -> None:
-    """Its run is over: free it, but not within `defer_release`."""
+    """Free an instance after its run, or defer that within `defer_release`."""
     if _instances_to_free.now and not instance.description.single_instance:
         _instances_to_free.instances.append(instance)
     else:
@@ -178,25 +178,24 @@ def release(instance: Instance) -> None:
 
 
 class FmuComponent(Component):
-    """One FMU instance as a component, a continuous one if nothing else is said; for model exchange with its solver.
+    """An FMU instance as a component; continuous by default, with a solver for model exchange.
 
     Args:
-        name: of the component and the FMU instance.
-        description: the checked FMU.
-        folder: where it is unpacked.
+        name: name of component and FMU instance.
+        folder: folder of the unpacked FMU.
         inputs, outputs: its ports.
-        settings: values set before initialisation, in the FMU's own units.
-        inputs_at_start: port -> value (SI) in initialisation mode; 0 where nothing is said.
-        outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
-            and the shaft is coupled where it stands.
-        setup: of the run.
-        sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
-        instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
-        solver: of the equations of one for model exchange; None: CVODE.
+        settings: values set before initialisation, in the FMU's units.
+        inputs_at_start: port -> value (SI) in initialisation mode; 0 for other ports.
+        outputs_at_start: port -> value (SI) of the output at t = 0, to which the output is shifted: the zero of an
+            angle is arbitrary, and the shaft is coupled at its present angle.
+        setup: data of the run.
+        sampled: whether it is evaluated at t_k; its outputs are then meaningless before the first evaluation.
+        instance: FMU instance in step mode; None to create and initialise one.
+        solver: solver for model exchange; None for CVODE.
         unread: names of output ports that nothing reads; they need not be finite.
 
     Raises:
-        InputRefused: the FMU cannot be brought into step mode, or an output is not finite then; there is no CVODE for
+        InputRefused: the FMU cannot be initialised, an output is not finite afterwards, or CVODE is not available for
             this platform.
         ComponentFailed: an output cannot be read.
     """
@@ -232,7 +231,7 @@ class FmuComponent(Component):
             raise
         if sampled:
             initial[:] = 0.0
-        # what -0.0 is added to stays what it is
+        # adding -0.0 leaves every value unchanged, adding 0.0 would turn -0.0 into 0.0
         shift = np.full(len(initial), -0.0)
         for p in port_slots(outputs):
             if p.port.port.name in (outputs_at_start or {}):
@@ -269,23 +268,23 @@ class FmuComponent(Component):
         self._unread_reported: set[str] = set()
 
     def zero(self, name: str) -> float:
-        """Value of the output port `name` where the FMU's own is 0."""
+        """Return the value of output port `name` (SI) that corresponds to 0 in the FMU."""
         return float(by_port(self.outputs, self._shift)[name][0])
 
     @property
     def ports(self) -> tuple[Sequence[FmuPort], Sequence[PortSlots]]:
-        """What of the FMU is behind its inputs and its outputs."""
+        """(input ports, output ports with slots), with their FMU variables."""
         return self._stepping.inputs, self._stepping.outputs
 
     @property
     def step_call(self) -> str:
-        """What of the FMU its step calls, for people."""
+        """Name of the FMU function that a step calls, for messages."""
         if isinstance(self.instance, ModelExchange):
             return "its equations of model exchange"
         return f"{self.instance.description.prefix}DoStep"
 
     def _initial_values(self, port: FmuPort) -> np.ndarray:
-        """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
+        """Return output values before the first step, for clocked outputs the start values."""
         if port.variable.clocks:
             return np.full(port.port.size, np.nan_to_num(port.variable.start))
         return self.instance.read_floats([port.variable])
@@ -316,7 +315,7 @@ class FmuComponent(Component):
     def lacks_state(self, portable: bool = True) -> str:
         interface, version = self.instance.description.interface, self.instance.description.version
         if not interface.canGetAndSetFMUstate:
-            return "has no FMU state" + (" (FMI 1.0 knows none)" if version == 1 else " (canGetAndSetFMUState)")
+            return "has no FMU state" + (" (FMI 1.0 does not define it)" if version == 1 else " (canGetAndSetFMUState)")
         if is_marked_stateless(self.instance.description.sha256):
             return "goes on differently from a state that it saved, as twin drive check found"
         if portable and not interface.canSerializeFMUstate:

@@ -1,14 +1,13 @@
-"""The compiled steps of co-simulation FMUs: set inputs, step, get outputs, all by address.
+"""Compiled steps of co-simulation FMUs: set inputs, step, get outputs, all by address.
 
-A slave of FMI 1.0 or 2.0 that discards a step has computed a part of it, perhaps none (FMI 2.0.4, 4.2.2). It is asked
-how far it got and stepped from there, over what it has shown that it can do, over half of the step if it has shown
-nothing, and over longer parts again as long as that goes well. To repeat a step, the FMU's state is saved and restored
-(FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5).
+An FMU of FMI 1.0 or 2.0 that discards a step has computed a part of it, possibly nothing (FMI 2.0.4, 4.2.2). It is
+queried for the time reached and continued from there, with steps of the size that succeeded, or of half the size
+without a success; sizes are doubled while steps succeed. To repeat a step, the FMU's state is saved and restored (FMI
+2.0.4, 2.1.8; FMI 3.0, 2.2.5).
 
-The step of FMI 3.0 FMUs that have an event mode, may return early, or take inputs as lines is a loop: step as far as
-the tick's end or the next planned event, and handle what came up there, until the tick's end is reached. An FMU for
-which nothing comes up makes one turn of it. In event mode (2.3.5, 4.2.1) clocks that are due are ticked, discrete
-inputs set, clocked outputs read.
+FMI 3.0 FMUs that have event mode, may return early, or have interpolated inputs are stepped in a loop: step to the end
+of the tick or the next planned event, handle events, and repeat until the end of the tick. Without events the loop
+runs once. In event mode (2.3.5, 4.2.1) due clocks are ticked, discrete inputs set, and clocked outputs read.
 """
 
 import numpy as np
@@ -73,100 +72,102 @@ from twin.kernel.fmi.groups import (
 from twin.kernel.settings import fields_of_form
 
 DISCARD_RECORD = record(
-    real_status="i8",  # fmiNGetRealStatus
-    boolean_status="i8",  # fmi2GetBooleanStatus; 0 in FMI 1.0
-    value="f8",  # what the first returns
-    flag="i8",  # what the second returns
-    value_at="i8",  # where these two are
-    flag_at="i8",
-    varies="i8",  # whether the FMU takes steps of varying size
-    discarded=state("i8"),  # how many steps it has discarded
-    since=state("f8"),  # when the first (s)
+    real_status="i8",  # address of fmiNGetRealStatus
+    boolean_status="i8",  # address of fmi2GetBooleanStatus; 0 in FMI 1.0
+    value="f8",  # result of real_status
+    flag="i8",  # result of boolean_status
+    value_at="i8",  # address of value
+    flag_at="i8",  # address of flag
+    varies="i8",  # whether the FMU accepts a variable step size
+    discarded=state("i8"),  # number of discarded steps
+    since=state("f8"),  # time of the first one (s)
 )
-"""What goes on after a discarded step; addresses of functions."""
+"""Memory for the continuation of discarded steps."""
 
 LAST_SUCCESSFUL_TIME, TERMINATED_KIND = 2, 3
-"""fmi2StatusKind, and fmiStatusKind for the first."""
+"""Values of fmi2StatusKind, and of fmiStatusKind for the first."""
 
 _shorter_at = pointer_to(DISCARD_RECORD)
 STEP_MEMORY = record(
     **fields_of_form("i8", "version instance do_step"),
-    final="i8",  # 1: no state will be restored
-    inputs="i8",  # how many groups
-    input_groups="i8",  # of `groups.GROUP`
+    final="i8",  # 1 if no state will be restored
+    inputs="i8",  # number of groups
+    input_groups="i8",  # address of `groups.GROUP_RECORD`
     outputs="i8",
     output_groups="i8",
-    returned="i8",  # 16 bytes for what fmi3DoStep returns
-    ramp="i8",  # a `groups.RAMP`; 0: no input is a line
-    shorter="i8",  # a `DISCARD_RECORD`
-    note="i8",  # a `groups.NOTE`
+    returned="i8",  # address of 16 bytes for results of fmi3DoStep
+    ramp="i8",  # address of `groups.RAMP_RECORD`; 0 without interpolated inputs
+    shorter="i8",  # address of a `DISCARD_RECORD`
+    note="i8",  # address of a `groups.NOTE_RECORD`
 )
-"""Of an instance: counts, and addresses of functions and tables."""
+"""Memory of the general step: counts, and addresses of functions and tables."""
 PLAIN_MEMORY = record(
     **fields_of_form("i8", "instance set_real do_step final get_real"),
-    inputs="i8",  # how many
+    inputs="i8",  # number of inputs
     **fields_of_form("i8", "input_references outputs output_references"),
-    shifted="i8",  # which output
-    shift="f8",  # and by how much
-    shorter="i8",  # a `DISCARD_RECORD`
-    note="i8",  # a `groups.NOTE`
+    shifted="i8",  # index of the shifted output
+    shift="f8",  # offset added to it
+    shorter="i8",  # address of a `DISCARD_RECORD`
+    note="i8",  # address of a `groups.NOTE_RECORD`
 )
-"""The same of an FMU whose values go as they are."""
+"""Memory of the step of an FMU whose values need no conversion."""
 STATE_MEMORY = record(
     instance="i8",
-    get="i8",  # fmiNGetFMUState
-    set="i8",  # fmiNSetFMUState
-    cell="i8",  # where the next field is
-    state="i8",  # the FMU's own pointer
-    pieces="i8",  # how many of our own memory go back with it
-    piece_table="i8",  # of `component.PIECE`
-    note="i8",  # a `groups.NOTE`
+    get="i8",  # address of fmiNGetFMUState
+    set="i8",  # address of fmiNSetFMUState
+    cell="i8",  # address of the next field
+    state="i8",  # pointer to the FMU's state
+    pieces="i8",  # number of pieces of memory outside the FMU
+    piece_table="i8",  # address of `component.PIECE_RECORD`
+    note="i8",  # address of a `groups.NOTE_RECORD`
 )
-"""To save and restore a state; addresses of functions."""
+"""Memory for saving and restoring a state; addresses of functions."""
 PERIODIC_CLOCK, CHANGING_CLOCK, COUNTDOWN_CLOCK, OUTPUT_CLOCK = 0, 1, 2, 3
 """Kinds of clocks: the period gives the next tick, the FMU reports it at each tick, the FMU reports it at each event,
 or the FMU itself activates the clock."""
 UNKNOWN_STEP = 1 << 62
 """Step of a clock whose next tick is not known."""
 CLOCK_RECORD = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
-"""Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
+"""Clock data: value reference, kind, period (steps), and the step at whose beginning it ticks next."""
 CLOCK_BYTES = CLOCK_RECORD.itemsize
 EVENTS_RECORD = record(
     **fields_of_form("i8", "instance enter_event_mode update enter_step_mode set_clock get_clock get_interval"),
-    returned="i8",  # 40 bytes for what functions return
-    clocks="i8",  # how many
-    clock_table="i8",  # of `CLOCK_RECORD`
-    discrete="i8",  # groups of discrete inputs
+    returned="i8",  # address of 40 bytes for results of functions
+    clocks="i8",  # number of clocks
+    clock_table="i8",  # address of `CLOCK_RECORD`
+    discrete="i8",  # number of groups of discrete inputs
     discrete_groups="i8",
-    held="i8",  # groups of clocked outputs
+    held="i8",  # number of groups of clocked outputs
     held_groups="i8",
-    next="i8",  # where the time of the next event is (s); infinity: none is planned
-    step="f8",  # s
-    value="f8",  # what the FMU returned when it went wrong
-    culprit="i8",  # about which clock
+    next="i8",  # address of the time of the next event (s); infinity if not planned
+    step="f8",  # step size (s)
+    value="f8",  # value that the FMU returned with a failure
+    culprit="i8",  # clock that it concerns
 )
-"""Event mode: counts, and addresses of functions and tables."""
+"""Memory of event mode: counts, and addresses of functions and tables."""
 _VALUE_OFFSET, _ANSWER_OFFSET = 16, 24
-"""Offsets (bytes) in `returned` of a clock's value reference and of the answer, behind the 16 of the update."""
+"""Offsets (bytes) in `returned` of a clock's value and of the answer, after the 16 bytes of the update."""
 EVENT_MEMORY = record(
     **fields_of_form("i8", "instance do_step final inputs input_groups outputs output_groups"),
-    held="i8",  # clocked outputs, which are read in events
+    held="i8",  # number of groups of clocked outputs, which are read in events
     **fields_of_form("i8", "held_groups returned ramp"),
-    events="i8",  # an `EVENTS_RECORD`; 0: none
-    next="i8",  # where the time of the next event is
-    clocks="i8",  # how many
-    discrete="i8",  # how many groups of discrete inputs
-    early="i8",  # whether it may return early
-    varies="i8",  # whether it takes steps of varying size
-    value="f8",  # the time that it returned when it went wrong
-    note="i8",  # a `groups.NOTE`
+    events="i8",  # address of an `EVENTS_RECORD`; 0 without event mode
+    next="i8",  # address of the time of the next event
+    clocks="i8",  # number of clocks
+    discrete="i8",  # number of groups of discrete inputs
+    early="i8",  # whether a step may return early
+    varies="i8",  # whether the FMU accepts a variable step size
+    value="f8",  # time that the FMU returned with a failure
+    note="i8",  # address of a `groups.NOTE_RECORD`
 )
-"""As `STEP_MEMORY`, and what events need."""
+"""Memory of the step with events: fields of `STEP_MEMORY`, and of events."""
+_events_at, _clocks_at = pointer_to(EVENTS_RECORD), pointer_to(CLOCK_RECORD)
+_words_at = pointer_to(np.int32)
 
 
 @njit(cache=True)
 def _reached_time(s, instance, here, goal, close):
-    """(time that the FMU has reached, 0), or (NaN, status) if the run ends with that."""
+    """Query the time that the FMU has reached; return (time, 0), or (NaN, failure status)."""
     s.flag, s.value = 0, np.nan
     if (
         s.boolean_status != 0
@@ -183,11 +184,11 @@ def _reached_time(s, instance, here, goal, close):
 
 @njit(cache=True)
 def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
-    """Come to `t` + `h` after the step from `t` was discarded; 0, or the status that ends the run.
+    """Continue to `t` + `h` after the step from `t` was discarded; return 0 or a failure status.
 
     Args:
-        address: of a `DISCARD_RECORD`.
-        ramp: of a `RAMP` whose inputs are set anew for each part; 0: the inputs are held.
+        address: address of a `DISCARD_RECORD`.
+        ramp: address of a `RAMP_RECORD` whose inputs are set for each part; 0 if all inputs are held.
     """
     s = carray(_shorter_at(address), 1)[0]
     close = 1e-9 * h
@@ -226,7 +227,7 @@ def continue_discarded_step(address, ramp, do_step, instance, t, h, final):
 
 @njit(cache=True, inline="always")
 def _step_2(address, ramp, do_step, instance, t, h, final):
-    """A step of FMI 1.0 or 2.0, in parts if it is discarded; 0, or the status that ends the run."""
+    """Step an FMU of FMI 1.0 or 2.0, in parts if the step is discarded; return 0 or a failure status."""
     status = do_step_2(do_step, (instance, t, h, final))
     if status == DISCARD_STATUS:
         return continue_discarded_step(address, ramp, do_step, instance, t, h, final)
@@ -251,7 +252,7 @@ def _step(m, t, h, u, y):
                 return status
         status = _step_2(m.shorter, m.ramp, m.do_step, m.instance, t, h, m.final)
     else:
-        # an FMU of 3.0 that takes lines is stepped as one with events
+        # FMI 3.0 FMUs with interpolated inputs use the step with events
         back = m.returned
         status = do_step_3(m.do_step, (m.instance, t, h, m.final, back + 8, back + 9, back + 10, back))
         if status <= 1:
@@ -268,7 +269,7 @@ def _step(m, t, h, u, y):
 
 @step_function(PLAIN_MEMORY)
 def plain_step(m, t, h, u, y):
-    # what `step` does for Real in SI units and the contract's order, in a third of the time around the FMU's own
+    # equivalent to `step` for unscaled Real values, with a third of the overhead
     status = access_2(m.set_real, (m.instance, m.input_references, m.inputs, address_of(u)))
     if status > 1:
         return store_status(m.note, SET_FAILED + status)
@@ -296,13 +297,9 @@ def restore(m, t, h, u, y):
     return store_status(m.note, RESTORE_FAILED + status) if status > 1 else 0
 
 
-_events_at, _clocks_at = pointer_to(EVENTS_RECORD), pointer_to(CLOCK_RECORD)
-_words_at = pointer_to(np.int32)
-
-
 @njit(cache=True)
 def due_step(address, t, h):
-    """The step that begins at `t`, if a clock ticks there; else -1."""
+    """Return the step that begins at `t` if a clock ticks there, else -1."""
     e = carray(_events_at(address), 1)[0]
     n = np.int64(np.floor(t / h + 0.5))
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
@@ -314,8 +311,11 @@ def due_step(address, t, h):
 
 @njit(cache=True)
 def fill_discrete_inputs(address, u):
-    """Put the discrete inputs at address `u` into their buffers; whether one is another than the last that was set, and
-    0 or `UNFIT`."""
+    """Convert the discrete inputs at address `u` into their buffers.
+
+    Returns:
+        (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
+    """
     e = carray(_events_at(address), 1)[0]
     groups = carray(groups_at(e.discrete_groups), e.discrete)
     changed = False
@@ -332,7 +332,7 @@ def fill_discrete_inputs(address, u):
 
 @njit(cache=True)
 def _set_discrete(e, active):
-    """Set the discrete inputs whose clocks are active, or that have none; they lie in their buffers."""
+    """Set discrete inputs, unclocked or with active clocks, from their buffers; return 0 or a failure status."""
     groups = carray(groups_at(e.discrete_groups), e.discrete)
     for i in range(e.discrete):
         g = groups[i]
@@ -346,7 +346,7 @@ def _set_discrete(e, active):
 
 @njit(cache=True)
 def _tick(e, clocks, n):
-    """(bits of the clocks that are due at step `n` and are ticked, first bad status)."""
+    """Tick the input clocks that are due at step `n`; return (bit mask of the ticked clocks, 0 or a failure status)."""
     active = 0
     flag = carray(bytes_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
@@ -361,7 +361,7 @@ def _tick(e, clocks, n):
 
 @njit(cache=True)
 def _active_output_clocks(e, clocks):
-    """(bits of the output clocks that are active, first bad status)."""
+    """Return (bit mask of the active output clocks, 0 or a failure status)."""
     active = 0
     flag = carray(bytes_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
@@ -388,7 +388,11 @@ def _read_clocked_outputs(e, active):
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
-    """When the input clocks tick next, of which `ticked` have just done so at `t`, the beginning of step `n`."""
+    """Plan the next ticks of the input clocks, of which `ticked` (bit mask) ticked at `t`, the beginning of step `n`.
+
+    Returns:
+        0 or a failure status.
+    """
     answer = carray(_words_at(e.returned + _ANSWER_OFFSET), 1)
     interval = carray(doubles_at(e.returned + _VALUE_OFFSET), 1)
     for c in range(e.clocks):
@@ -409,7 +413,7 @@ def _plan_clocks(e, clocks, ticked, n, t):
             if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING_CLOCK):
                 steps = (t + interval[0]) / e.step
                 e.value, e.culprit = interval[0], c
-                # two of the first thousand million steps are distinct
+                # below 1e9 steps, the tolerance of 1e-6 steps exceeds the rounding of the division
                 if not (interval[0] > 0.0 and steps < 1e9 and abs(steps - np.floor(steps + 0.5)) < 1e-6):
                     return INVALID_INTERVAL
                 clocks[c].next = np.int64(np.floor(steps + 0.5))
@@ -418,13 +422,13 @@ def _plan_clocks(e, clocks, ticked, n, t):
 
 @njit(cache=True)
 def handle_events(address, n, t):
-    """Step mode to event mode and back, at time `t`; 0, or the status that ends the run.
+    """Enter event mode at time `t`, handle the event and return to step mode; return 0 or a failure status.
 
-    Discrete inputs that are set lie in their buffers.
+    Discrete inputs are taken from their buffers.
 
     Args:
-        address: of an `EVENTS_RECORD`.
-        n: the step that begins there, whose clocks tick; -1: no clock of ours does.
+        address: address of an `EVENTS_RECORD`.
+        n: step that begins at `t`, for clocks that tick; -1 if no input clock ticks.
     """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
@@ -446,7 +450,11 @@ def handle_events(address, n, t):
 
 @entry("int", "int", "int", "int", "double")
 def update_discrete_states(address, active, n, t):
-    """Update the discrete states until they need it no more, in event mode, with the clocks `active`."""
+    """Update the discrete states in event mode until no update is needed, with the clocks `active` (bit mask).
+
+    Returns:
+        0 or a failure status.
+    """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
     flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)
@@ -483,7 +491,7 @@ def update_discrete_states(address, active, n, t):
 
 @njit(cache=True, inline="always")
 def _begin_step(m, t, h, u):
-    """Everything before the first call of doStep."""
+    """Handle events due at the start of a step and set the inputs; return 0 or a failure status."""
     if m.events != 0:
         n = due_step(m.events, t, h) if m.clocks > 0 else -1
         changed, status = fill_discrete_inputs(m.events, u) if m.discrete > 0 else (False, 0)
@@ -502,7 +510,7 @@ def _begin_step(m, t, h, u):
 
 @njit(cache=True, inline="always")
 def _step_to(m, t, h):
-    """From `t` to `t` + `h`; 0, or the status that ends the run."""
+    """Step from `t` to `t` + `h` in as many parts as events require; return 0 or a failure status."""
     close, here, end = 1e-9 * h, t, t + h
     part, halved, stalls = h, 0, 0
     flags, last = carray(bytes_at(m.returned), 16), carray(doubles_at(m.returned), 1)
@@ -523,7 +531,7 @@ def _step_to(m, t, h):
             if bad != 0:
                 return bad
         if status == DISCARD_STATUS and m.varies:
-            # the FMU is where it was before
+            # the FMU is still at the time before the discarded step
             part, halved, m.value = 0.5 * (goal - here), halved + 1, here
             if halved > MAX_HALVINGS:
                 return STEP_STUCK

@@ -1,7 +1,7 @@
 """Model descriptions of FMUs, read and checked before a binary is loaded.
 
-FMPy reads modelDescription.xml; what it leaves out is filled in here. What an FMU says of its steps, events and clocks
-(FMI 3.0, 2.2.8) is announced, and held to the steps that it is to take.
+FMPy reads modelDescription.xml; attributes that it ignores are added here. Declared steps, events and clocks (FMI 3.0,
+2.2.8) are reported and checked against the steps that the FMU is to make.
 """
 
 import math
@@ -26,27 +26,30 @@ from twin.kernel.fmi.variable import Setting, Value, Variable, parse_number, set
 
 DESCRIPTION_FILE = "modelDescription.xml"
 CLOCK_ATTRIBUTES = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
-"""Of a Clock (FMI 3.0.2, 2.2.9)."""
+"""Attributes of a Clock (FMI 3.0.2, 2.2.9)."""
 FMI1_CAPABILITIES = (
     "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
 )  # fmt: skip
-"""Of an FMI 1.0 slave."""
+"""Capabilities of an FMI 1.0 slave."""
 MAX_DESCRIPTION_SIZE = 64 << 20
-"""Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
+"""Maximum size of a model description (bytes); the largest real ones have tens of thousands of variables and 10 MB."""
 STRUCTURAL_PARAMETER = "structuralParameter"
 NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
 MIN_FILE_AGE = 2_000_000_000
 """Minimum age (ns) of a file whose times identify its content: the coarsest clock of a file system, FAT."""
 INDEX_ATTRIBUTES = ("index", "dependencies", "derivative")
-"""Attributes that count the variables from 1 on (FMI 2.0.4, 2.2.8)."""
+"""Attributes that refer to variables by index, counted from 1 (FMI 2.0.4, 2.2.8)."""
 MAX_CLOCKS = 62
 """Maximum number of clocks: each has a bit in an integer."""
 STEP_TOLERANCE = 1e-6
 """Maximum deviation of a step from a multiple of another one, as a share of the step."""
+Kind = Literal["co_simulation", "model_exchange"]
+KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}
+"""Names of the kinds of FMUs; the first is the default for an FMU that offers both."""
 
 
 def complete_model(model: Any, file: Path) -> None:
-    """Fill in what FMPy has fields for and does not read of the `file` that it made `model` of."""
+    """Add attributes of the model description in `file` that FMPy has fields for but does not read."""
     if model.fmiVersion != "1.0" and not model.fmiVersion.startswith("3."):
         return
     with zipfile.ZipFile(file) as archive:
@@ -62,7 +65,7 @@ def complete_model(model: Any, file: Path) -> None:
     else:
         by_name = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
         for variable in model.modelVariables:
-            # FMPy makes a variable of each alias
+            # FMPy creates a variable for each alias
             element = by_name[variable.alias.name if variable.alias else variable.name]
             variable.intermediateUpdate = _is_true(element.get("intermediateUpdate"))
             variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
@@ -71,7 +74,7 @@ def complete_model(model: Any, file: Path) -> None:
 
 
 def _complete_outputs(model: Any, root: Any) -> None:
-    """FMI 1.0 says at each output on which inputs it depends; FMPy keeps that where FMI 2.0 has it."""
+    """Add the dependencies that FMI 1.0 declares at each output, in FMPy's form for FMI 2.0."""
     by_name = {variable.name: variable for variable in model.modelVariables}
     for element in root.iterfind("ModelVariables/ScalarVariable"):
         stated = element.find("DirectDependency")
@@ -83,10 +86,11 @@ def _complete_outputs(model: Any, root: Any) -> None:
 
 
 def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]], frozenset[str]]:
-    """On which inputs each output depends at one instant, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
+    """Return the direct feedthrough of each output, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
 
     Returns:
-        Names of inputs by names of outputs; and the outputs of which nothing is said, which may depend on all inputs.
+        (output name -> input names, outputs without declared dependencies). The latter are assumed to depend on all
+        inputs.
     """
     inputs = frozenset(v.name for v in description.variables_of("input"))
     stated = {
@@ -104,25 +108,18 @@ def _is_true(text: str | None) -> bool:
     return text in ("true", "1")
 
 
-Kind = Literal["co_simulation", "model_exchange"]
-KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}
-"""What an FMU is used as, and how people call that; the first is taken where nothing is said and both are offered."""
-
-
 @dataclass(frozen=True)
 class FmuDescription:
-    """An FMU that has passed every check that needs no binary.
+    """An FMU that has passed all checks that need no binary.
 
     Attributes:
-        path: the .fmu file.
-        sha256: of its bytes.
-        compiler: what made its library on this machine; empty: it came with one.
-        version: 1, 2 or 3, FMI's.
-        kind: as which it is used.
-        identifier: of the binary.
-        platforms: folders of binaries inside.
-        variables: by name.
-        model: what FMPy read.
+        sha256: digest of the file.
+        compiler: compiler that built its library on this machine; "" if the library came with the FMU.
+        version: FMI version 1, 2 or 3.
+        kind: kind in use.
+        identifier: model identifier, the name of the binary.
+        platforms: platform folders with binaries in the archive.
+        model: FMPy's description.
     """
 
     path: Path
@@ -137,36 +134,36 @@ class FmuDescription:
 
     @property
     def interface(self) -> Any:
-        """What it says of itself as an FMU of its `kind`."""
+        """FMPy's interface description for the kind in use."""
         return _interface(self.model, self.kind)
 
     @property
     def standard(self) -> str:
-        """The standard it follows, for people; a kind is named only if it is not the usual one."""
+        """FMI version of the FMU, for messages; includes the kind if it is not co-simulation."""
         usual = self.kind == "co_simulation"
         return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """All that it can be used as."""
+        """Kinds that the FMU offers: co-simulation, model exchange."""
         return _kinds(self.model)
 
     def variables_of(self, causality: str) -> list[Variable]:
-        """Numeric variables of a causality, in the FMU's order."""
+        """Return the numeric variables of a causality, in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
     @property
     def parameters(self) -> list[Variable]:
-        """What an experiment may set beside inputs, in the FMU's order."""
+        """Parameters that an experiment may set, in the FMU's order."""
         causes = ("parameter", STRUCTURAL_PARAMETER)
         return [v for v in self.variables.values() if v.causality in causes and (v.kind >= 0 or v.is_text)]
 
     def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
-        """Values for parameters and inputs, before initialisation.
+        """Check and convert values for parameters and inputs, to be set before initialisation.
 
         Raises:
-            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite,
-                too many or too few for an array, a file that is not there.
+            InputRefused: an unknown name, a variable that cannot be set, a value out of range or not finite, a wrong
+                number of values, or a missing file.
         """
         settable = {v.name: v for v in (*self.parameters, *self.variables_of("input"))}
         checked = []
@@ -180,26 +177,26 @@ class FmuDescription:
 
     @property
     def prefix(self) -> str:
-        """What the names of the standard's functions and statuses begin with."""
+        """Prefix of FMI function and status names: "fmi", "fmi2" or "fmi3"."""
         return "fmi" if self.version == 1 else f"fmi{self.version}"
 
     def exported_name(self, function: str) -> str:
-        """What its binary calls a function of the standard, `DoStep`: in FMI 1.0 with its own name before it."""
+        """Return the name in the binary of an FMI function `DoStep`; FMI 1.0 prepends the identifier."""
         return f"{self.identifier}_{self.prefix}{function}" if self.version == 1 else f"{self.prefix}{function}"
 
     @property
     def returns_early(self) -> bool:
-        """Whether it may end a step before its time, if that is allowed."""
+        """Whether the FMU may return early from a step, if that is allowed."""
         if self.kind == "model_exchange":
             return False
         abilities = self.model.coSimulation
         return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
 
     def with_sizes(self, values: Mapping[str, Value]) -> "FmuDescription":
-        """The same FMU with its arrays as large as `values` of structural parameters among `values` make them.
+        """Return the FMU with array sizes for the structural parameters among `values`.
 
         Raises:
-            InputRefused: a structural parameter is no whole number, an array would have no values, or too many.
+            InputRefused: a structural parameter that is not an integer, an empty array, or too many values.
         """
         structure = {name: v.start for name, v in self.variables.items()}
         for name, value in values.items():
@@ -212,7 +209,7 @@ class FmuDescription:
 
     @property
     def tolerance(self) -> float | None:
-        """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
+        """Relative solver tolerance that the FMU states (DefaultExperiment); None if not positive and finite."""
         stated = parse_number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
 
@@ -230,11 +227,11 @@ class FmuDescription:
 
     @property
     def single_instance(self) -> bool:
-        """Whether a process can hold only one instance of it."""
+        """Whether a process can contain only one instance of the FMU."""
         return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
-        """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
+        """Return the findings of FMPy's validation, only as warnings, as validators disagree with each other."""
         from fmpy.validation import validate_fmu
 
         own = [self.tool_note] if self.tool_note else []
@@ -242,22 +239,21 @@ class FmuDescription:
 
 
 _known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] = {}
-"""What `described` has found, and the state of the file in which it did."""
+"""Cache of `described`: file stamp and description."""
 
 
 def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> FmuDescription:
-    """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
+    """Read and check an FMU; cached in the process while the file is unchanged.
 
     Args:
-        file: the FMU.
-        kind: as which it is to be used; None: co-simulation, or else what it offers.
+        kind: kind to use; None for co-simulation if offered, else model exchange.
         lenient: whether it may need its authoring tool.
 
     Raises:
-        InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and no
-            model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
+        InputRefused: not a complete zip file, an unreadable model description, no co-simulation of FMI 1.0, 2.0 or 3.0
+            and no model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
     """
-    # not Path.is_file, which raises for a name that is too long
+    # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such FMU")
     facts = file.stat()
@@ -265,7 +261,7 @@ def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> Fm
     known, description = _known.get((file, kind), (None, None))
     if description is None or known != stamp:
         description = _read_description(file, kind)
-        # the next change of a file that has just been written might get the same time
+        # do not cache a file written just now, as its next change might get the same time stamp
         if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > MIN_FILE_AGE:
             _known[file, kind] = stamp, description
     if description.needs_tool and not (lenient or description.tool_note):
@@ -287,7 +283,7 @@ def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
     major = int(version[0])
     identifier = _interface(model, kind).modelIdentifier
     binary = _binary_entry(major, identifier)
-    # an empty folder has an entry, too
+    # a folder entry is not a binary
     inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
     platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
     digest = sha256(file)
@@ -321,7 +317,7 @@ def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
 
 
 def build_binary(file: Path) -> CompiledLibrary | None:
-    """Compile the sources of an FMU without a binary for this platform; None: it has one.
+    """Compile the sources of an FMU for this platform; None if it has a binary for it.
 
     Raises:
         InputRefused: not an FMU, or as `compile_sources`.
@@ -337,13 +333,13 @@ def _interface(model: Any, kind: Kind) -> Any:
 
 
 def _kinds(model: Any) -> tuple[Kind, ...]:
-    # model exchange of FMI 1.0, whose functions are others, is not supported
+    # model exchange of FMI 1.0, which has other functions, is not supported
     known: Mapping[Kind, str] = KIND_NAMES if model.fmiVersion != "1.0" else {"co_simulation": ""}
     return tuple(kind for kind in known if _interface(model, kind) is not None)
 
 
 def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
-    """`kind`, or the first that the FMU offers."""
+    """Return `kind` if the FMU offers it, or the first kind that it offers if `kind` is None; refuse other kinds."""
     kinds = _kinds(model)
     if not kinds:
         other = "" if model.fmiVersion == "1.0" else " and model exchange"
@@ -356,14 +352,14 @@ def _choose_kind(file: Path, model: Any, kind: Kind | None) -> Kind:
 
 
 def _binary_entry(major: int, identifier: str) -> str:
-    """Where the library for this platform is in the archive."""
+    """Return the path in the archive of the library for this platform."""
     return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
 
 
 def _missing_binary_phrase(
     file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]
 ) -> str:
-    """What there is to say of an FMU whose archive holds no `binary`."""
+    """Describe why an archive has no `binary` for this platform, and the remedy."""
     place = PurePosixPath(binary)
     others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
     if others:
@@ -378,7 +374,7 @@ def _missing_binary_phrase(
 
 
 def _platform(major: int) -> str:
-    """FMI's name of this platform's folder of binaries."""
+    """Return FMI's name of this platform's folder of binaries."""
     if major < 3:
         return platform
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
@@ -396,7 +392,7 @@ def _model(file: Path, names: Collection[str]) -> Any:
         model = read_model_description(str(file), validate=False)
         complete_model(model, file)
         return model
-    # FMPy raises bare Exception and lxml its own family
+    # FMPy raises bare Exception, and lxml its own exceptions
     except Exception as problem:
         raise InputRefused(f"{file}: {DESCRIPTION_FILE} cannot be read: {_read_error(file, problem)}") from None
 
@@ -404,7 +400,7 @@ def _model(file: Path, names: Collection[str]) -> Any:
 def _read_error(file: Path, problem: Exception) -> str:
     """Reason why FMPy cannot read a description: the place of an XML error, or a missing reference."""
     if type(problem) is Exception:
-        # FMPy's own sentence
+        # an error message of FMPy itself
         return str(problem)
     try:
         root = parse_xml(read_entry(file, DESCRIPTION_FILE, MAX_DESCRIPTION_SIZE), DESCRIPTION_FILE)
@@ -423,11 +419,7 @@ def _read_error(file: Path, problem: Exception) -> str:
 
 
 def clocks(description: FmuDescription) -> list[Any]:
-    """FMPy's variables of its clocks, those that we tick and those that it ticks.
-
-    Raises:
-        InputRefused: there are too many.
-    """
+    """Return the input and output clocks of an FMU (FMPy's variables), at most `MAX_CLOCKS`."""
     found = [v for v in description.model.modelVariables if v.type == "Clock" and v.causality in ("input", "output")]
     if len(found) > MAX_CLOCKS:
         raise InputRefused(f"{description.path}: {len(found)} clocks; expected at most {MAX_CLOCKS}")
@@ -435,19 +427,19 @@ def clocks(description: FmuDescription) -> list[Any]:
 
 
 def clock_phrase(clock: Any) -> str:
-    """When a clock ticks, as its description says it."""
+    """Describe when a clock ticks, from its declaration in the model description."""
     if clock.causality == "output":
         return "ticked by the FMU"
     if clock.intervalVariability == "triggered":
         return "in every step"
     interval, shift = stated_interval(clock)
     if math.isnan(interval):
-        return f"{clock.intervalVariability}, as the FMU says while it runs"
+        return f"{clock.intervalVariability}, determined by the FMU while it runs"
     return f"every {1e3 * interval:g} ms" + (f" from {1e3 * shift:g} ms on" if shift else "")
 
 
 def stated_interval(clock: Any) -> tuple[float, float]:
-    """(interval, shift) in seconds, as the description states them; NaN: it states no interval."""
+    """Return the declared (interval, shift) of a clock (s); the interval is NaN if not declared."""
     resolution = parse_number(clock.resolution)
     if clock.intervalDecimal is not None or math.isnan(resolution):
         return parse_number(clock.intervalDecimal), parse_number(clock.shiftDecimal or "0")
@@ -456,7 +448,7 @@ def stated_interval(clock: Any) -> tuple[float, float]:
 
 
 def capability_rows(description: FmuDescription) -> list[tuple[str, str]]:
-    """(what, how) of its stepping, for people; nothing of what every FMU does."""
+    """Return (topic, description) of the FMU's unusual stepping capabilities, for messages."""
     if description.kind == "model_exchange":
         return []
     rows, its = [], description.model.coSimulation
@@ -475,15 +467,15 @@ def capability_rows(description: FmuDescription) -> list[tuple[str, str]]:
 
 
 def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None:
-    """See whether an FMU takes `substeps` equal steps per `tick` (s).
+    """Check that an FMU accepts `substeps` equal steps per `tick` (s).
 
-    FMI 3.0 says that steps should be multiples of fixedInternalStepSize; one that takes no other steps either is not
-    asked for any. The step size that FMI 1.0 and 2.0 state is only the one that they would prefer.
+    FMI 3.0 recommends multiples of fixedInternalStepSize; it is enforced only for FMUs that accept no variable step.
+    The step size that FMI 1.0 and 2.0 state is only a preference.
 
     Raises:
-        InputRefused: it has a fixed step of its own, takes no varying ones, and these are no multiples of it.
+        InputRefused: it has a fixed internal step, accepts no variable step, and the step is not a multiple of it.
     """
-    # the steps of its equations are ours
+    # the solver chooses the steps of model exchange
     if description.kind == "model_exchange":
         return
     abilities, step = description.model.coSimulation, tick / substeps
@@ -506,8 +498,8 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
 
 
 def stated_step(description: FmuDescription) -> float:
-    """The step that it has inside or prefers (s); NaN: it does not say."""
-    # an FMU for model exchange has none
+    """Return the internal step size of an FMU, else the preferred one (s); NaN if not stated."""
+    # FMUs for model exchange have no internal step
     fixed = parse_number(getattr(description.interface, "fixedInternalStepSize", None))
     preferred = parse_number(getattr(description.model.defaultExperiment, "stepSize", None))
     return preferred if math.isnan(fixed) else fixed

@@ -1,4 +1,4 @@
-"""An FMU of the kind model exchange: brought into continuous-time mode, its equations solved by address."""
+"""Model-exchange FMUs: continuous-time mode, and steps that integrate their equations by address."""
 
 import ctypes
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ from twin.kernel.fmi.stepping import FmuPort, Stepping, port_slots
 from twin.kernel.fmi.variable import Variable
 
 MAX_STATES, MAX_INDICATORS = 1000, 10_000
-"""A dense Jacobian of more states than that is not what a drive is made of."""
+"""Maximum numbers of continuous states and event indicators; the Jacobian of the solver is dense."""
 
 
 @step_function(SOLVER_MEMORY)
@@ -56,12 +56,12 @@ def _step(m, t, h, u, y):
         if given[j] != last[j]:
             last[j] = given[j]
             jumped = True
-    # a step that may be repeated has to begin as it will the next time
+    # a step that may be repeated has to begin in the same way each time
     if m.final == 0:
         m.restart = 1
     events = 0
     if m.now < m.next_event <= m.now + time_tolerance(m.now):
-        # the same time, but an FMU may compare
+        # advance to the exact event time, as an FMU may compare times
         m.now = m.next_event
         status = set_time_and_states(m, m.now, m.x)
         if status != 0:
@@ -95,30 +95,27 @@ def _step(m, t, h, u, y):
 
 @step_function(SOLVER_MEMORY)
 def react(m, t, h, u, y):
-    """Its outputs for other inputs at the time that it has come to; continuous-time mode allows that at any time."""
+    """Compute the outputs for other inputs at the present time, which continuous-time mode allows at any time."""
     status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
     if status == 0:
-        # the next step begins with whatever it is given, and with the event that a jump is
+        # the next step sets its inputs again, and handles a jump as an event
         m.fresh = 1
         status = get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
     return store_status(m.note, status)
 
 
 class Integrator:
-    """What steps one instance.
+    """Integrator of a model-exchange instance: compiled memory and solver.
 
     Args:
-        model: the instance, in continuous-time mode.
-        solver: which.
-        tables: of `groups.GROUP`, inputs and outputs; none: they are set and read by somebody else.
-        width: number of inputs.
+        model: instance in continuous-time mode.
+        solver: integration method.
+        tables: tables of `groups.GROUP_RECORD` of inputs and outputs; empty if the caller sets and reads them.
+        width: number of input values.
 
     Attributes:
         memory: (1,) of `SOLVER_MEMORY`.
-        block: all that a step changes of this memory, to be saved and brought back as bytes.
-
-    Raises:
-        InputRefused: there is no CVODE for this platform.
+        block: contiguous memory that steps change, to be saved and restored as bytes.
     """
 
     def __init__(
@@ -171,18 +168,18 @@ class Integrator:
                 m[field] = address
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """What of its memory steps change, by name; nothing of it is an address."""
+        """Return the parts of the integrator's memory that steps change, by name; excludes addresses."""
         return {name: self.memory[name] for name in ("fresh", "now", "next_event")} | self._rows
 
     def advance(self, t: float, h: float) -> int:
-        """One step from `t` to `t` + `h` (s), inputs as somebody has set them; 0 or a bad status."""
+        """Step from `t` to `t` + `h` (s) with inputs set by the caller; return 0 or a failure status."""
         self.memory[0]["fresh"] = 1
         nothing = np.zeros(1)
         place = nothing.ctypes.data
         return int(STEP_FUNCTION(step.address)(self.memory.ctypes.data, t, h, place, place))
 
     def explain(self, status: int) -> str:
-        """What a bad `status` of the step means, as the verb phrase of a sentence; "" if it is none of its own."""
+        """Describe a failure status of model exchange, as a verb phrase; "" for statuses of other origin."""
         return exchange_error(self.memory[0], status, self._model.invalid_status)
 
     def close(self) -> None:
@@ -193,7 +190,11 @@ class Integrator:
 
 
 def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[str, int]]:
-    """One array for all, each with a guard behind it, after `first` numbers for something else; where each begins."""
+    """Allocate named arrays in one block, each followed by a guard, after `first` other numbers.
+
+    Returns:
+        (block, offset of each array).
+    """
     places, place = {}, first
     for name, size in sizes.items():
         places[name] = place
@@ -206,7 +207,7 @@ def _allocate_block(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, 
 
 
 class _Fmi3(Fmi3):
-    """Which has another function for each kind to make an instance."""
+    """Life cycle of an FMI 3.0 FMU for model exchange, which has its own function for instantiation."""
 
     def __init__(self) -> None:
         super().__init__(FMU3Exchange)
@@ -219,11 +220,11 @@ class _Fmi3(Fmi3):
 
 
 class ModelExchange(Instance):
-    """An FMU instance of the kind model exchange; arguments, errors and attributes as those of `Instance`.
+    """An FMU instance for model exchange; arguments, errors and attributes as of `Instance`.
 
     Attributes:
-        states, indicators: how many it has.
-        next_event: time event that it asked for at its start (s), infinity if none.
+        states, indicators: number of continuous states and event indicators.
+        next_event: time event requested at the start (s); infinity without one.
     """
 
     _standards: ClassVar[Mapping[int, Any]] = {2: Fmi2(FMU2Exchange), 3: _Fmi3()}
@@ -242,7 +243,7 @@ class ModelExchange(Instance):
 
     @property
     def schedule(self) -> list[np.ndarray]:
-        # what integrates it where no component does; `advance` begins its history anew
+        # memory of an integrator without component; `advance` restarts its history
         return [*super().schedule, *([self._integrator.block] if self._integrator else [])]
 
     def close(self) -> None:
@@ -250,7 +251,7 @@ class ModelExchange(Instance):
         super().close()
 
     def nominals(self) -> np.ndarray:
-        """Nominal values of its states, (states,)."""
+        """Return the nominal values of the continuous states, (states,)."""
         return self._numbers("NominalsOfContinuousStates", self.states)
 
     def begin(self) -> None:
@@ -274,7 +275,7 @@ class ModelExchange(Instance):
             if not ended and not needed:
                 with self.calling("EnterContinuousTimeMode"):
                     self.fmu.enterContinuousTimeMode()
-        # FMPy's FMICallException
+        # FMICallException of FMPy
         except Exception as problem:
             self.close()
             raise InputRefused(
@@ -295,11 +296,7 @@ class ModelExchange(Instance):
             raise
 
     def _measure(self) -> None:
-        """Numbers of states and indicators, and whether it keeps to them.
-
-        Raises:
-            InputRefused: it does not, there are too many, or some are not finite.
-        """
+        """Query the numbers of states and indicators, and refuse wrong or too large numbers and non-finite values."""
         model = self.description.model
         self.states, self.indicators = model.numberOfContinuousStates, model.numberOfEventIndicators
         if self.description.version == 3:
@@ -335,7 +332,7 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """What its function `Get{name}` says, (count,)."""
+        """Call the FMU's function `Get{name}` for (count,) doubles, and check that it writes exactly as many."""
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)
@@ -344,7 +341,7 @@ class ModelExchange(Instance):
             with self.calling(f"Get{name}"):
                 pointer = values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
                 getattr(self.fmu, f"get{name}")(pointer, count)
-        # FMPy's FMICallException
+        # FMICallException of FMPy
         except Exception as problem:
             raise InputRefused(
                 f"{self.description.path}: {function} failed: {problem}{self._quoted_messages()}"
@@ -364,19 +361,18 @@ class ModelExchange(Instance):
 
 
 class ExchangeStepping(Stepping):
-    """How a model-exchange FMU is stepped.
+    """Compiled step of a model-exchange instance.
 
     Args:
-        instance: in continuous-time mode.
-        solver: of its equations.
-        inputs, outputs, shift: as those of `Stepping`.
+        instance: FMU instance in continuous-time mode.
+        solver: integration method.
+        inputs, outputs, shift: see `Stepping`.
 
     Attributes:
-        integrator: what the step works on.
-        solver: the argument.
+        integrator: integrator of the instance, with the memory of the step.
 
     Raises:
-        InputRefused: there is no CVODE for this platform.
+        InputRefused: CVODE is not available for this platform.
     """
 
     def __init__(

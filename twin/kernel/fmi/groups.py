@@ -1,11 +1,9 @@
 """Access to FMU variables by address: in groups of one type, or interpolated over a step.
 
-A group holds where its values stand among the component's inputs or outputs, how they are scaled
-(contract value = gain * FMU value + offset), and a buffer of the FMI type.
-
-Inputs may rise within a step. The component sees such an input at both ends of it. FMI 1.0 and 2.0 take the value at
-its start and the slope (fmi2SetRealInputDerivatives); FMI 3.0 asks for the value whenever its solver is at another time
-(fmi3IntermediateUpdateCallback).
+A group contains the positions of its values among the component's inputs or outputs, their scaling (port value = gain *
+FMU value + offset), and a buffer of the FMI type. An interpolated input has two port values, at the start and the end
+of a step. FMI 1.0 and 2.0 take the value at the start and the slope (fmi2SetRealInputDerivatives). FMI 3.0 requests
+the value at every time its solver evaluates (fmi3IntermediateUpdateCallback).
 """
 
 from collections.abc import Iterator
@@ -28,7 +26,7 @@ _ARGUMENT_TYPES = {
     "int": ("int64", "i32"),
     "byte": ("int64", "i8"),
 }
-"""What numba and LLVM call it."""
+"""Names of argument types in numba and LLVM."""
 INVALID_STATUS, STATUS_WIDTH = 15, 16
 """Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
 SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_FAILED = 16, 32, 48, 64, 80, 96
@@ -41,7 +39,7 @@ SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_
     INTERVAL_FAILED,
     INPUT_DERIVATIVES_FAILED,
 ) = 256, 272, 288, 304, 320, 336, 352
-"""What a bad status starts with: the function that returned the rest of it."""
+"""Failure statuses: base of a function, to which the returned FMI status is added."""
 (
     EARLY_RETURN,
     TIME_OUTSIDE_STEP,
@@ -52,75 +50,81 @@ SET_FAILED, DO_STEP_FAILED, GET_FAILED, TERMINATE_REQUEST, SAVE_FAILED, RESTORE_
     INVALID_INTERVAL,
     STEP_STUCK,
 ) = 512, 513, 514, 515, 516, 517, 518, 519
-"""What an FMU did that no function of it calls bad."""
+"""Failure statuses for violations that no FMI function reports."""
 INPUT_OUT_OF_RANGE, INEXACT_OUTPUT = 520, 521
-"""An input value that its type cannot hold; an output value beyond `variable.MAX_EXACT`."""
+"""Failure statuses of values: an input outside the range of its type, an output integer beyond `MAX_EXACT`."""
 BOOLEAN_KIND, BOOLEAN_32_KIND = 10, 11
-"""Kinds of groups: the index of Boolean in `NUMERIC_TYPES`, one byte, and the Boolean of FMI 2.0, four bytes."""
+"""Kinds of groups: index of Boolean in `NUMERIC_TYPES`, one byte; Boolean of FMI 2.0, four bytes."""
 DISCARD_STATUS, PENDING_STATUS = 2, 5
 STATUS_NAMES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING_STATUS: "Pending"}
 MAX_HALVINGS = 10
-"""How often a step is halved without any progress before the FMU is believed to be stuck."""
+"""Maximum number of successive halvings of a step without progress; beyond it, the FMU is stuck."""
 MAX_PARTS = 10_000
-"""Parts of one step."""
+"""Maximum number of parts of a step."""
 MAX_STALLS = 100
-"""Events and early returns at one and the same time."""
+"""Maximum number of events and early returns at one time."""
 MAX_UPDATES = 1000
-"""Updates of discrete states in one event."""
+"""Maximum number of updates of discrete states in an event."""
 FUNCTION_NAMES = {
-    SET_FAILED: "Set", DO_STEP_FAILED: "DoStep", GET_FAILED: "Get", EVENT_MODE_FAILED: "EnterEventMode", UPDATE_FAILED: "UpdateDiscreteStates",
-    STEP_MODE_FAILED: "EnterStepMode", SET_CLOCK_FAILED: "SetClock", GET_CLOCK_FAILED: "GetClock", INTERVAL_FAILED: "GetIntervalDecimal",
+    SET_FAILED: "Set", DO_STEP_FAILED: "DoStep", GET_FAILED: "Get",
+    EVENT_MODE_FAILED: "EnterEventMode", UPDATE_FAILED: "UpdateDiscreteStates", STEP_MODE_FAILED: "EnterStepMode",
+    SET_CLOCK_FAILED: "SetClock", GET_CLOCK_FAILED: "GetClock", INTERVAL_FAILED: "GetIntervalDecimal",
     INPUT_DERIVATIVES_FAILED: "SetRealInputDerivatives",
 }  # fmt: skip
 NOTE_RECORD = record(
     status="i8",  # invalid status that a function returned, shifted right by `STATUS_WIDTH` bits
-    slot="i8",  # of the value that is `INPUT_OUT_OF_RANGE` or `INEXACT_OUTPUT`, or could not be set or got, among the inputs or outputs
-    value="f8",  # which is unfit
-    whole="i8",  # which is inexact
+    # slot among inputs or outputs of a value that is INPUT_OUT_OF_RANGE or INEXACT_OUTPUT, or of a failed call
+    slot="i8",
+    value="f8",  # value that is out of range
+    whole="i8",  # integer that is inexact
 )
-"""Details of a bad status that do not fit into the return value of a step, one record per instance."""
+"""Details of a failure status beyond the return value of a step, one record per instance."""
 GROUP_RECORD = record(
-    kind="i8",  # index into `KINDS`
-    access="i8",  # fmiNSetType or fmiNGetType
-    references="i8",  # value references (uint32)
-    variables="i8",  # how many of these
-    values="i8",  # how many numbers: more than variables where these are arrays
-    slots="i8",  # where each is in u or y (uint64)
-    gain="i8",  # of each (float64)
-    offset="i8",  # of each (float64)
-    buffer="i8",  # of the FMI type
-    bytes="i8",  # of the buffer
-    last="i8",  # with events: what inputs were last set to
-    clocks="i8",  # with events: clocks that alone change the group, a bit each
-    note="i8",  # a `NOTE_RECORD`
+    kind="i8",  # index into `NUMERIC_TYPES`
+    access="i8",  # address of fmiNSetType or fmiNGetType
+    references="i8",  # address of value references (uint32)
+    variables="i8",  # number of variables
+    values="i8",  # number of values; more than variables if there are arrays
+    slots="i8",  # address of slots in u or y (uint64)
+    gain="i8",  # address of gains (float64)
+    offset="i8",  # address of offsets (float64)
+    buffer="i8",  # address of values in the FMI type
+    bytes="i8",  # size of the buffer
+    last="i8",  # with events: address of the last input values set
+    clocks="i8",  # with events: bit mask of the clocks at whose ticks alone the group changes
+    note="i8",  # address of a `NOTE_RECORD`
 )
-"""Variables of one FMI type: counts, and addresses of functions and arrays."""
+"""Group of variables of one FMI type: counts, and addresses of functions and arrays."""
 END_SUFFIX = ":end"
-"""What the port for the value at the end of a step is called after its input's name."""
+"""Suffix of the port for the value of an input at the end of a step."""
 RAMP_RECORD = record(
     instance="i8",
     set="i8",  # fmiNSetReal or fmi3SetFloat64
     derivatives="i8",  # fmiNSetRealInputDerivatives; 0 in FMI 3.0
-    values="i8",  # how many
+    values="i8",  # number of values
     references="i8",
-    orders="i8",  # all 1
+    orders="i8",  # orders of the derivatives, all 1
     starts="i8",  # slots in u of the values at the start of a step
-    ends="i8",  # and at its end
+    ends="i8",  # slots in u of the values at its end
     gain="i8",
     offset="i8",
-    begin="i8",  # value at the start, in the FMU's own unit
+    begin="i8",  # values at the start, in the FMU's unit
     slope="i8",
     buffer="i8",
-    t="f8",  # of the start (s)
-    bad="i8",  # the wrong value within a step
-    note="i8",  # a `NOTE_RECORD`
+    t="f8",  # start of the step (s)
+    bad="i8",  # failure status within the step
+    note="i8",  # address of a `NOTE_RECORD`
 )
-"""Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
+"""Inputs interpolated over a step: counts, and addresses of functions and of arrays with a number for each value."""
+_f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
+_i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
+_i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
+note_at, groups_at, _ramp_at = pointer_to(NOTE_RECORD), pointer_to(GROUP_RECORD), pointer_to(RAMP_RECORD)
 
 
 @contextmanager
 def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
-    """Around a call of `function`."""
+    """Call the hooks `HOOKS.fmi_call` before and after a call of `function`."""
     for hook in HOOKS.fmi_call:
         hook(file, instance, function)
     try:
@@ -131,13 +135,13 @@ def announce_call(file: str, instance: str, function: str) -> Iterator[None]:
 
 
 def c_function(*kinds: str, returns: str = "status") -> Any:
-    """A compiled function (address, (arguments)) that calls the C function at that address.
+    """Make a compiled function (address, (arguments)) that calls the C function at that address.
 
-    A status is returned as an integer of 64 bits: 0 .. 5 as it is, any other one as `INVALID_STATUS` plus the status, taken
-    as unsigned, `STATUS_WIDTH` bits further left.
+    A status is returned as a 64-bit integer: 0 .. 5 unchanged, any other value as `INVALID_STATUS` plus the unsigned
+    status shifted left by `STATUS_WIDTH` bits.
 
     Args:
-        kinds: of its arguments: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
+        kinds: argument types: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
         returns: "status", "int" or "pointer".
     """
 
@@ -172,15 +176,15 @@ def c_function(*kinds: str, returns: str = "status") -> Any:
 
 
 access_2 = c_function("pointer", "pointer", "size", "pointer")
-"""`fmi2SetX|fmi2GetX(c, vr, nvr, values)`, those of FMI 1.0, `fmi3SetClock|fmi3GetClock`."""
+"""`fmi2SetX|fmi2GetX(c, vr, nvr, values)`, their equivalents in FMI 1.0, `fmi3SetClock|fmi3GetClock`."""
 access_3 = c_function("pointer", "pointer", "size", "pointer", "size")
 """`fmi3SetX|fmi3GetX(instance, vr, nvr, values, nValues)`."""
 access_pairs = c_function("pointer", "pointer", "size", "pointer", "pointer")
 """`fmi2SetRealInputDerivatives(c, vr, nvr, orders, values)`, `fmi3GetIntervalDecimal(.., intervals, qualifiers)`."""
 do_step_2 = c_function("pointer", "double", "double", "int")
-"""`fmi2DoStep(c, t, h, final)`; `final`: no state will ever be restored to a time before `t`.
+"""`fmi2DoStep(c, t, h, final)`; `final`: no state before `t` will be restored.
 
-In FMI 1.0 the last argument is a char that says that the step is a new one; it is passed in the same way.
+In FMI 1.0 the last argument is a char that marks a new step; it is passed in the same way.
 """
 do_step_3 = c_function("pointer", "double", "double", "byte", "pointer", "pointer", "pointer", "pointer")
 """`fmi3DoStep(instance, t, h, final, &event, &terminate, &early, &lastTime)`."""
@@ -209,7 +213,7 @@ values_of = c_function("pointer", returns="pointer")
 
 def status_phrase(function: str, status: int) -> str:
     """Return the phrase of a bad status: `fmi2DoStep returned fmi2Error`."""
-    # FMI 3.0 has no Pending, and of FMI 1.0 and 2.0 doStep alone may return it
+    # FMI 3.0 has no Pending; in FMI 1.0 and 2.0 only doStep may return it
     if status in STATUS_NAMES and (status != PENDING_STATUS or function in ("fmiDoStep", "fmi2DoStep")):
         prefix = function[:4] if function[3:4].isdigit() else "fmi"
         return f"{function} returned {prefix}{STATUS_NAMES[status]}"
@@ -219,23 +223,25 @@ def status_phrase(function: str, status: int) -> str:
 def explain_status(
     status: int, prefix: str, functions: dict[int, str], value: float, clock: str, message: str, other: int = 0
 ) -> str:
-    """What a bad `status` means, as the verb phrase of a sentence.
+    """Describe a failure `status` of a step, as a verb phrase for an error message.
 
     Args:
-        status: of a step.
-        prefix: of the standard's names.
-        functions: more of them, by what a status starts with.
-        value: what the FMU returned when it went wrong, a time or an interval (s).
-        clock: name of the clock it was about.
-        message: what it logged last.
-        other: what the function returned if that is no status.
+        prefix: prefix of FMI function names.
+        functions: further function names by base of the status.
+        value: time or interval that the FMU returned with the failure (s).
+        clock: name of the clock concerned.
+        message: last message that the FMU logged.
+        other: status returned if it is outside the standard.
     """
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {
         TERMINATE_REQUEST: f"{step} asked to terminate the simulation{message}",
-        EARLY_RETURN: f"{step} returned early although its description does not say that it might{message}; export it again",
-        TIME_OUTSIDE_STEP: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step{message}",
-        TIME_STALLED: f"{step} stays at t = {value:.9g} s{message}: more than {MAX_STALLS} events or early returns there",
+        EARLY_RETURN: f"{step} returned early although its description does not say that it might{message}; "
+        "export it again",
+        TIME_OUTSIDE_STEP: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step"
+        f"{message}",
+        TIME_STALLED: f"{step} stays at t = {value:.9g} s{message}: more than {MAX_STALLS} events or early returns "
+        "there",
         STEP_STUCK: f"{step} returned {prefix}Discard{message} and stays at t = {value:.9g} s, however short its steps",
         TOO_MANY_PARTS: f"{step} takes more than {MAX_PARTS} parts for this step, and is at t = {value:.9g} s{message}",
         ENDLESS_UPDATES: f"{update} wants to be called for ever: more than {MAX_UPDATES} times in one event{message}",
@@ -249,37 +255,27 @@ def explain_status(
     return status_phrase(f"{prefix}{called}", other if status % 16 == INVALID_STATUS else status % 16) + message
 
 
-_f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
-_i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
-_i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
-
-
-note_at = pointer_to(NOTE_RECORD)
-
-
 @njit(cache=True, inline="always")
 def store_status(note, status):
-    """Return the lowest `STATUS_WIDTH` bits of `status` and store the rest in the `NOTE_RECORD` at this address."""
+    """Return the lowest `STATUS_WIDTH` bits of `status` and store the rest in the `NOTE_RECORD` at address `note`."""
     if status >> STATUS_WIDTH != 0:
         carray(note_at(note), 1)[0].status = status >> STATUS_WIDTH
     return status & (1 << STATUS_WIDTH) - 1
 
 
-groups_at = pointer_to(GROUP_RECORD)
-
-
 @njit(cache=True)
 def _store(kind, buffer, j, value):
-    """Put `value` at place `j` of a buffer of FMI type `kind`; False if the type cannot hold it.
+    """Store `value` at index `j` of a buffer of FMI type `kind`, rounded to the nearest integer for integer types.
 
-    Whole numbers are rounded to the nearest.
+    Returns:
+        False if the value is outside the range of the type.
     """
     if kind < 2:
         most = FLOAT_32 if kind == 1 else FLOAT_64
         if not -most <= value <= most:
             return False
     else:
-        # from half of `MAX_EXACT` on doubles are whole, and a half added to them is rounded itself
+        # doubles from MAX_EXACT / 2 on are integers, and adding a half to them would round
         if abs(value) < MAX_EXACT // 2:
             value = np.floor(value + 0.5)
         if kind >= BOOLEAN_KIND:
@@ -314,7 +310,7 @@ def _store(kind, buffer, j, value):
 
 @njit(cache=True)
 def _load(kind, buffer, j):
-    """The value at place `j` of a buffer of FMI type `kind`."""
+    """Return the value at index `j` of a buffer of FMI type `kind` as a double."""
     if kind == 0:
         return carray(_f64(buffer), j + 1)[j]
     if kind == 1:
@@ -338,7 +334,7 @@ def _load(kind, buffer, j):
 
 @njit(cache=True, inline="always")
 def access(version, instance, g):
-    """Set or get the variables of a group."""
+    """Set or get the variables of a group by its FMI function; return the status."""
     if version < 3:
         return access_2(g.access, (instance, g.references, g.variables, g.buffer))
     return access_3(g.access, (instance, g.references, g.variables, g.buffer, g.values))
@@ -346,13 +342,13 @@ def access(version, instance, g):
 
 @njit(cache=True, inline="always")
 def _scaling(g):
-    """Slots, gains and offsets of the values of a group."""
+    """Return slots, gains and offsets of the values of a group."""
     return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
 
 
 @njit(cache=True, inline="always")
 def fill(g, u):
-    """Put the inputs at address `u` into the buffer of a group; 0, or `INPUT_OUT_OF_RANGE`."""
+    """Convert the inputs at address `u` into the buffer of a group; return 0 or `INPUT_OUT_OF_RANGE`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         value = (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j]
@@ -365,12 +361,12 @@ def fill(g, u):
 
 @njit(cache=True, inline="always")
 def drain(g, y):
-    """Copy the buffer of a group to the outputs at address `y`; return 0, or `INEXACT_OUTPUT`."""
+    """Convert the buffer of a group into the outputs at address `y`; return 0 or `INEXACT_OUTPUT`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         if g.kind == 8 or g.kind == 9:
             whole = carray(_i64(g.buffer), j + 1)[j]
-            # one of UInt64 beyond the range of Int64 is negative here
+            # a UInt64 beyond the range of Int64 is negative here
             if not (0 if g.kind == 9 else -MAX_EXACT) <= whole <= MAX_EXACT:
                 note = carray(note_at(g.note), 1)[0]
                 note.slot, note.whole = slots[j], whole
@@ -381,14 +377,14 @@ def drain(g, y):
 
 @njit(cache=True)
 def note_variable(g, status):
-    """`status`, having noted the first variable of the group whose function returned it."""
+    """Store the slot of the group's first variable in its note and return `status`."""
     carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
     return status
 
 
 @njit(cache=True, inline="always")
 def set_all(version, instance, groups, count, u):
-    """Set the inputs of `count` groups; the first bad status."""
+    """Set the inputs of `count` groups from address `u`; return 0 or the first failure status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
         status = fill(table[i], u)
@@ -402,7 +398,7 @@ def set_all(version, instance, groups, count, u):
 
 @njit(cache=True, inline="always")
 def get_all(version, instance, groups, count, y):
-    """Get the outputs of `count` groups; the first bad status."""
+    """Get the outputs of `count` groups to address `y`; return 0 or the first failure status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
         status = access(version, instance, table[i])
@@ -414,12 +410,9 @@ def get_all(version, instance, groups, count, y):
     return 0
 
 
-_ramp_at = pointer_to(RAMP_RECORD)
-
-
 @njit(cache=True, error_model="numpy")
 def begin_ramp(address, u, t, h):
-    """Take over what the inputs at address `u` are at both ends of the step from `t` to `t` + `h`."""
+    """Compute start values and slopes of interpolated inputs from `u`, for the step from `t` to `t` + `h`."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
     starts, ends = carray(integers_at(r.starts), n), carray(integers_at(r.ends), n)
@@ -434,7 +427,7 @@ def begin_ramp(address, u, t, h):
 
 @njit(cache=True)
 def set_ramp(address, t):
-    """Set the inputs as they are at `t`, and how they go on from there; the first bad status."""
+    """Set interpolated inputs (and derivatives in FMI 1.0, 2.0) at time `t`; return 0 or the first failure status."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
     if n == 0:
@@ -459,7 +452,7 @@ def set_ramp(address, t):
 
 @njit(cache=True)
 def ramp_status(address):
-    """What was bad when the FMU asked for its inputs within a step; 0: nothing."""
+    """Return the failure status of input requests within the step; 0 without failures."""
     return carray(_ramp_at(address), 1)[0].bad
 
 
@@ -469,7 +462,7 @@ def _intermediate_update(
     address = address_of(environment)
     r = carray(_ramp_at(address), 1)[0]
     status = 0
-    # before the first step there is nothing to be set
+    # before the first step the record is empty
     if set_requested and r.values > 0:
         status = set_ramp(address, t)
     if status != 0:
@@ -483,4 +476,4 @@ intermediate_update = Native(
     ("pointer", "double", "byte", "byte", "byte", "byte", "bytes", "doubles"),
     _intermediate_update,
 )
-"""A fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP_RECORD`."""
+"""Compiled fmi3IntermediateUpdateCallback; its environment is the address of a `RAMP_RECORD`."""

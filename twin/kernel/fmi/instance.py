@@ -1,4 +1,4 @@
-"""An FMU instance through FMPy: it is loaded, instantiated, initialised, read, written and freed here."""
+"""FMU instances through FMPy: loading, instantiation, initialisation, access to variables and states, release."""
 
 import ctypes
 import os
@@ -18,43 +18,43 @@ from twin.kernel.fmi.description import FmuDescription, clocks
 from twin.kernel.fmi.variable import MAX_EXACT, TEXT_TYPES, Setting, Setup, Variable
 
 MAX_PENDING_MESSAGES = 100
-"""An FMU that complains in every step is believed after so many."""
+"""Maximum number of pending messages; an FMU may log one in every step."""
 
 REFERENCE_PATTERN = re.compile(r"#(?P<type>[rbis])(?P<reference>\d+)#|##")
 LOGGED_TYPES = {"r": ("Real",), "b": ("Boolean",), "i": ("Integer", "Enumeration"), "s": ("String",)}
-"""A variable in a log message, and its types by the letter there."""
+"""References to variables in log messages, and variable types by the letter in a reference."""
 
 
 def working_directory() -> str:
-    """The working directory; "" if it is gone."""
+    """Return the working directory; "" if it has been deleted."""
     with suppress(OSError):
         return os.getcwd()
     return ""
 
 
 class Instance:
-    """An FMU instance where it can be stepped; of each kind there is a class, which knows the standards.
+    """An FMU instance, initialised and ready to step; subclasses implement the kinds of FMUs.
+
+    Methods that call the FMU raise `ComponentFailed` if it refuses.
 
     Args:
-        name: FMI's instance name.
-        description: the checked FMU.
-        folder: where it is unpacked.
-        settings: values set before initialisation, in the FMU's own units.
+        folder: folder of the unpacked FMU.
+        settings: values set before initialisation, in the FMU's units.
         inputs: values set in initialisation mode.
-        setup: of the run.
+        setup: data of the run.
 
     Attributes:
-        handle: address of the instance.
-        messages: the last things it logged as warnings or errors.
-        missing: functions that its binary lacks, which was forgiven.
-        clock: its first element is the tick at which it is stepped.
+        handle: address of the FMU's own instance.
+        messages: last warnings and errors that it logged.
+        missing: functions missing in its binary, accepted in lenient mode.
+        clock: the first element is the tick being stepped.
         stepped: whether it is part of a simulation that has begun.
         folder, settings, inputs, setup: the arguments.
-        standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
-        fmu: what FMPy made of it; None once it is freed.
-        ramp: `groups.RAMP_RECORD` of its inputs that are lines over a step.
-        clocks, planned, returned, events: `cosim_step.CLOCK_RECORD` of each, time of the next event, and what
-            `cosim_step.EVENTS` else points to, or None.
+        standard: implementation of its FMI version, a `lifecycle.Fmi2` or subclass.
+        fmu: FMPy's instance; None once freed.
+        ramp: `groups.RAMP_RECORD` of the inputs that are interpolated over a step.
+        clocks, planned, returned, events: `cosim_step.CLOCK_RECORD` of each clock, time of the next event, memory for
+            returned values, and `cosim_step.EVENTS_RECORD`, or None without event mode.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -99,12 +99,12 @@ class Instance:
         return int(self.fmu.component)
 
     def address(self, function: str) -> int:
-        """Of one of its FMI functions, without prefix: `DoStep`."""
+        """Return the address of an FMI function, given without prefix: `DoStep`."""
         function = self.description.exported_name(function)
         return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
 
     def takes_ramp(self, variable: Variable) -> bool:
-        """Whether it takes an input as a line over a step, and is given such."""
+        """Whether `variable` is an input that both the setup and the FMU allow to interpolate over a step."""
         abilities = self.description.model.coSimulation
         if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
             return False
@@ -113,37 +113,33 @@ class Instance:
         return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
 
     def clock_bits(self, variable: Variable) -> int:
-        """The clocks with which alone `variable` changes, a bit for each."""
+        """Return the clocks that `variable` depends on as a bit mask; 0 for a variable without clocks."""
         return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
 
     def clock_name(self, index: int) -> str:
-        """Of a clock of `clocks`."""
+        """Return the name of the clock at `index` of `clocks`."""
         return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
 
     @property
     def schedule(self) -> list[np.ndarray]:
-        """What steps change beside its own state: when events and clocks are due."""
+        """Memory that steps change outside the FMU's own state: due times of events and clocks."""
         return [self.clocks, self.planned]
 
     @property
     def invalid_status(self) -> int:
-        """Last status outside the standard that a function returned in a step."""
+        """Last status outside the FMI standard that a function returned in a step."""
         return int(self.note["status"].astype(np.int32)[0])
 
     def values(self, variable: Variable) -> list[Any]:
-        """Values of `variable`, an array laid out flat, in its own unit and exact.
-
-        Raises:
-            ComponentFailed: the FMU does not return them.
-        """
+        """Read the exact values of `variable` in its own unit, an array flattened."""
         with self.calling("Get"), self._variable_errors(variable):
             return list(self.standard.values(self.fmu, variable))
 
     def read_floats(self, variables: Sequence[Variable]) -> np.ndarray:
-        """Values of `variables`, arrays laid out flat, in the FMU's own units.
+        """Read values of `variables` as doubles in the FMU's units, arrays flattened.
 
         Raises:
-            ComponentFailed: the FMU does not return them, or they are beyond `MAX_EXACT`.
+            ComponentFailed: the FMU does not return them, or an integer exceeds `MAX_EXACT`.
         """
         found = [(v, value) for v in variables for value in self.values(v)]
         for v, value in found:
@@ -152,10 +148,10 @@ class Instance:
         return np.array([value for _, value in found], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
-        """Set variables; the FMU decides whether it may be done now.
+        """Set variables; the FMU decides whether that is allowed in its present mode.
 
         Raises:
-            ComponentFailed: it refuses, or a value does not fit into its type.
+            ComponentFailed: the FMU refuses, or a value is outside the range of its type.
         """
         with self.calling("Set"):
             for variable, value in settings:
@@ -164,111 +160,79 @@ class Instance:
 
     @property
     def label(self) -> str:
-        """File and name of the FMU, the beginning of its error messages."""
+        """File and name of the FMU, the prefix of its error messages."""
         return f"{self.description.path.name} ({self.name})"
 
     @contextmanager
     def _variable_errors(self, variable: Variable) -> Iterator[None]:
-        """Turn every exception in the block, raised for a value of `variable`, into a failure of this component."""
+        """Convert every exception of the block to a `ComponentFailed` that names `variable`."""
         try:
             yield
         except UnfitValue as problem:
             raise ComponentFailed(f"{self.label} gets {problem}{self.start_phrase}") from None
-        # FMPy's FMICallException, or an exception of ctypes for an argument
+        # FMICallException of FMPy, or an exception of ctypes for an argument
         except Exception as problem:
             text = f"{problem} for {variable.name}{self.start_phrase}"
             raise ComponentFailed(f"{self.label} {text}{self._quoted_messages()}") from None
 
     def advance(self, t: float, h: float) -> None:
-        """One step from `t` to `t` + `h` (s), after which a saved state may be restored.
-
-        Raises:
-            ComponentFailed: it returned more than a warning.
-        """
+        """Step from `t` to `t` + `h` (s); a saved state may be restored afterwards."""
         raise NotImplementedError
 
     def begin(self) -> None:
-        """From initialisation mode, in which it was `waiting`, to step mode.
-
-        Raises:
-            InputRefused: it cannot be initialised.
-        """
+        """Take an instance that was created `waiting` from initialisation mode to step mode."""
         self._enter_mode(self.standard.leave)
 
     def reset(self) -> None:
-        """FMI's reset, then initialised as the first time.
-
-        Raises:
-            ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
-        """
+        """Reset the FMU instance by FMI's function and initialise it again."""
         self._call("Reset", self.fmu.reset)
         self._initialise()
 
     def save_state(self) -> Any:
-        """Its state now, a pointer that `free_state` frees.
-
-        Raises:
-            ComponentFailed: it refuses.
-        """
+        """Save the FMU's state; return a pointer for `restore_state` and `free_state`."""
         return self._call("GetFMUstate", self.fmu.getFMUState)
 
     def restore_state(self, state: Any) -> None:
-        """Go back to `state`, which stays.
-
-        Raises:
-            ComponentFailed: it refuses.
-        """
+        """Restore a saved FMU state, which remains valid."""
         self._call("SetFMUstate", lambda: self.fmu.setFMUState(state))
 
     def serialize_state(self, state: Any) -> bytes:
-        """`state` as bytes.
-
-        Raises:
-            ComponentFailed: it refuses.
-        """
+        """Serialise a saved FMU state to bytes."""
         return self._call("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
 
     def deserialize_state(self, content: bytes) -> Any:
-        """A state, made of what `serialize_state` gave in this process or another one.
-
-        Raises:
-            ComponentFailed: it refuses.
-        """
+        """Create a state from the result of `serialize_state`, possibly of another process."""
         return self._call("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
 
     def free_state(self, state: int) -> None:
-        """Free the state at address `state`.
-
-        Raises:
-            ComponentFailed: the FMU does not.
-        """
+        """Free the saved FMU state at address `state`."""
         self._call("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
     def message_state(self) -> list[Any]:
-        """What it remembers of messages: those that were handed on, and those that were not yet."""
+        """Return the record of messages: [recent messages, pending messages]."""
         return [self.messages, self._pending_messages]
 
     def restore_messages(self, state: Any) -> None:
-        """Go on from what `message_state` returned."""
+        """Restore the record of messages from a result of `message_state`."""
         self.messages, self._pending_messages = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
 
     def pop_messages(self) -> list[tuple[int, str]]:
-        """(tick, text) of what it logged since this was last asked, at most `MAX_PENDING_MESSAGES` of them."""
-        # steps are not announced one by one
+        """Return and clear the pending messages (tick, text), at most `MAX_PENDING_MESSAGES`."""
+        # steps are not announced individually, so the working directory is checked here
         self.return_to(self._here)
         self.restore_mode(self._mode)
         messages, self._pending_messages = self._pending_messages, []
         return messages
 
     def close(self) -> None:
-        """Free it; safe to call twice."""
+        """Free the FMU instance; safe to call twice."""
         if self.fmu is not None and self.fmu.component:
             self.standard.free(self)
         self.fmu = None
 
     @contextmanager
     def calling(self, function: str) -> Iterator[None]:
-        """Announce a call of a function of the standard; restore working directory and floating-point mode after it."""
+        """Announce a call of an FMI function to the hooks; restore working directory and floating-point mode afterwards."""
         here, mode = working_directory(), floating_point.mode()
         try:
             with groups.announce_call(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
@@ -278,7 +242,7 @@ class Instance:
             self.restore_mode(mode)
 
     def return_to(self, folder: str) -> None:
-        """Make `folder` the working directory again if the FMU has changed it; a message reports that once."""
+        """Restore the working directory `folder` if the FMU has changed it; reported once."""
         if folder and working_directory() != folder:
             os.chdir(folder)
             if not self._moved:
@@ -295,7 +259,7 @@ class Instance:
 
     @property
     def start_phrase(self) -> str:
-        """When a call fails that is not part of a step."""
+        """Suffix " at the start" for errors before the first step; "" later."""
         return "" if self.stepped else " at the start"
 
     def _load_binary(self) -> Any:
@@ -306,8 +270,8 @@ class Instance:
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
-        # FMPy goes to the library's folder to load it, and stays there if that fails; a library that gcc has built with
-        # -Ofast sets the mode when it is loaded
+        # FMPy changes to the library's folder to load it, and remains there on failure; a library built by gcc with -Ofast
+        # changes the floating-point mode when it is loaded
         finally:
             os.chdir(here)
             self.restore_mode(mode)
@@ -330,7 +294,7 @@ class Instance:
     def _enter_mode(self, by: Callable[["Instance"], None]) -> None:
         try:
             by(self)
-        # FMPy's FMICallException and whatever is below it: this FMU cannot be used
+        # any exception, such as FMPy's FMICallException, means that this FMU cannot be used
         except Exception as problem:
             self.close()
             quoted = "" if isinstance(problem, ComponentFailed) else self._quoted_messages()
@@ -352,7 +316,7 @@ class Instance:
         try:
             with self.calling(function):
                 return call()
-        # FMPy's FMICallException, or ctypes where the binary lacks the function
+        # FMICallException of FMPy, or an exception of ctypes if the binary lacks the function
         except Exception as problem:
             name = f"{self.description.prefix}{function}"
             raise ComponentFailed(
@@ -363,10 +327,10 @@ class Instance:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
 
     def on_message(self, status: int, message: bytes | None) -> None:
-        """Keep what it logged, if it is a warning or worse."""
+        """Store and report a message that the FMU logged with a status of warning or worse."""
         if status > 0 and message:
             text = REFERENCE_PATTERN.sub(self._variable_name, message.decode(errors="replace")).strip()
-            # a repeated message is handed on once
+            # a repeated message is reported once
             if text in self.messages:
                 self.messages.remove(text)
             del self.messages[:-2]
@@ -374,12 +338,12 @@ class Instance:
             self.report(text)
 
     def report(self, text: str) -> None:
-        """Add a message of its own to those that the FMU logged."""
+        """Append a message to the pending messages of the FMU, with the present tick."""
         if len(self._pending_messages) < MAX_PENDING_MESSAGES:
             self._pending_messages.append((int(self.clock[0]), text))
 
     def _variable_name(self, reference: re.Match[str]) -> str:
-        """Return the variable's name for a reference `#r12#` of a log message (FMI 2.0.4, 2.1.5), else its text."""
+        """Replace a reference `#r12#` in a log message (FMI 2.0.4, 2.1.5) by the variable's name, if known."""
         if reference[0] == "##":
             return "#"
         types = LOGGED_TYPES[reference["type"]]
@@ -394,9 +358,9 @@ class Instance:
 
 
 class UnfitValue(ValueError):
-    """A value that the type of a variable cannot hold."""
+    """A value outside the range of a variable's type."""
 
 
 def inexact_phrase(name: str, type_name: str, value: int) -> str:
-    """Return the verb phrase for a whole number that no signal can hold."""
-    return f"returned {value} for {name} ({type_name}), beyond the whole numbers that signals hold exactly (2^53)"
+    """Return the verb phrase for an integer output that a double cannot represent exactly."""
+    return f"returned {value} for {name} ({type_name}), beyond the integers that signals represent exactly (2^53)"

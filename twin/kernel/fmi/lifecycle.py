@@ -1,8 +1,8 @@
-"""The life cycle of an FMU per FMI version: load, instantiate, initialise, step mode.
+"""Life cycle of an FMU per FMI version: load, instantiate, initialise, enter step mode.
 
-FMI 1.0 for Co-Simulation, 4.1; FMI 2.0.4, 4.2; FMI 3.0.2, 2.3 and 4.2. FMPy's instances are loaded quickly: what they
-find out about their functions is the same for every one of a kind. Clocks that we have to tick (FMI 3.0, 2.2.8) do so
-in whole steps of the drive.
+FMI 1.0 for Co-Simulation, 4.1; FMI 2.0.4, 4.2; FMI 3.0.2, 2.3 and 4.2. The signatures that FMPy determines for the
+functions of an FMU are cached, as they are equal for all FMUs of a kind. Input clocks (FMI 3.0, 2.2.8) tick at whole
+steps of the FMU.
 """
 
 import math
@@ -39,16 +39,16 @@ from twin.kernel.fmi.stepping import Stepping
 from twin.kernel.fmi.variable import NUMERIC_TYPES, Variable
 
 MAX_RETURNED_SIZE = 40
-"""Bytes of what functions of event mode return."""
+"""Size of the memory for values that functions of event mode return (bytes)."""
 
 ERROR_STATUS = 3
-"""fmi2Error, and what the others call so."""
+"""Value of fmi2Error and its equivalents."""
 
 NOT_YET_KNOWN = 0
-"""fmi3IntervalNotYetKnown."""
+"""Value of fmi3IntervalNotYetKnown."""
 
 _complete: set[str] = set()
-"""Binaries, by their places, of which it is known that they have every function."""
+"""Paths of binaries that are known to have every function."""
 _NEVER_CALLED = CFUNCTYPE(c_int)
 _OTHER_KIND_FUNCTIONS = {
     "fmi3ActivateModelPartition",
@@ -58,14 +58,20 @@ _OTHER_KIND_FUNCTIONS = {
     "fmi3InstantiateCoSimulation",
     "fmi3InstantiateScheduledExecution",
 }
+_forgiven: list[list[str]] = []
+"""Lists for the missing functions of the binary being loaded; empty if missing functions are errors."""
+_instances_1: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
+"""FMI 1.0 instances by the address of the FMU's own instance; key 0 for the one being created."""
+_instances_2: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
+"""FMI 2.0 instances by the environment pointer that the FMU passes to the logger."""
 
 
 class _LazyFunctions(dict[str, Any]):
-    """Functions of `slave` by their names, found when they are asked for: a run calls a third of them."""
+    """Functions of `slave` by name, looked up on first use: a run calls a third of them."""
 
     def __init__(self, slave: "_SignatureCache"):
         super().__init__()
-        # the slave holds this
+        # a weak reference, as the slave owns this object
         self._slave = proxy(slave)
 
     def __missing__(self, name: str) -> Any:
@@ -74,11 +80,11 @@ class _LazyFunctions(dict[str, Any]):
 
 
 class _LenientLibrary:
-    """A library whose missing functions are there and return an error, if they are ever called.
+    """A library whose missing functions are replaced by functions that return an error.
 
     Args:
-        library: of ctypes.
-        missing: to which their names are added.
+        library: ctypes library.
+        missing: list to which the names of missing functions are appended.
     """
 
     def __init__(self, library: Any, missing: list[str]):
@@ -96,19 +102,15 @@ class _LenientLibrary:
         return found
 
 
-_forgiven: list[list[str]] = []
-"""To whose last names of functions are added that the binary which is being loaded does not have; empty: it has to."""
-
-
 class CallFailure(Exception):
-    """A function of an FMU returned more than a warning."""
+    """A status worse than a warning from an FMU function."""
 
 
 class _SignatureCache:
-    """Gives the functions of a binary the signatures that FMPy has worked out for the first one of this process.
+    """Mixin that reuses the function signatures that FMPy determined for the first binary of this process.
 
-    FMPy reads them from its own methods with `inspect`, a few milliseconds for each instance. The binary itself is
-    loaded and let go for each, as ever: what it keeps in static memory must not reach from one run into the next.
+    FMPy derives them from its own methods with `inspect`, which takes some milliseconds per instance. The binary itself
+    is loaded and released for each instance, so that its static memory does not persist from one run to the next.
     """
 
     _signatures: ClassVar[dict[str, tuple[Any, ...]]]
@@ -134,7 +136,7 @@ class _SignatureCache:
             _complete.add(self.dll._name)
 
     def _call(self, name: str, *arguments: Any) -> Any:
-        # FMPy takes negative integers for fmi2OK, and has no log of calls here
+        # FMPy's version would accept negative integers as fmi2OK
         function = self._functions[name]
         status = function(*arguments)
         if function.restype is c_int and status not in (0, 1):
@@ -142,93 +144,86 @@ class _SignatureCache:
         return status
 
     def _function(self, name: str) -> Any:
-        """The function `name` of FMPy's, with its signature."""
+        """Return the library function for FMPy's `name`, with its signature."""
         function = getattr(self.dll, self._exported_name(name))
         function.argnames, function.argtypes, function.restype = type(self)._signatures[name]
         return function
 
     def _exported_name(self, name: str) -> str:
-        """What the binary calls the function `name` of FMPy's."""
+        """Return the name in the binary of FMPy's function `name`."""
         return name
 
     def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
         return function.argnames, function.argtypes, function.restype
 
 
-# FMPy tells the standard by how the class is called
+# FMPy recognises the FMI version by the class name
 class FMU1Drive(_SignatureCache, FMU1Slave):
-    """An FMI 1.0 slave, whose functions have the model's name before theirs."""
+    """FMPy's FMI 1.0 co-simulation instance, with cached signatures; the model identifier prefixes function names."""
 
     def _exported_name(self, name: str) -> str:
         return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi')}"
 
     def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
-        # FMPy has several return text that return a status: read as an address, every bad one would crash
+        # FMPy declares some functions that return a status as returning text; dereferencing a bad status would crash
         if not name.endswith(("Version", "TypesPlatform")) and function.restype is c_char_p:
             function.restype = c_int
         return super()._signature(name, function)
 
 
 class FMU2Drive(_SignatureCache, FMU2Slave):
-    """An FMI 2.0 slave."""
+    """FMPy's FMI 2.0 co-simulation instance, with cached signatures."""
 
 
 class FMU3Drive(_SignatureCache, FMU3Slave):
-    """An FMI 3.0 slave."""
+    """FMPy's FMI 3.0 co-simulation instance, with cached signatures."""
 
 
 class FMU2Exchange(_SignatureCache, FMU2Model):
-    """An FMI 2.0 model."""
+    """FMPy's FMI 2.0 model-exchange instance, with cached signatures."""
 
 
 class FMU3Exchange(_SignatureCache, FMU3Model):
-    """An FMI 3.0 model."""
+    """FMPy's FMI 3.0 model-exchange instance, with cached signatures."""
 
     def __dir__(self) -> list[str]:
-        # FMPy looks here for the functions that a binary has to have, and these it need not have (FMI 3.0, 2.1.2)
+        # FMPy requires the functions listed here, but a binary may lack those of other kinds (FMI 3.0, 2.1.2)
         return [name for name in super().__dir__() if name not in _OTHER_KIND_FUNCTIONS]
-
-
-_instances_1: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
-"""Instances by the address of the FMU's own; 0: the one that is being made."""
-
-_instances_2: weakref.WeakValueDictionary[int, Instance] = weakref.WeakValueDictionary()
-"""Instances by the environment that their FMU hands back when it logs."""
 
 
 @fmi1.fmi1CallbackLoggerTYPE
 def _on_message_1(component: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """What an FMI 1.0 FMU says goes to its own instance; see `_on_message_2`."""
-    # the one being made first: it may have got the address of one that is gone
-    speaker = _instances_1.get(0) or _instances_1.get(component or 0)
-    if speaker is not None:
-        speaker.on_message(status, message)
+    """Forward a message of an FMI 1.0 FMU to its instance; see `_on_message_2`."""
+    # the instance being created first: its address may have belonged to a freed one
+    owner = _instances_1.get(0) or _instances_1.get(component or 0)
+    if owner is not None:
+        owner.on_message(status, message)
 
 
 @fmi2.fmi2CallbackLoggerTYPE
 def _on_message_2(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """What an FMI 2 FMU says goes to its own instance.
+    """Forward a message of an FMI 2.0 FMU to its instance.
 
-    FMPy's proxy calls the logger that it was given last, whichever FMU speaks: it has to be one that serves them all
-    and that outlives each of them.
+    FMPy's proxy calls the logger it was given last, for all FMUs: the logger has to serve all instances and outlive
+    them.
     """
-    speaker = _instances_2.get(environment or 0)
-    if speaker is not None:
-        speaker.on_message(status, message)
+    owner = _instances_2.get(environment or 0)
+    if owner is not None:
+        owner.on_message(status, message)
 
 
 class Fmi2:
-    """How FMI 2.0 is spoken.
+    """Life cycle of an FMI 2.0 FMU.
 
     Args:
-        slave: class of FMPy's instances.
+        slave: FMPy's class of instances.
     """
 
     def __init__(self, slave: type = FMU2Drive):
         self.slave = slave
 
     def load_binary(self, instance: Instance) -> Any:
-        """FMPy's instance with the binary; what that lacks is noted if it is forgiven."""
+        """Load the binary; return FMPy's instance. Missing functions are recorded in lenient mode."""
         description = instance.description
         if instance.setup.lenient:
             _forgiven.append(instance.missing)
@@ -244,7 +239,7 @@ class Fmi2:
                 _forgiven.pop()
 
     def instantiate(self, instance: Instance) -> None:
-        """Make the FMU's own instance; it is NULL if it refuses."""
+        """Instantiate the FMU; the instance is NULL if it refuses."""
         callbacks = self._callbacks(fmi2, "fmi2CallbackFunctions", _on_message_2)
         callbacks.componentEnvironment = id(instance)
         _instances_2[id(instance)] = instance
@@ -252,17 +247,17 @@ class Fmi2:
             instance.fmu.instantiate(callbacks=callbacks, loggingOn=False)
 
     def refusal_reason(self, instance: Instance) -> str:
-        """What may be the reason for a NULL instance."""
+        """Return a possible reason for a NULL instance."""
         guid = instance.description.model.guid
         return f"the GUID {guid} in modelDescription.xml may not be the binary's own: export it again"
 
     def initialise(self, instance: Instance) -> None:
-        """Bring it to where it can be stepped."""
+        """Initialise the FMU and enter step mode."""
         self.enter(instance)
         self.leave(instance)
 
     def enter(self, instance: Instance) -> None:
-        """Bring it into initialisation mode."""
+        """Set the start values and enter initialisation mode."""
         instance.write(instance.settings)
         with instance.calling("SetupExperiment"):
             instance.fmu.setupExperiment(
@@ -273,26 +268,26 @@ class Fmi2:
         instance.write(instance.inputs)
 
     def leave(self, instance: Instance) -> None:
-        """Bring it from there into step mode."""
+        """Leave initialisation mode and enter step mode."""
         with instance.calling("ExitInitializationMode"):
             instance.fmu.exitInitializationMode()
 
     def type_name(self, variable: Variable) -> str:
-        """What the functions that set and get this variable are called after."""
+        """Return the type in the names of the functions that set and get this variable."""
         return "Integer" if variable.type == "Enumeration" else variable.type
 
     def values(self, fmu: Any, variable: Variable) -> Any:
-        """Of a variable, in its own unit, an array laid out flat."""
+        """Read the values of a variable in its own unit, an array flattened."""
         return getattr(fmu, f"get{self.type_name(variable)}")([variable.reference])
 
     def free(self, instance: Instance) -> None:
-        """Free it and its library."""
+        """Free an FMU instance and its library."""
         with instance.calling("FreeInstance"):
             instance.fmu.freeInstance()
 
     @staticmethod
     def _callbacks(standard: Any, kind: str, logger: Any) -> Any:
-        """FMPy's structure of this `kind` with memory and `logger`."""
+        """Make FMPy's callback structure of this `kind` with memory functions and `logger`."""
         from fmpy.logging import addLoggerProxy
 
         callbacks = getattr(standard, kind)()
@@ -304,7 +299,7 @@ class Fmi2:
 
 
 class Fmi1(Fmi2):
-    """How FMI 1.0 is spoken, which has no word for a tolerance and makes no mode of initialising."""
+    """Life cycle of an FMI 1.0 FMU, which has neither a tolerance nor an initialisation mode."""
 
     def __init__(self) -> None:
         super().__init__(FMU1Drive)
@@ -336,14 +331,14 @@ class Fmi1(Fmi2):
 
 
 class Fmi3(Fmi2):
-    """How FMI 3.0 is spoken. Event mode is used, and early return allowed, where the FMU has them."""
+    """Life cycle of an FMI 3.0 FMU, with event mode and early return if the FMU supports them."""
 
     def __init__(self, slave: type = FMU3Drive):
         super().__init__(slave)
 
     def instantiate(self, instance: Instance) -> None:
         fmu, abilities = instance.fmu, instance.description.model.coSimulation
-        # ctypes frees what is not kept
+        # stored, as ctypes frees a callback without references
         fmu.logMessage = fmi3.fmi3LogMessageCallback(
             lambda environment, status, category, text: instance.on_message(status, text)
         )
@@ -372,7 +367,7 @@ class Fmi3(Fmi2):
         return super().refusal_reason(instance)
 
     def enter(self, instance: Instance) -> None:
-        """Bring it into initialisation mode, by way of configuration mode."""
+        """Set structural parameters in configuration mode, then start values, and enter initialisation mode."""
         fmu = instance.fmu
         structure = [setting for setting in instance.settings if setting[0].causality == STRUCTURAL_PARAMETER]
         if structure:
@@ -386,11 +381,11 @@ class Fmi3(Fmi2):
             fmu.enterInitializationMode(
                 tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
             )
-        # what belongs to a clock may be set only while that ticks
+        # a clocked input may be set only while its clock ticks
         instance.write([setting for setting in instance.inputs if not setting[0].clocks])
 
     def leave(self, instance: Instance) -> None:
-        """Bring it from there into step mode, by way of event mode if it has that."""
+        """Leave initialisation mode and enter step mode, through event mode if the FMU has it."""
         events = getattr(instance.description.interface, "hasEventMode", False)
         if events:
             with instance.calling("GetIntervalDecimal"):
@@ -408,7 +403,7 @@ class Fmi3(Fmi2):
 
 
 def _leave_event_mode(instance: Instance) -> None:
-    """From event mode, into which initialisation leads, to step mode; what steps need of events is kept."""
+    """Handle the initial event and enter step mode; stores the data that steps need for events."""
     instance.planned = np.array([np.inf])
     instance.returned = np.zeros(MAX_RETURNED_SIZE, dtype=np.uint8)
     instance.events = np.zeros(1, dtype=EVENTS_RECORD)
@@ -419,7 +414,7 @@ def _leave_event_mode(instance: Instance) -> None:
     e["set_clock"], e["get_clock"] = instance.address("SetClock"), instance.address("GetClock")
     e["clocks"], e["clock_table"] = len(instance.clocks), instance.clocks.ctypes.data
     e["next"], e["returned"] = instance.planned.ctypes.data, instance.returned.ctypes.data
-    # compiled before the call is announced: the FMU is not to be charged with it
+    # compiled before the call is announced, so that the compile time is not attributed to the FMU
     settled = update_discrete_states.native.c_function
     with instance.calling("UpdateDiscreteStates"):
         status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
@@ -433,7 +428,7 @@ def _leave_event_mode(instance: Instance) -> None:
 
 
 def clock_table(instance: Instance) -> np.ndarray:
-    """The clocks of an instance in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
+    """Make the clock table of an instance in initialisation mode, (clocks,) of `cosim_step.CLOCK_RECORD`.
 
     Raises:
         InputRefused: a clock does not tick in whole steps.
@@ -460,23 +455,23 @@ def clock_table(instance: Instance) -> np.ndarray:
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))
             row["period"] = _whole_steps(instance, clock, interval, 1)
             row["next"] = _whole_steps(instance, clock, shift, 0)
-    # steps count from 0 s, clocks from the start of the run
+    # steps are counted from 0 s, clock intervals from the start of the run
     table["next"][table["next"] < UNKNOWN_STEP] += round(instance.setup.start / (instance.setup.step or 1.0))
     return table
 
 
 def _query_interval(instance: Instance, clock: Any) -> tuple[float, bool]:
-    """(interval, whether it is known) of a clock, by the FMU's own word."""
+    """Query the interval of a clock from the FMU; return (interval (s), whether it is known)."""
     interval, qualifier = (c_double * 1)(math.nan), (c_int * 1)(NOT_YET_KNOWN)
     instance.fmu.getIntervalDecimal((c_uint * 1)(clock.valueReference), interval, qualifier)
     return interval[0], qualifier[0] != NOT_YET_KNOWN
 
 
 def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) -> int:
-    """`interval` (s) in whole steps of the instance, at least `least`."""
+    """Convert `interval` (s) to a whole number of steps, at least `least`."""
     step = instance.setup.step or math.nan
     count = interval / step
-    # a thousandth of a step would add up to a step within a second
+    # a tolerance of a thousandth would accumulate to a whole step within a second
     if not (count < 1e9 and round(count) >= least and abs(count - round(count)) < 1e-6):
         raise InputRefused(
             f"clock '{clock.name}' has an interval or shift of {1e3 * interval:g} ms; the drive's step is "
@@ -486,7 +481,7 @@ def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) ->
 
 
 class CosimInstance(Instance):
-    """An FMU instance of the kind co-simulation; arguments, errors and attributes as those of `Instance`."""
+    """An FMU instance for co-simulation; arguments, errors and attributes as of `Instance`."""
 
     _standards: ClassVar[Mapping[int, Any]] = {1: Fmi1(), 2: Fmi2(), 3: Fmi3()}
     _stepping: Stepping | None = None

@@ -1,14 +1,14 @@
-"""The equations of a model-exchange FMU by address, and solvers for them.
+"""Solvers for the equations of model-exchange FMUs, called by address: CVODE and Runge-Kutta.
 
-Events are inputs that jump, times that the FMU asked for, indicators that change sign, and steps after which it wants
-one (FMI 2.0.4, 3.2.2; FMI 3.0, 3.2).
+Events are jumps of inputs, times that the FMU requested, indicators that change sign, and completed steps after which
+the FMU requests an event (FMI 2.0.4, 3.2.2; FMI 3.0, 3.2).
 
-CVODE of SUNDIALS, which FMPy brings along: step size and order as the tolerance asks, backward differences with Newton
-iterations and a dense Jacobian by differences, for stiff equations and others (Hindmarsh et al. 2005, ACM Transactions
-on Mathematical Software 31); event indicators are its root functions.
+CVODE of SUNDIALS, included in FMPy, chooses step size and order by the tolerance. It uses backward differences with
+Newton iterations and a dense finite-difference Jacobian, for stiff and other equations (Hindmarsh et al. 2005, ACM
+Transactions on Mathematical Software 31). Event indicators are its root functions.
 
-The classical Runge-Kutta method of order 4 goes in steps of one length, for small equations that are not stiff. It
-holds no tolerance. An event is looked for at the end of each step and found by halving the step before it.
+The classical Runge-Kutta method of order 4 has a constant step and no error control, for small non-stiff equations. A
+change of sign is detected at the end of each step and located by bisection.
 """
 
 import ctypes
@@ -51,12 +51,12 @@ EXCHANGE_FUNCTIONS = {
     "completed": "CompletedIntegratorStep",
     "number_of_states": "GetNumberOfContinuousStates",
 }
-"""Those of the FMU, by field of `SOLVER_MEMORY`, as FMI 2.0 calls them, which does not have the last."""
+"""FMI 2.0 function by field of `SOLVER_MEMORY`; FMI 2.0 does not have the last one."""
 EXCHANGE_FUNCTIONS_3 = EXCHANGE_FUNCTIONS | {
     "derivatives_of": "GetContinuousStateDerivatives",
     "update": "UpdateDiscreteStates",
 }
-"""As FMI 3.0 does."""
+"""FMI 3.0 function by field of `SOLVER_MEMORY`."""
 _SOLVER_FIELDS = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
 _ARRAY_FIELDS = (
     "x",
@@ -91,24 +91,26 @@ SOLVER_MEMORY = np.dtype(
     + [(name, "f8") for name in ("tolerance", "longest", "now", "reached", "next_event", "asked")],
     align=True,
 )
-"""Addresses of the FMU's functions, of CVODE's (`cvode` 0: Runge-Kutta) and of arrays; numbers of things; and
+"""Addresses of FMU functions, of CVODE functions (`cvode` is 0 for Runge-Kutta) and of arrays; counts; and
 
-    fresh: 1: no call has reached the FMU yet.
-    restart: 1: the solver has to begin anew.
-    trouble: status of the first thing that went wrong in a call that the solver made.
-    element, flag, asked: which state, which return value of CVODE, which time, for the sentence.
-    tolerance: relative.
-    longest: Runge-Kutta step (s); 0: one per step.
-    now: time that the FMU has been brought to (s). reached: what CVODE returns it through, at address `reached_at`.
-    next_event: time event that the FMU has asked for (s), infinity if none.
+    fresh: 1 until the FMU is first called.
+    restart: 1 if the solver has to restart its history.
+    trouble: first failure status within a call from the solver.
+    element, flag, asked: number of the state, return value of CVODE, and time, for the error message.
+    tolerance: relative tolerance.
+    longest: Runge-Kutta step (s); 0 for one per communication step.
+    now: time of the FMU (s).
+    reached: time that CVODE returns (s), at address `reached_at`.
+    next_event: time event that the FMU requested (s); infinity without one.
 """
 
 memory_at = pointer_to(SOLVER_MEMORY)
 
 CALL_STATUSES = range(128, 128 + 16 * len(EXCHANGE_FUNCTIONS), 16)
-"""What a bad status starts with, by the function of `EXCHANGE_FUNCTIONS` that returned it."""
+"""Failure statuses: base by function of `EXCHANGE_FUNCTIONS`, to which the returned FMI status is added."""
 (
-    SET_TIME_FAILED, SET_STATES_FAILED, GET_STATES_FAILED, NOMINALS_FAILED, DERIVATIVES_FAILED, INDICATORS_FAILED, EVENT_MODE_FAILED, UPDATE_FAILED, TIME_MODE_FAILED, COMPLETE_STEP_FAILED, STATE_COUNT_FAILED,
+    SET_TIME_FAILED, SET_STATES_FAILED, GET_STATES_FAILED, NOMINALS_FAILED, DERIVATIVES_FAILED, INDICATORS_FAILED,
+    EVENT_MODE_FAILED, UPDATE_FAILED, TIME_MODE_FAILED, COMPLETE_STEP_FAILED, STATE_COUNT_FAILED,
 ) = CALL_STATUSES  # fmt: skip
 
 (
@@ -122,16 +124,16 @@ CALL_STATUSES = range(128, 128 + 16 * len(EXCHANGE_FUNCTIONS), 16)
     TOO_MANY_STEPS,
     CVODE_FAILED,
 ) = range(1024, 1033)
-"""Statuses of our own: what the FMU did is refused, or the solver gave up."""
+"""Failure statuses for violations by the FMU, and failures of the solver."""
 
 MAX_EVENTS = 1000
-"""In one step: a bridge that switches at 100 kHz makes 200 in 1 ms."""
+"""Maximum number of events in a step; a bridge that switches at 100 kHz makes 200 in 1 ms."""
 MAX_SOLVER_STEPS = 100_000
-"""Of the solver in one step."""
+"""Maximum number of solver steps in a communication step."""
 GUARD_SIZE = 16
-"""Numbers behind each array that the FMU writes to, which it has to leave alone."""
+"""Number of guard values after each array that the FMU writes to."""
 GUARD_VALUE = -8.3817643e275
-"""What they are."""
+"""Guard value; a change shows that the FMU wrote beyond the array."""
 
 
 _CVODE_FLAGS = {
@@ -140,48 +142,54 @@ _CVODE_FLAGS = {
     -22: "its input is not legal",
 }
 TIME_OFFSET = 24
-"""Where in the memory of what comes back the time of the next event is."""
+"""Offset (bytes) of the time of the next event in the memory of returned values."""
 DEFAULT_TOLERANCE = 1e-6
 """Relative tolerance of CVODE if neither the experiment nor the FMU sets one."""
 MAX_BISECTIONS = 60
-"""A step halved so often is shorter than two times that differ."""
+"""Maximum number of bisections; the interval is then below the resolution of a double."""
 CV_BDF, CV_ONE_STEP, CV_ROOT_RETURN = 2, 2, 2
-"""CV_BDF, CV_ONE_STEP and CV_ROOT_RETURN of cvode.h."""
+"""Values of CV_BDF, CV_ONE_STEP and CV_ROOT_RETURN in cvode.h."""
 RECOVERABLE_ERROR = 1
-"""What the equations return for CVODE to try a smaller step."""
+"""Result of the equations that makes CVODE retry with a smaller step."""
+UPDATE_NEEDED, END_REQUESTED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
+"""Indices of the flags that an update returns, in both standards; in FMI 2.0 words, in FMI 3.0 bytes."""
+_words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), pointer_to(np.int64)
+_call = "double", "pointer", "pointer", "pointer"
 _C_POINTER, _C_DOUBLE, _C_INT, _C_INT64 = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
 
 
 def exchange_error(m: Any, status: int, other: int) -> str:
-    """The verb phrase for `status` of a step with the memory `m`; "" if it is not of model exchange alone.
+    """Return the verb phrase for failure `status` of a step with memory `m`; "" if it is not of model exchange alone.
 
     Args:
-        other: what a function returned if that is no status.
+        other: status returned if it is outside the standard.
     """
     prefix, names = f"fmi{m['version']}", EXCHANGE_FUNCTIONS if m["version"] == 2 else EXCHANGE_FUNCTIONS_3
     if status // 16 * 16 in CALL_STATUSES:
         name = list(names.values())[CALL_STATUSES.index(status // 16 * 16)]
         return status_phrase(f"{prefix}{name}", other if status % 16 == INVALID_STATUS else status % 16)
     update = f"{prefix}{names['update']}"
+    flag = _CVODE_FLAGS.get(int(m["flag"]), f"its code is {m['flag']}")
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {
         NOT_FINITE: f"said NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
         INDICATOR_NOT_FINITE: f"said NaN or infinity for event indicator {element + 1} of {m['indicators']}",
         ENDLESS_UPDATE: f"came to no end in an event at {now:.9g} s: {update} asked for more {MAX_UPDATES} times",
-        TOO_MANY_EVENTS: f"made more than {MAX_EVENTS} events in one step, the last at {now:.9g} s; it may be flickering",
+        TOO_MANY_EVENTS: f"made more than {MAX_EVENTS} events in one step, the last at {now:.9g} s; it may be "
+        "flickering",
         TERMINATE_REQUEST: "asked to terminate the simulation",
         PAST_EVENT: f"asked at {now:.9g} s for a time event at {asked:.9g} s, which is past",
         STATE_COUNT_CHANGED: f"has {element} continuous states after an event at {now:.9g} s, and had {m['states']}",
         ARRAY_OVERFLOW: "wrote more states, derivatives or event indicators than it says it has",
         TOO_MANY_STEPS: f"let the solver make {MAX_SOLVER_STEPS} steps within one, up to {now:.9g} s only",
-        CVODE_FAILED: f"let CVODE fail at {now:.9g} s: {_CVODE_FLAGS.get(int(m['flag']), 'its code is ' + str(m['flag']))}",
+        CVODE_FAILED: f"let CVODE fail at {now:.9g} s: {flag}",
     }
     return own.get(status, "")
 
 
 @njit(cache=True)
 def set_time_and_states(m, t, x):
-    """Bring the FMU to time `t` and the states at `x`; 0, or a bad status."""
+    """Set time `t` and the states at address `x` in the FMU; return 0 or a failure status."""
     status = call_time(m.set_time, (m.instance, t))
     if status > 1:
         return SET_TIME_FAILED + status
@@ -194,9 +202,10 @@ def set_time_and_states(m, t, x):
 
 @njit(cache=True)
 def derivatives(m, t, x, dx):
-    """Its derivatives at time `t` and the states at `x`, to `dx`; 0, or a bad status.
+    """Compute the state derivatives at time `t` and the states at address `x`; return 0 or a failure status.
 
-    `dx` has to have a guard behind it, see `GUARD_SIZE`.
+    Args:
+        dx: address of the result, with a guard after it, see `GUARD_SIZE`.
     """
     status = set_time_and_states(m, t, x)
     if status != 0:
@@ -216,7 +225,11 @@ def derivatives(m, t, x, dx):
 
 @njit(cache=True)
 def indicators(m, z):
-    """Its event indicators where it is, to `z`, which has to have a guard; 0, or a bad status."""
+    """Compute the event indicators at the present time and states; return 0 or a failure status.
+
+    Args:
+        z: address of the result, with a guard after it, see `GUARD_SIZE`.
+    """
     status = call_doubles(m.indicators_of, (m.instance, z, m.indicators))
     if status > 1:
         return INDICATORS_FAILED + status
@@ -228,26 +241,20 @@ def indicators(m, z):
     return 0
 
 
-_words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), pointer_to(np.int64)
-
-UPDATE_NEEDED, END_REQUESTED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
-"""The flags that come back of an update, in both standards' order; in FMI 2.0 words, in FMI 3.0 bytes."""
-
-
 @njit(cache=True)
 def time_tolerance(t):
-    """Times that lie no farther apart are one (s): beyond it no solver can tell them."""
+    """Return the difference up to which times count as equal (s), near the resolution of a double."""
     return 1e-15 + 1e-13 * abs(t)
 
 
 @njit(cache=True)
 def handle_event(m, u, jumped):
-    """Event mode, from entering to leaving it, at the time and states that the FMU is at; 0, or a bad status.
+    """Enter event mode at the present time and states, handle the event, and leave it; return 0 or a failure status.
 
     Args:
-        m: of `SOLVER_MEMORY`.
+        m: record of `SOLVER_MEMORY`.
         u: address of the inputs.
-        jumped: whether they are to be set.
+        jumped: whether the inputs have to be set.
     """
     status = call_instance(m.enter_event_mode, (m.instance,))
     if status > 1:
@@ -274,13 +281,13 @@ def handle_event(m, u, jumped):
 
 @njit(cache=True)
 def _flag(m, n):
-    """The flag number `n` that came back."""
+    """Return flag number `n` of the last update."""
     return carray(_words_at(m.info), 5)[n] != 0 if m.version == 2 else carray(_bytes_at(m.info), 5)[n] != 0
 
 
 @njit(cache=True)
 def _update_discrete_states(m):
-    """Update the discrete states until that is no longer needed."""
+    """Update the discrete states until no update is needed; return 0 or a failure status."""
     nominals_changed = False
     for _ in range(MAX_UPDATES):
         if m.version == 2:
@@ -298,7 +305,7 @@ def _update_discrete_states(m):
     else:
         return ENDLESS_UPDATE
     m.next_event = carray(doubles_at(m.info + TIME_OFFSET), 1)[0] if _flag(m, TIME_DEFINED) else np.inf
-    # not a number is no time either
+    # negated so that NaN is refused, too
     if not m.next_event >= m.now - time_tolerance(m.now):
         m.asked = m.next_event
         return PAST_EVENT
@@ -307,7 +314,7 @@ def _update_discrete_states(m):
 
 @njit(cache=True)
 def _update_state_sizes(m, nominals_changed):
-    """Number and nominals of the states, which an event may have changed."""
+    """Check the number of states, and update tolerances if their nominals changed; return 0 or a failure status."""
     if m.version == 3:
         count = carray(_counts_at(m.info), 1)
         status = call_pointer(m.number_of_states, (m.instance, m.info))
@@ -327,7 +334,7 @@ def _update_state_sizes(m, nominals_changed):
 
 @njit(cache=True)
 def scale_tolerances(nominals, tolerance):
-    """Make absolute tolerances of nominal values, in place; what is no number above 0 counts as 1."""
+    """Replace nominal values by absolute tolerances in place; values that are not positive and finite count as 1."""
     for i in range(len(nominals)):
         given = nominals[i] if nominals[i] > 0.0 and np.isfinite(nominals[i]) else 1.0
         nominals[i] = tolerance * given
@@ -335,7 +342,7 @@ def scale_tolerances(nominals, tolerance):
 
 @njit(cache=True)
 def complete_step(m):
-    """Tell the FMU that the solver has come here for good; (whether it wants an event, 0 or a bad status)."""
+    """Notify the FMU of a completed solver step; return (whether it requests an event, 0 or a failure status)."""
     if m.needs_completed == 0:
         return False, 0
     if m.version == 2:
@@ -344,16 +351,16 @@ def complete_step(m):
         status = completed_3(m.completed, (m.instance, m.final, m.info, m.info + 4))
     if status > 1:
         return False, COMPLETE_STEP_FAILED + status
-    # the second is behind four bytes: a word, or four flags
+    # the second result is four bytes after the first: the next word, or flag number 4
     return _flag(m, 0), TERMINATE_REQUEST if _flag(m, 1 if m.version == 2 else 4) else 0
 
 
 class Solver(NamedTuple):
-    """What integrates the equations of an FMU.
+    """Integration method for the equations of an FMU.
 
     Attributes:
-        method: "cvode" holds a tolerance, whatever the equations are; "rk4" goes in steps of one length.
-        step: longest step of "rk4" (s); None: one per step of the drive.
+        method: "cvode" with error control, for all equations; "rk4" with a constant step.
+        step: maximum step of "rk4" (s); None for one per communication step.
     """
 
     method: Literal["cvode", "rk4"] = "cvode"
@@ -362,7 +369,7 @@ class Solver(NamedTuple):
 
 @njit(cache=True)
 def _move_states(m, k, h):
-    """The states at the start of the step and `h` times the rates at `k`, to `m.x`."""
+    """Set `m.x` to the states at the start of the step plus `h` times the rates at address `k`."""
     x, began = carray(doubles_at(m.x), m.states), carray(doubles_at(m.began), m.states)
     rates = carray(doubles_at(k), m.states)
     for i in range(m.states):
@@ -371,7 +378,7 @@ def _move_states(m, k, h):
 
 @njit(cache=True)
 def _rk4_step(m, t, h):
-    """One step from time `t` and the states at `m.began`, whose rates are at `m.k_1`, to `m.x`; 0 or a bad status."""
+    """Make a Runge-Kutta step from `t`, states `m.began` and rates `m.k_1` to `m.x`; return 0 or a failure status."""
     _move_states(m, m.k_1, 0.5 * h)
     status = derivatives(m, t + 0.5 * h, m.x, m.k_2)
     if status != 0:
@@ -394,7 +401,7 @@ def _rk4_step(m, t, h):
 
 @njit(cache=True)
 def _detect_crossing(m):
-    """Whether an indicator has another sign than before; (that, 0 or a bad status)."""
+    """Return (whether an indicator has changed its sign since `m.z_before`, 0 or a failure status)."""
     status = indicators(m, m.z)
     z, before = carray(doubles_at(m.z), m.indicators), carray(doubles_at(m.z_before), m.indicators)
     for i in range(m.indicators):
@@ -405,7 +412,7 @@ def _detect_crossing(m):
 
 @njit(cache=True)
 def _locate_crossing(m, t, h):
-    """How long after `t` an indicator has changed its sign (s), which it has after `h`; (that, 0 or a bad status)."""
+    """Locate a change of sign in a step by bisection; return (time after `t` (s), 0 or a failure status)."""
     low, high = 0.0, h
     for _ in range(MAX_BISECTIONS):
         if high - low <= time_tolerance(t):
@@ -426,7 +433,7 @@ def _locate_crossing(m, t, h):
 
 @njit(cache=True)
 def integrate_rk4(m, stop):
-    """From `m.now` to `stop`, or to an event before it; (whether there is one, 0 or a bad status)."""
+    """Integrate by Runge-Kutta up to `stop` or the first event; return (event found, 0 or a failure status)."""
     span, start = stop - m.now, m.now
     steps = max(1, int(np.ceil(span / m.longest - 1e-9))) if m.longest > 0.0 else 1
     for n in range(steps):
@@ -453,9 +460,6 @@ def integrate_rk4(m, stop):
     return False, 0
 
 
-_call = "double", "pointer", "pointer", "pointer"
-
-
 def _right_hand_side(t, y, ydot, user):
     m = carray(memory_at(address_of(user)), 1)[0]
     status = derivatives(m, t, values_of(m.cv_values, (address_of(y),)), m.k_1)
@@ -463,7 +467,7 @@ def _right_hand_side(t, y, ydot, user):
         copy(values_of(m.cv_values, (address_of(ydot),)), m.k_1, 8 * m.size)
         return 0
     m.trouble = status
-    # NaN, or Discard: the states may be out of its range, and nearer ones not
+    # after NaN or Discard a smaller step may succeed, as the states may have left the FMU's range
     return RECOVERABLE_ERROR if status == NOT_FINITE or status % 16 == 2 else -1
 
 
@@ -484,7 +488,7 @@ right_hand_side, roots = Native("int32", _call, _right_hand_side), Native("int32
 
 @njit(cache=True)
 def integrate_cvode(m, stop):
-    """From `m.now` to `stop`, or to an event before it; (whether there is one, 0 or a bad status)."""
+    """Integrate by CVODE up to `stop` or the first event; return (event found, 0 or a failure status)."""
     m.trouble = 0
     if m.restart != 0:
         start_at(m.cv_restart, (m.cvode, m.now, m.vector))
@@ -508,32 +512,32 @@ def integrate_cvode(m, stop):
 
 
 class Cvode:
-    """A solver's memory.
+    """A CVODE solver of SUNDIALS, with its state vector, Jacobian and root functions.
 
     Args:
-        x: its states, (n,), which it works on.
-        absolute: tolerances of each, (n,).
-        tolerance: relative.
+        x: states, (n,), which the solver changes in place.
+        absolute: absolute tolerance of each state, (n,).
+        tolerance: relative tolerance.
         indicators: number of event indicators.
-        user: address of the memory that the equations are called with.
+        user: address of the memory that is passed to the equations.
 
     Attributes:
-        addresses: what the compiled step needs to know, by field of `SOLVER_MEMORY`.
+        addresses: addresses for the compiled step, by field of `SOLVER_MEMORY`.
 
     Raises:
-        InputRefused: FMPy brings no CVODE for this platform.
+        InputRefused: FMPy includes no CVODE for this platform.
     """
 
     def __init__(self, x: np.ndarray, absolute: np.ndarray, tolerance: float, indicators: int, user: int):
         try:
             from fmpy.sundials import libraries
-        # FMPy raises bare Exception for a library of another version, ctypes OSError for none
+        # FMPy raises bare Exception for another library version, ctypes OSError for a missing library
         except Exception as problem:
             raise InputRefused(f'CVODE does not load: {problem}; use [drive] solver = "rk4"') from None
         core, cvode, vectors = libraries.sundials_core, libraries.sundials_cvode, libraries.sundials_nvecserial
         context = ctypes.c_void_p()
         _function(core, "SUNContext_Create", _C_INT, _C_INT, _C_POINTER)(0, ctypes.addressof(context))
-        # it would print what goes wrong
+        # without error handlers, which would print errors
         _function(core, "SUNContext_ClearErrHandlers", None, _C_POINTER)(context)
         made = _function(vectors, "N_VMake_Serial", _C_POINTER, _C_INT64, _C_POINTER, _C_POINTER)
         vector, weights = (made(len(values), values.ctypes.data, context) for values in (x, absolute))
@@ -567,7 +571,7 @@ class Cvode:
         self._parts: tuple[Any, ...] = (memory, linear, matrix, (vector, weights), context)
 
     def close(self) -> None:
-        """Free it; safe to call twice."""
+        """Free the solver; safe to call twice."""
         if not self._parts:
             return
         from fmpy.sundials.libraries import sundials_core as core
@@ -584,5 +588,5 @@ class Cvode:
 
 
 def _function(library: ctypes.CDLL, name: str, returns: Any, *kinds: Any) -> Any:
-    """A function of `library`, with types of its own."""
+    """Return a function of `library` with the given result and argument types."""
     return ctypes.CFUNCTYPE(returns, *kinds)((name, library))

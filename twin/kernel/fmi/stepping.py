@@ -1,4 +1,4 @@
-"""The ports of an FMU instance, and the compiled step that fits them: one of three, with its memory."""
+"""Ports of an FMU instance, and the compiled step that fits them: one of three, with its memory."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from twin.kernel.fmi.variable import ITEM_SIZES, Variable
 
 @dataclass(frozen=True)
 class FmuPort:
-    """A port and the FMU variable behind it: port value (SI) = gain * FMU value + offset."""
+    """A port and its FMU variable: port value (SI) = gain * FMU value + offset."""
 
     port: Port
     variable: Variable
@@ -24,23 +24,23 @@ class FmuPort:
     offset: float = 0.0
 
     def to_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
-        """`value` of the port as the FMU wants it."""
+        """Convert a port value (SI) to the FMU's unit."""
         return (value - self.offset) / self.gain
 
     def for_instant(self, instant: Literal["start", "end"]) -> "FmuPort":
-        """The port for its value at the start of a step, or for that at its end."""
+        """Return the port for the value at the start or the end of a step."""
         name = self.port.name + groups.END_SUFFIX * (instant == "end")
         return replace(self, port=replace(self.port, name=name, instant=instant))
 
 
 @dataclass(frozen=True)
 class PortSlots:
-    """A port and where its values stand among those of its component.
+    """A port and the positions of its values in the inputs or outputs of its component.
 
     Attributes:
-        port: and its variable.
-        slots: of its values.
-        shift: added to its values, (number of values,).
+        port: port with its variable.
+        slots: indices of its values.
+        shift: offsets added to its values, (number of values,).
     """
 
     port: FmuPort
@@ -49,32 +49,32 @@ class PortSlots:
 
 
 def port_slots(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[PortSlots]:
-    """`ports` one after the other; `shift` by value, nothing if it is not given."""
+    """Assign consecutive slots to `ports`; `shift` has an offset per value, None for zeros."""
     ends = np.cumsum([0, *(p.port.size for p in ports)])
     shifts = np.zeros(ends[-1]) if shift is None else shift
     return [PortSlots(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
 
 
 def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
-    """`inputs` of an instance, where those that are lines over a step come last, once more."""
+    """Append a port for the value at the end of the step for each input that is interpolated over a step."""
     ramped = [p for p in inputs if instance.takes_ramp(p.variable)]
     return [*(p.for_instant("start") if p in ramped else p for p in inputs), *(p.for_instant("end") for p in ramped)]
 
 
 class Stepping:
-    """How an instance is stepped.
+    """Compiled step of a co-simulation instance, with its memory.
 
     Args:
-        instance: in step mode.
+        instance: FMU instance in step mode.
         inputs, outputs: its ports.
-        shift: what is added to the outputs' values, in SI units.
+        shift: offsets added to the output values (SI).
 
     Attributes:
-        address: of the step.
-        memory: that it works on, (1,).
-        inputs: see `with_end_ports`.
-        outputs: and what is added to each.
-        discard_reported: whether it was said that steps are discarded.
+        address: address of the step function.
+        memory: memory of the step, (1,).
+        inputs: ports, see `with_end_ports`.
+        outputs: ports with slots and shifts.
+        discard_reported: whether discarded steps have been reported.
     """
 
     discard_reported = False
@@ -96,7 +96,7 @@ class Stepping:
         description, s = instance.description, self._shorter[0]
         if description.version < 3:
             s["real_status"] = instance.address("GetRealStatus")
-            # FMI 1.0 does not know what one would ask it
+            # FMI 1.0 does not define the Boolean status
             s["boolean_status"] = instance.address("GetBooleanStatus") if description.version == 2 else 0
         s["value_at"], s["flag_at"] = (self._shorter[name].ctypes.data for name in ("value", "flag"))
         s["varies"] = description.model.coSimulation.canHandleVariableCommunicationStepSize
@@ -117,11 +117,11 @@ class Stepping:
 
     @property
     def state_name(self) -> str:
-        """What the state is called in names of functions, which changed from FMI 2.0 to 3.0."""
+        """Name of the state in FMI functions: FMUstate in FMI 2.0, FMUState in FMI 3.0."""
         return "FMUstate" if self.instance.description.version == 2 else "FMUState"
 
     def explain(self, status: int) -> str:
-        """What a bad `status` of a step means, as the verb phrase of a sentence."""
+        """Describe a failure `status` of a step, as a verb phrase for an error message."""
         instance, note = self.instance, self.instance.note[0]
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
         if status == groups.INPUT_OUT_OF_RANGE:
@@ -161,24 +161,24 @@ class Stepping:
         if status == groups.DO_STEP_FAILED + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
-            sentence += "" if varies else ", as it takes none of another size by itself"
+            sentence += "" if varies else ", as it accepts no other step size"
         return sentence
 
     @staticmethod
     def _port_at(ports: Sequence[PortSlots], slot: int) -> tuple[FmuPort, str]:
-        """The port that has the value at `slot`, and the value's name."""
+        """Return the port of the value at `slot`, and the value's name."""
         one = next(one for one in ports if slot in one.slots)
         name = one.port.variable.name
         return one.port, name if len(one.slots) == 1 else f"{name}[{slot - one.slots[0]}]"
 
     @property
     def discarded_since(self) -> float | None:
-        """When the FMU discarded a step for the first time (s), which was then made in parts."""
+        """Time of the first step that the FMU discarded and made in parts (s); None without discarded steps."""
         s = self._shorter[0]
         return float(s["since"]) if s["discarded"] else None
 
     def make_rewind(self) -> tuple[int, int, np.ndarray]:
-        """From now on a step may be repeated; (addresses of the functions that save and restore, their memory)."""
+        """Allow steps to be repeated; return (address of save, address of restore, their memory)."""
         self.allow_repeats()
         memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
         m = memory[0]
@@ -193,22 +193,22 @@ class Stepping:
         return cosim_step.save.address, cosim_step.restore.address, memory
 
     def allow_repeats(self) -> None:
-        """From now on its state may be set back to the start of a step; FMI 1.0 has another use for what says so."""
+        """Announce to the FMU that a state may be restored; not in FMI 1.0, whose flag has another meaning."""
         if self.instance.description.version > 1:
             self.memory["final"] = 0
 
     @property
     def changing_arrays(self) -> list[np.ndarray]:
-        """What steps change beside the FMU's own state."""
+        """Memory that steps change outside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """The same by name, and what is noted of steps that were discarded; nothing of it is an address."""
+        """Return `changing_arrays` and the record of discarded steps by name; they contain no addresses."""
         shorter = {field.name: field.view_in(self._shorter) for field in state_fields(DISCARD_RECORD)}
         return {f"memory_{number}": array for number, array in enumerate(self.changing_arrays, start=1)} | shorter
 
     def _group_table(self, ports: Iterable[PortSlots], access: str) -> np.ndarray:
-        """A table of `groups.GROUP_RECORD`: `ports` of one FMI type and set of clocks are set or got by one call.
+        """Make a table of `groups.GROUP_RECORD`; ports of one FMI type and set of clocks form a group with one call.
 
         Args:
             access: "Set" or "Get".
@@ -230,7 +230,7 @@ class Stepping:
                 "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),
                 "offset": np.concatenate([p.port.offset + p.shift for p in group]),
                 "buffer": np.zeros(len(slots) * ITEM_SIZES[kind], dtype=np.uint8),
-                # no value that an input has: the first one counts as new
+                # bytes 0xFF match no input value, so the first value counts as new
                 "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
             }
             wide = variable.type == "Boolean" and kind != groups.BOOLEAN_KIND
@@ -262,11 +262,11 @@ class Stepping:
             self._keep.append(array)
         r["instance"], r["set"] = instance.handle, instance.address(f"Set{kind}")
         r["derivatives"] = instance.address("SetRealInputDerivatives") if instance.description.version < 3 else 0
-        # the last, because the callback of FMI 3.0 looks whether there are any
+        # set last, as the callback of FMI 3.0 checks whether there are any
         r["values"] = len(slots)
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray | None) -> bool:
-        """Whether values can go as they are: Real, unscaled, no more than one output shifted."""
+        """Whether values need no conversion: all are Real and unscaled, and at most one output is shifted."""
         ports = (*inputs, *outputs)
         alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
         return alike and bool(inputs) and bool(outputs) and (shift is None or int(np.count_nonzero(shift)) <= 1)
@@ -310,7 +310,7 @@ class Stepping:
         return cosim_step.event_step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        """What the general step and the one with events have in common."""
+        """Fill in the fields that the general step and the step with events share."""
         returned = np.zeros(16, dtype=np.uint8)
         self._keep.append(returned)
         ramp = self.instance.ramp[0]

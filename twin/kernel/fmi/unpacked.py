@@ -1,7 +1,8 @@
-"""The folder of unpacked FMUs: one per content, verified against the archive at every use.
+"""Cache of unpacked FMUs, one folder per content, verified against the archive at every use; compilation from source.
 
-A folder has the files of the archive in `fmu`, and in `seal.json` how they were found when they were last compared:
-size, times, inode. What is still found so is not read again."""
+A folder contains the files of the archive in `fmu`, and in `seal.json` their size, times and inode at the last
+verification. Files whose stamp is unchanged are not read again.
+"""
 
 import contextlib
 import importlib.util
@@ -39,24 +40,24 @@ from twin.kernel.fmi import COMPILED_FOLDER
 COMPILER_FILE = "compiler.json"
 ZIG_PACKAGE = "ziglang"
 BINARY_PARTS = 3
-"""Of the place of a library: binaries/linux64/name.so."""
+"""Number of parts in the path of a library: binaries/linux64/name.so."""
 COMPILE_TIMEOUT = 300.0
-"""s. Honest sources of thousands of lines take some ten."""
+"""Compile timeout (s). FMUs with thousands of lines need about 10 s."""
 MAX_COMPILER_MEMORY, MAX_COMPILER_FILE = 4 << 30, 1 << 30
-"""Bytes, of a process and of a file. Honest sources of 10 MB need a tenth of either."""
+"""Maximum memory of a compiler process and maximum size of a file it writes (bytes); sources of 10 MB need a tenth."""
 C_SUFFIXES = (".c",)
 CPP_SUFFIXES = (".cpp", ".cc", ".cxx")
 MACRO_PATTERN = re.compile(r"[A-Za-z_]\w*(\([\w ,.]*\))?", re.ASCII)
-"""What a macro may be called (C11, 6.10.3). gcc hands the name to cc1 as a word, and `@file` is a file of options."""
+"""Valid macro names (C11, 6.10.3). gcc passes the name to cc1 as an argument, where `@file` would read options."""
 MAX_OUTPUT_READ, MAX_OUTPUT_SHOWN = 1 << 20, 300
-"""Of what a compiler says: bytes that are looked at, and characters that are shown."""
+"""Maximum compiler output that is read (bytes), and shown in a message (characters)."""
 COMPILER_VARIABLES = ("DEPENDENCIES_OUTPUT", "SUNPRO_DEPENDENCIES", "GCC_COMPARE_DEBUG", "CCC_OVERRIDE_OPTIONS")
-"""Environment variables by which a compiler writes other files, or takes other options, than it is asked to."""
+"""Environment variables that make a compiler write additional files or change its options."""
 
-# of each process: no core, time on a processor (s), data (kB), what it writes (512 bytes); a lower one is left as it is
+# limits per process: no core dump, processor time (s), data (kB), file size (512 bytes); lower existing limits are kept
 _LIMIT_SCRIPT = "for o in '-c 0' '-t {time}' '-d {memory}' '-f {written}'; do ulimit $o 2>/dev/null; done; exec \"$@\""
 
-# FMI 2.0's header has no way to leave out the prefix that sources for static linking define
+# sources for static linking define a prefix, which the header of FMI 2.0 cannot override
 _WITHOUT_PREFIX = """#undef FMI2_FUNCTION_PREFIX
 #include_next <fmi2Functions.h>
 """
@@ -65,14 +66,14 @@ CONTENT_FOLDER, SEAL_FILE = "fmu", "seal.json"
 MAX_UNPACKED_FMUS = 50
 """Maximum number of folders to keep; folders in use are never removed."""
 _CHUNK_SIZE = 1 << 20
+Stamp = list[int]
 
 
 class CompiledLibrary(NamedTuple):
-    """A library that was compiled here.
+    """A library compiled on this machine.
 
     Attributes:
-        library: where it is kept.
-        compiler: what made it, with its version.
+        compiler: compiler with its version.
     """
 
     library: Path
@@ -80,11 +81,10 @@ class CompiledLibrary(NamedTuple):
 
 
 def compiled_library(digest: str, binary: str) -> CompiledLibrary | None:
-    """The library of the FMU with SHA-256 `digest`, if it was compiled for this platform.
+    """Return the library compiled for the FMU with SHA-256 `digest`; None if it was not compiled for this platform.
 
     Args:
-        digest: of the archive.
-        binary: its place in the archive, as it would be.
+        binary: path that the library would have in the archive.
     """
     folder = _compiled_folder(digest)
     library = folder / binary
@@ -96,11 +96,7 @@ def compiled_library(digest: str, binary: str) -> CompiledLibrary | None:
 
 
 def _compiled_folder(digest: str) -> Path:
-    """The folder of what was compiled of the FMU with SHA-256 `digest`; what lies there is the user's own.
-
-    Raises:
-        InputRefused: see `cache_folder`.
-    """
+    """Return the folder of the library compiled for the FMU with SHA-256 `digest`; files of other users are removed."""
     folder = cache_folder(COMPILED_FOLDER) / digest
     with translate_disk_errors(folder, "cannot be removed", InputRefused, CACHE_REMEDY):
         discard_foreign(folder)
@@ -108,7 +104,7 @@ def _compiled_folder(digest: str) -> Path:
 
 
 def source_sets(model: Any, identifier: str) -> list[Any]:
-    """The sources of an FMU and how they are compiled, as FMPy reads that; none, if it does not say."""
+    """Return the source file sets with build instructions of an FMU (FMPy's); empty without declarations."""
     return [
         one
         for configuration in model.buildConfigurations
@@ -119,44 +115,44 @@ def source_sets(model: Any, identifier: str) -> list[Any]:
 
 
 def has_sources(names: Collection[str], sets: Sequence[Any]) -> bool:
-    """Whether an archive with entries `names` holds all that these source sets name, and they name something."""
+    """Whether there are source sets, and an archive with entries `names` contains all their files."""
     return bool(sets) and all(
         posixpath.normpath(f"sources/{source}") in names for one in sets for source in one.sourceFiles
     )
 
 
 def install_compiled(digest: str, content: Path) -> None:
-    """Put what was compiled of the FMU with that SHA-256 into the folder `content` of its unpacked files.
+    """Copy the library compiled for the FMU with SHA-256 `digest` to the folder `content` of its unpacked files.
 
     Raises:
-        OSError: it cannot be written there.
+        OSError: it cannot be written.
     """
     folder = _compiled_folder(digest)
     for library in folder.glob("binaries/*/*"):
         target = content / library.relative_to(folder)
         if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:
             target.parent.mkdir(parents=True, exist_ok=True)
-            beside = target.with_name(f".{os.getpid()}-{target.name}")
-            shutil.copy2(library, beside)
-            os.replace(beside, target)
+            replacement = target.with_name(f".{os.getpid()}-{target.name}")
+            shutil.copy2(library, replacement)
+            os.replace(replacement, target)
 
 
 def compile_sources(file: Path, digest: str, model: Any, binary: str) -> CompiledLibrary:
-    """Compile the sources of `file` for this platform, unless that was done before.
+    """Compile the sources of an FMU for this platform, unless they are compiled already.
 
     Args:
-        file: the FMU, its archive checked.
+        file: FMU whose archive is checked.
         digest: its SHA-256.
-        model: its description by FMPy, with the build configurations.
-        binary: where its library would be in the archive.
+        model: its description (FMPy's) with build configurations.
+        binary: path that its library would have in the archive.
 
     Raises:
-        InputRefused: it has no sources that say how to be compiled, there is no compiler, or the compiler refuses.
+        InputRefused: no sources with build instructions, no compiler, or a compile error.
     """
     done = compiled_library(digest, binary)
     if done is not None:
         return done
-    # below the folder in which it is built, too
+    # a deeper path would leave the build folder
     if len(PurePosixPath(binary).parts) != BINARY_PARTS:
         identifier = binary.split("/", BINARY_PARTS - 1)[-1]
         raise InputRefused(f"{file}: modelIdentifier leads to '{identifier}'; expected a name. Do not trust this file")
@@ -173,7 +169,7 @@ def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compile
             json.dump({"compiler": made.compiler}, facts)
         try:
             os.rename(Path(scratch) / "kept", home / digest)
-        # somebody else was faster
+        # another process has compiled it in the meantime
         except OSError:
             if compiled_library(digest, binary) is None:
                 raise
@@ -194,7 +190,8 @@ def _build_library(file: Path, sets: Sequence[Any], scratch: Path, binary: str) 
     headers = scratch / "headers"
     headers.mkdir()
     (headers / "fmi2Functions.h").write_text(_WITHOUT_PREFIX)
-    # gcc loads a header that was compiled before, a picture of its own memory, in place of the first that is included
+    # gcc uses a precompiled header, an image of its memory, only for the first header included: include an empty one
+    # first
     first = headers / "first.h"
     first.touch()
     includes = ["-include", str(first), f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{fmi_headers()}"]
@@ -222,14 +219,14 @@ def _build_library(file: Path, sets: Sequence[Any], scratch: Path, binary: str) 
             )  # fmt: skip
             objects.append(str(target))
     linker = compiler_command(file, plus)
-    # objects may claim to be unfinished and bring options with which a linker's plugin finishes them
+    # objects may carry LTO options that a linker plugin would execute
     call_compiler([*linker, "-shared", "-fno-lto", *objects, "-lm", "-o", str(library)], *reason, scratch, end)
     version = call_compiler([*linker, "--version"], *reason, scratch, end)
     return CompiledLibrary(library, (version.splitlines() or [linker[0]])[0].strip())
 
 
 def _macro_option(file: Path, name: str | None, value: str | None) -> str:
-    """The option that defines a macro."""
+    """Return the compiler option that defines a macro."""
     if not MACRO_PATTERN.fullmatch(name or "") or not (value or "").isprintable():
         text = f"{name}={value}" if value else name
         raise InputRefused(
@@ -240,7 +237,7 @@ def _macro_option(file: Path, name: str | None, value: str | None) -> str:
 
 
 def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
-    """The place of a source or folder that the FMU names, which is below its sources."""
+    """Return the path of a source or folder that the FMU names, which has to be inside its sources."""
     home = (scratch / "sources").resolve()
     path = (home / (name or "?")).resolve()
     if not path.is_relative_to(home) or not path.exists():
@@ -249,19 +246,16 @@ def _source_path(file: Path, scratch: Path, name: str | None) -> Path:
 
 
 def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
-    """The platform's compiler, else that of ziglang.
+    """Return the command of the platform's compiler, else of ziglang's.
 
     Args:
-        wanted: what is to be built, for the sentence.
-        plus: whether it has C++ in it.
-
-    Raises:
-        InputRefused: there is none.
+        wanted: file to be built, for the error message.
+        plus: whether it contains C++.
     """
     for name in ("c++", "g++", "clang++") if plus else ("cc", "gcc", "clang"):
         found = shutil.which(name)
         if found:
-            # it is run in another folder
+            # absolute, as it runs in another folder
             return [os.path.abspath(found)]
     if importlib.util.find_spec(ZIG_PACKAGE) is not None:
         return [*zig_command(), "c++" if plus else "cc"]
@@ -269,62 +263,62 @@ def compiler_command(wanted: Path, plus: bool = False) -> list[str]:
 
 
 def zig_command() -> list[str]:
-    """The command that runs what comes with the package ziglang."""
-    # -P: the folder in which it runs is no place to import from
+    """Return the command that runs the compiler of the package ziglang."""
+    # -P: do not import modules from the folder in which it runs
     return [sys.executable, "-P", "-m", ZIG_PACKAGE]
 
 
 def fmi_headers() -> Path:
-    """The folder of FMI's C headers, which come with FMPy."""
-    # found, not imported: that takes longer than what most commands do
+    """Return the folder of FMI's C headers, which FMPy contains."""
+    # find_spec avoids importing FMPy, which takes longer than most commands
     fmpy = importlib.util.find_spec("fmpy")
     assert fmpy is not None and fmpy.origin is not None, "a dependency of this package"
     return Path(fmpy.origin).absolute().parent / "c-code"
 
 
 def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path, end: float | None = None) -> str:
-    """Run a compiler, with limits of time, memory and what it writes; nothing of it is left afterwards.
+    """Run a compiler with limits of time, memory and file size; all its processes are killed afterwards.
 
     Args:
-        command: the compiler first.
-        refused: begins the sentence if it refuses.
-        late: the sentence if it takes too long.
-        folder: in which, for its temporary files too.
-        end: of `time.monotonic`, until which it may take (s); None: `COMPILE_TIMEOUT` from now.
+        command: compiler and arguments.
+        refused: beginning of the error message if compilation fails.
+        late: error message after a timeout.
+        folder: working directory, also for temporary files.
+        end: deadline (s, `time.monotonic`); None for `COMPILE_TIMEOUT` from now.
 
     Returns:
-        The beginning of what it says.
+        The beginning of its output.
 
     Raises:
-        InputRefused: it refuses, or takes too long.
+        InputRefused: compilation fails or exceeds the deadline.
     """
-    patience = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
+    remaining = COMPILE_TIMEOUT if end is None else max(end - time.monotonic(), 0.0)
     limits = _LIMIT_SCRIPT.format(
         time=math.ceil(COMPILE_TIMEOUT), memory=MAX_COMPILER_MEMORY >> 10, written=MAX_COMPILER_FILE >> 9
     )
     environment = {name: value for name, value in os.environ.items() if name not in COMPILER_VARIABLES}
-    # in a file: what a compiler says may have no end
-    with tempfile.TemporaryFile(dir=folder) as words:
+    # output goes to a file, as it may be endless
+    with tempfile.TemporaryFile(dir=folder) as log:
         process = subprocess.Popen(
             ["/bin/sh", "-c", limits, "sh", *command],
             cwd=folder,
             env={**environment, "TMPDIR": str(folder)},
             stdin=subprocess.DEVNULL,
-            stdout=words,
+            stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
         try:
-            status = process.wait(patience)
+            status = process.wait(remaining)
         except subprocess.TimeoutExpired:
             raise InputRefused(late) from None
         finally:
-            # what it started too, after Ctrl-C as well; its number is not given away so soon
+            # kill its process group, also after Ctrl-C; the PID is not reused before the wait below
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-        words.seek(0)
-        text = words.read(MAX_OUTPUT_READ).decode(errors="replace")
+        log.seek(0)
+        text = log.read(MAX_OUTPUT_READ).decode(errors="replace")
     if status:
         lines = text.splitlines()
         errors = [line for line in lines if "error" in line or "undefined" in line]
@@ -333,12 +327,8 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
     return text
 
 
-Stamp = list[int]
-
-
 class CacheInfo(NamedTuple):
-    """What is kept in `folder`: FMUs, bytes of the files that they were unpacked to, and those of these that are not
-    as they were last found."""
+    """Contents of the FMU cache: number of FMUs, total size (bytes), files modified since they were verified."""
 
     folder: Path
     drives: int
@@ -347,11 +337,7 @@ class CacheInfo(NamedTuple):
 
 
 def cache_info() -> CacheInfo:
-    """What there is of unpacked FMUs; nothing is mended.
-
-    Raises:
-        InputRefused: see `cache_folder`.
-    """
+    """Summarise the cache of unpacked FMUs without repairing it."""
     home = cache_folder(UNPACKED_FOLDER)
     folders = [path for path in home.iterdir() if not path.name.startswith(".")]
     size, changed = 0, []
@@ -366,7 +352,7 @@ def cache_info() -> CacheInfo:
 
 
 def sealed_stamps(folder: Path) -> dict[str, Stamp]:
-    """How the files in `folder` were last found; nothing if that was damaged, too."""
+    """Return the stamps of the files in `folder` at the last verification; empty if the record is damaged."""
     try:
         known = json.loads((folder / SEAL_FILE).read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -375,10 +361,13 @@ def sealed_stamps(folder: Path) -> dict[str, Stamp]:
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """What changes when the file at `path` is written to, even by who sets its time back; None: no such file."""
+    """Return size, times and inode of the file at `path`; None if missing.
+
+    Any write changes them, as ctime cannot be set back.
+    """
     try:
         found = os.lstat(path)
-    # a seal that was damaged may name anything
+    # ValueError: a damaged seal may contain any name
     except (OSError, ValueError):
         return None
     if not stat.S_ISREG(found.st_mode):
@@ -387,16 +376,17 @@ def stamp_of(path: str) -> Stamp | None:
 
 
 def unpacked(file: Path, digest: str) -> Path:
-    """The folder of the unpacked FMU: made once per content, shared by all runs, never seen half-made.
+    """Unpack an FMU to its cache folder, or verify and repair the existing one; return the folder of its content.
 
-    A file that was changed or removed since is taken from the archive again, which is said on standard error.
+    The folder is shared by all runs and created atomically. Changed or missing files are extracted again, with a
+    warning on stderr.
 
     Args:
-        file: the FMU, its archive checked by `archive.entries`.
+        file: FMU, checked by `archive.entries`.
         digest: its `archive.sha256`.
 
     Raises:
-        InputRefused: it cannot be written there.
+        InputRefused: the folder cannot be written.
     """
     home = cache_folder(UNPACKED_FOLDER)
     folder = home / digest
@@ -407,13 +397,11 @@ def unpacked(file: Path, digest: str) -> Path:
         try:
             mended = _repair_folder(file, digest, folder)
         except OSError:
-            # a folder where a file should be, say; what is loaded from it stays loaded
+            # e.g. a folder in the place of a file; libraries already loaded stay loaded
             remove(folder)
             _unpack_archive(file, digest, folder)
             lock_against_eviction(folder)
             mended = ["all"]
-        # who only looks at what is kept does not wait for what reads FMUs
-
         install_compiled(digest, folder / CONTENT_FOLDER)
     if mended:
         listed = ", ".join(mended[:3]) + (f" and {len(mended) - 3} more" if len(mended) > 3 else "")
@@ -439,7 +427,7 @@ def _unpack_archive(file: Path, digest: str, folder: Path) -> None:
 
 
 def _repair_folder(file: Path, digest: str, folder: Path) -> list[str]:
-    """Make the files in `folder` those of the archive `file`; returns which were not."""
+    """Replace files in `folder` that differ from the archive `file`; return their names."""
     content, sealed = folder / CONTENT_FOLDER, sealed_stamps(folder)
     wrong = []
     entries = _entries(file, digest)
@@ -458,22 +446,22 @@ def _repair_folder(file: Path, digest: str, folder: Path) -> list[str]:
                 _extract_entry(archive, entries[name], content)
                 found[name] = stamp_of(f"{content}/{name}")
                 wrong.append(name)
-    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as beside:
-        json.dump(found, beside)
-    os.replace(beside.name, folder / SEAL_FILE)
+    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as replacement:
+        json.dump(found, replacement)
+    os.replace(replacement.name, folder / SEAL_FILE)
     return wrong
 
 
 @lru_cache(MAX_UNPACKED_FMUS)
 def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
-    """What the archive `file` of that `digest` holds, by its places."""
+    """Return the entries of the archive `file` by path; `digest` identifies its content for the cache."""
     with zipfile.ZipFile(file) as archive:
-        # the last of two entries with one name is the one that counts
+        # the last of several entries with the same name is the valid one
         return {entry_path(info): info for info in archive.infolist()}
 
 
 def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:
-    """Whether the file at `path` holds what the `entry` of `archive` does."""
+    """Whether the file at `path` equals the `entry` of `archive`."""
     try:
         with archive.open(entry) as wanted, path.open("rb") as there:
             while chunk := wanted.read(_CHUNK_SIZE):
@@ -485,7 +473,7 @@ def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bo
 
 
 def _extract_entry(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, content: Path) -> None:
-    """Take the `entry` of `archive` to its place in `content`; a process that has loaded the old file keeps it."""
+    """Extract an archive entry to `content` by atomic replacement; processes keep a loaded old file."""
     target = content / entry_path(entry)
     if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)

@@ -1,4 +1,4 @@
-"""Variables of an FMU as in its model description: type, unit, enumeration."""
+"""Variables of an FMU from its model description: types, units, enumerations, values."""
 
 import hashlib
 import math
@@ -30,13 +30,13 @@ NUMERIC_TYPES = (
     "UInt64",
     "Boolean",
 )
-"""The types of FMI 3.0 that hold numbers, by which a variable of any version is kept: its `kind` is the index."""
+"""Numeric types of FMI 3.0, which represent variables of all FMI versions; `Variable.kind` is the index."""
 
 ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
-"""Bytes of one value of each of `NUMERIC_TYPES`."""
+"""Size of a value of each of `NUMERIC_TYPES` (bytes)."""
 
 MAX_EXACT = 2**53
-"""Largest integer below which a double represents every integer; signals are doubles."""
+"""Largest integer up to which a double represents every integer; signals are doubles."""
 FLOAT_64, FLOAT_32 = float(np.finfo(np.float64).max), float(np.finfo(np.float32).max)
 WHOLE_LOW = (-(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0)
 WHOLE_HIGH = (2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53)
@@ -47,34 +47,34 @@ UNIT_NAMES = (
     "1", "rad", "deg", "\N{DEGREE SIGN}", "rev", "rad/s", "deg/s", "rev/s", "rpm", "rev/min", "N.m", "N m", "Nm", "N*m",
     "mN.m", "mN m", "mNm", "mN*m", "N.cm", "A", "mA", "V", "mV", "W", "K",
 )  # fmt: skip
-"""As `twin.kernel.units` does."""
+"""Unit names with the meaning of `twin.kernel.units`."""
 UNIT_ALIASES = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
+# SI Brochure, 2.3.4: hertz is for frequencies, and rotation is in rad/s; a rotation in hertz counts turns, like rpm
+UNIT_ALIASES |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
 ENERGY_UNITS = ("J", "kJ", "mJ", "Wh", "kWh")
-"""In kg m2/s2 as torques are, and no torque."""
+"""Energy units, which have the base units of torque (kg m2/s2) and are not accepted as torques."""
 FMI1_KINDS = {"Real": "Float64", "Integer": "Int32", "Enumeration": "Int32"}
 FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
 FMI3_KINDS = {"Enumeration": "Int64"}
-"""How types travel, in words of FMI 3.0. Boolean is four bytes wide in FMI 2.0 and one in the others."""
+"""Representation of FMI 1.0 to 3.0 types as `NUMERIC_TYPES`; a Boolean has four bytes in FMI 2.0, one in the others."""
 TEXT_TYPES = ("String", "Binary")
-"""Types whose values are no numbers."""
+"""Types whose values are not numbers."""
 MAX_ARRAY_VALUES = 1_000_000
-"""Of one array: no drive has more, and a file that says so would fill the memory."""
+"""Maximum number of values of an array; a malicious file could otherwise exhaust the memory."""
 FILE_PREFIX = "file:"
-"""Before the path of a file, for text that names one and for a Binary that holds what is in it."""
+"""Prefix of a file path in the value of a String (the path) or a Binary (the content of the file)."""
 MAX_BINARY_SIZE = 64 << 20
-"""Of a file that is handed over as a Binary."""
+"""Maximum size of a file for a Binary (bytes)."""
+Value = float | str | Sequence[float] | Sequence[str]
+"""Value of a parameter in an experiment; an array takes one value for all elements, or one for each."""
 
 
 class Conversion(NamedTuple):
-    """SI value = factor * value + offset, of a quantity of `dimension`."""
+    """A unit conversion: SI value = factor * value + offset, of a quantity of `dimension`."""
 
     dimension: Dimension
     factor: float = 1.0
     offset: float = 0.0
-
-
-# SI Brochure, 2.3.4: hertz is for frequencies, what turns has rad/s; in hertz it counts turns, as per minute
-UNIT_ALIASES |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
 
 
 def _without_radian(unit: Unit | None) -> Conversion:
@@ -84,11 +84,11 @@ def _without_radian(unit: Unit | None) -> Conversion:
 
 KNOWN_UNITS = {name: _without_radian(known_unit(UNIT_ALIASES.get(name, name))) for name in (*UNIT_NAMES, *UNIT_ALIASES)}
 KNOWN_UNITS |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0, 273.15))
-"""What a unit's name means where the FMU does not define it, or defines it in turns instead of radians."""
+"""Units used if the FMU does not define a unit, or defines it in turns instead of radians."""
 
 
 def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
-    """How values in `unit` become SI; None if neither the FMU's `definitions` (FMPy's) nor custom knows the unit."""
+    """Return the conversion of `unit` to SI by the FMU's `definitions` or well-known names; None if unknown."""
     for definition in definitions:
         if definition.name == unit and definition.baseUnit is not None:
             base = definition.baseUnit
@@ -98,9 +98,11 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
 
 
 def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | None:
-    """How values in `unit` become SI, of which a file has `stated` so much; None if unknown.
+    """Return the conversion of `unit` to SI; None if unknown.
 
-    A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
+    Args:
+        stated: definition in a file, used unless the well-known unit counts turns. A definition as 1/s with the factor
+            1/60 (rpm as a frequency) or 1 (Hz) counts turns.
     """
     if unit.strip() in ENERGY_UNITS:
         return None
@@ -114,26 +116,27 @@ def si_conversion(unit: str, stated: Conversion | None = None) -> Conversion | N
 
 
 def enumeration_items(variable: Any) -> dict[str, float]:
-    """Name -> value of the enumeration that a variable (FMPy's) is declared as; empty: none, or one without items."""
+    """Return item name -> value of the enumeration that a variable (FMPy's) is declared as; empty for other types."""
     declared = variable.declaredType
     if declared is None or variable.type != "Enumeration":
         return {}
     found = {}
     for item in declared.items:
-        # an item without a whole number cannot be set
+        # skip an item without an integer value, as it cannot be set
         with suppress(TypeError, ValueError):
             found[str(item.name)] = float(int(item.value))
     return found
 
 
 def parse_value(where: str, items: Mapping[str, float], value: float | str) -> float:
-    """`value`, which may be one of the names of `items`; if there are some, it has to be one of them.
+    """Convert an enumeration item's name or value to its value; other variables accept any number.
 
     Args:
-        where: for the sentence.
+        where: prefix of error messages.
+        items: item name -> value; empty for variables that are not enumerations.
 
     Raises:
-        InputRefused: it is none of them, or a name where there are none.
+        InputRefused: not an item, or a name for a variable without items.
     """
     if not items:
         if isinstance(value, str):
@@ -151,22 +154,20 @@ def parse_value(where: str, items: Mapping[str, float], value: float | str) -> f
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of an FMU.
+    """A variable of an FMU, with its type, unit, bounds and enumeration items.
 
     Attributes:
-        name, causality, description: as the FMU has them.
-        type: as the FMU has it, "Real" or "Float64".
-        kind: index into `NUMERIC_TYPES`; -1: text or binary.
+        name, causality, description, type, variability: as in the model description; type is "Real" or "Float64".
+        kind: index into `NUMERIC_TYPES`; -1 for text or binary.
         reference: FMI value reference.
         size: number of values, > 1 for an array.
-        unit: as the FMU has it, "" where it states none.
-        conversion: to SI; None: unit unknown or not stated.
-        start, low, high: as the FMU has them, in its own unit; NaN: not stated.
-        variability: as the FMU has it.
-        dimensions: of an array, each a number or the name of the structural parameter that says it.
-        clocks: value references of the clocks with which alone it changes.
+        unit: unit in the model description, "" if not stated.
+        conversion: conversion to SI; None if the unit is unknown or not stated.
+        start, low, high: start value and bounds in the model description, in its own unit; NaN if not stated.
+        dimensions: sizes of an array: numbers, or names of structural parameters.
+        clocks: value references of the clocks at whose ticks alone it changes.
         intermediate: whether it may be set within a step.
-        items: values that have names, by these; none, but of an enumeration.
+        items: enumeration item name -> value; empty for other types.
     """
 
     name: str
@@ -193,7 +194,7 @@ class Variable:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Smallest and largest value of its type; for 64-bit integers, of those exact in a double."""
+        """Smallest and largest value of the variable's type; for 64-bit integers, of those exact in a double."""
         if self.type == "Boolean":
             return 0.0, 1.0
         if 2 <= self.kind < 10:
@@ -203,14 +204,14 @@ class Variable:
 
     @property
     def range_phrase(self) -> str:
-        """`which is UInt8 (0 .. 255)`."""
+        """Phrase for the range of the variable's type: `which is UInt8 (0 .. 255)`."""
         low, high = self.bounds
         return f"which is {self.type} ({low:.17g} .. {high:.17g})"
 
     def range_error(self, value: float) -> str:
-        """Why its type cannot hold `value`: `in8 is UInt8; expected 0 .. 255`; "" if it can."""
+        """Return why `value` is outside the variable's type, `in8 is UInt8; expected 0 .. 255`; "" if it is inside."""
         low, high = self.bounds
-        # an int is compared as it is, as a double may round it
+        # an int is compared without conversion, as a double may round it
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2
         if low <= (value if whole else math.floor(value + 0.5)) <= high:
             return ""
@@ -218,14 +219,14 @@ class Variable:
         return f"{self.name} is {self.type}; expected {low:.17g} .. {high:.17g}{why}"
 
     def format_value(self, value: float) -> str:
-        """`value` for people: by its name, if it has one."""
+        """Format `value` for messages: the name of the enumeration item, else the number."""
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
     def with_size(self, file: Path, structure: Mapping[str, float]) -> "Variable":
-        """The same variable where the structural parameters have the values of `structure`.
+        """Return the variable with the array size for the given values of structural parameters.
 
         Raises:
-            InputRefused: it would have no values, or too many.
+            InputRefused: an empty array, or too many values.
         """
         if not self.dimensions:
             return self
@@ -238,7 +239,7 @@ class Variable:
 
 
 def variable_of(v: Any, model: Any) -> Variable:
-    """What FMPy has read of a variable; an array has the size that its structural parameters start with."""
+    """Convert a variable of FMPy; arrays have the size of the start values of structural parameters."""
     declared = v.declaredType
     unit = v.unit or (declared.unit if declared is not None else None) or ""
     kind = {"1": FMI1_KINDS, "2": FMI2_KINDS}.get(model.fmiVersion[0], FMI3_KINDS).get(v.type, v.type)
@@ -264,7 +265,7 @@ def variable_of(v: Any, model: Any) -> Variable:
 
 
 def parse_number(text: Any) -> float:
-    """Of an attribute; NaN if it is not stated or none."""
+    """Convert the text of an XML attribute to a number; NaN if missing or invalid."""
     if text in ("true", "false"):
         return float(text == "true")
     try:
@@ -274,16 +275,17 @@ def parse_number(text: Any) -> float:
 
 
 class Setup(NamedTuple):
-    """What an FMU is given of the run before it is initialised.
+    """Data of the run that an FMU gets before initialisation.
 
     Attributes:
-        tolerance: relative, of its solver; None: nothing is said.
-        stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
-        step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
-        ramped: whether those of its inputs that can be are given as lines over a step.
-        waiting: whether it is left in initialisation mode, where what others come to can still be set, until `begin`.
-        lenient: whether functions that it lacks are missed only when they are called.
-        start: time of the first step's beginning (s), a whole number of steps.
+        tolerance: relative tolerance of its solver; None to use the FMU's default.
+        stop: end of the last step (s); None to leave it open, with which some FMUs choose their own end.
+        step: step size (s), in which its clocks tick; None if unknown, and clocks are refused.
+        ramped: whether inputs that allow it are interpolated over a step.
+        waiting: whether it remains in initialisation mode until `begin`, so that its inputs can be set to other
+            outputs.
+        start: start of the first step (s), a whole number of steps.
+        lenient: whether missing functions of the binary are accepted unless called.
     """
 
     tolerance: float | None = None
@@ -295,11 +297,8 @@ class Setup(NamedTuple):
     lenient: bool = False
 
 
-Value = float | str | Sequence[float] | Sequence[str]
-"""Of a parameter as an experiment says it: an array takes one value for all elements, or one for each."""
-
 Setting = tuple[Variable, float | np.ndarray | list[str] | list[bytes]]
-"""A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
+"""A variable and its value in its own unit; an array takes one value for all elements or one for each."""
 
 
 class FilePath(str):
@@ -307,7 +306,7 @@ class FilePath(str):
 
 
 def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
-    """What a variable is set to, as JSON has it: a file or its content by SHA-256, and not by where it lies."""
+    """Convert a setting to JSON, with files and Binaries represented by SHA-256, independent of location."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if not isinstance(value, list):
@@ -324,11 +323,11 @@ def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
 
 
 def setting_value(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
-    """`value` as `variable` of the FMU `file` takes it.
+    """Check and convert `value` for `variable` of the FMU `file`.
 
     Raises:
-        InputRefused: it is of another type, out of range, none of an enumeration or not finite, there are too many
-            or too few, no such file.
+        InputRefused: wrong type, out of range, not an enumeration item, not finite, wrong number of values, or no such
+            file.
     """
     where = f"{file}: parameter {variable.name}"
     given: list[float | str] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
@@ -376,10 +375,10 @@ def _bytes(where: str, text: str) -> bytes:
 
 
 def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
-    """What a parameter set gives, at least one value.
+    """Return the values of a parameter set's parameter, at least one.
 
     Raises:
-        InputRefused: it is binary, nothing, or text that names a file of this machine where an experiment says it.
+        InputRefused: binary, empty, or text that would name a file of this machine.
     """
     if value.type == "Binary" or not value.values:
         what = "binary, which is not supported" if value.values else "given no value"
@@ -392,7 +391,7 @@ def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
 
 
 def defined_conversion(unit: str, definitions: Sequence[UnitDefinition]) -> Conversion | None:
-    """How values in `unit` become SI by the `definitions` of an SSP file; None: it does not define that unit."""
+    """Return the conversion of `unit` to SI by the definitions of an SSP file; None if it is not defined there."""
     for one in definitions:
         if one.name == unit:
             return si_conversion(unit, Conversion(one.dimension, one.factor, one.offset))
@@ -400,7 +399,7 @@ def defined_conversion(unit: str, definitions: Sequence[UnitDefinition]) -> Conv
 
 
 def stop_time(ticks: int | None, tick: float, substeps: int) -> float | None:
-    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
+    """Compute the end of the last step (s): the duration, or t + h of that step as rounded, whichever is later."""
     if ticks is None:
         return None
     step = tick / substeps

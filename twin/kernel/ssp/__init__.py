@@ -1,1 +1,1 @@
-"""System Structure and Parameterization (SSP 1.0, 2.0): systems of FMUs, read and written, not run."""
+"""System Structure and Parameterization (SSP 1.0, 2.0): data classes, reader and writer of systems of FMUs."""

@@ -11,18 +11,19 @@ SOURCE_KINDS, SINK_KINDS = (
     ("output", "calculatedParameter", "constant", "local"),
     ("input", "parameter", "structuralParameter"),
 )
-"""Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""
+"""Kinds of connectors that are sources and sinks of values; for a system's own connectors, seen from inside, the two
+are swapped."""
 MAX_BINDINGS = 1_000_000
-"""Values on their ways, of all components together."""
+"""Maximum number of parameter values assigned to variables, of all components together."""
 
 
 class UnitStep(NamedTuple):
-    """A part of the way of a value: converted to the unit of where it gets, then transformed.
+    """A step in the transfer of a value: conversion to the target unit, then a transformation.
 
     Attributes:
-        transformation: of a connection or of an entry of a mapping.
-        suppress: whether units are left alone.
-        unit: of the system's connector where the hop ends; "": that of the value, or the last hop.
+        transformation: transformation of a connection or a mapping entry.
+        suppress: whether units are not converted.
+        unit: unit of the system connector where the step ends; "" if the unit does not change, or for the last step.
     """
 
     transformation: ssp.Transformation = ssp.IDENTITY_TRANSFORMATION
@@ -32,7 +33,12 @@ class UnitStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Lead:
-    """What goes from an output of one component to an input of another one; each end is a path and a connector."""
+    """A connection from an output of a component to an input of another one, with its conversions.
+
+    Attributes:
+        start, end: component path and connector.
+        hops: conversions on the way, in order.
+    """
 
     start: ssp.Endpoint
     end: ssp.Endpoint
@@ -41,12 +47,12 @@ class Lead:
 
 @dataclass(frozen=True)
 class AssignedValue:
-    """A value for a variable of a component, and how it becomes that.
+    """A parameter value assigned to a variable of a component, with its conversions.
 
     Attributes:
-        value: as the parameter set has it.
-        units: that the set defines.
-        hops: on the way, none of them if it goes as it is.
+        value: value in the parameter set.
+        units: units that the set defines.
+        hops: conversions in order; empty if the value is used unchanged.
     """
 
     value: ssp.ParameterValue
@@ -56,15 +62,15 @@ class AssignedValue:
 
 @dataclass(frozen=True)
 class FlatSystem:
-    """A system whose systems are flattened.
+    """A system without subsystems.
 
     Attributes:
-        components: by path, "motor" or "arm.motor", in the order of the file.
-        leads: one at most for each input.
-        assigned: by component, by variable; what counts if several values are given.
-        ignored: names that parameter sets give values to, and nothing is called so.
-        entrances: by each connector through which values may come into the outermost system where they get to, and how.
-        exits: by each connector through which values leave it, what comes there.
+        components: by path ("motor", "arm.motor"), in file order.
+        leads: connections between components, at most one per input.
+        assigned: component path -> variable -> value; the value of highest precedence if several are given.
+        ignored: names in parameter sets that match no variable.
+        entrances: input connector of the outermost system -> the component inputs that it feeds, with conversions.
+        exits: output connector of the outermost system -> the connection that feeds it.
     """
 
     components: dict[str, ssp.SspComponent]
@@ -76,19 +82,22 @@ class FlatSystem:
 
 
 def flatten(structure: ssp.Structure, where: str) -> FlatSystem:
-    """The system of `structure` without systems in it; `where` is for sentences.
+    """Flatten the systems of `structure` into one list of components and connections.
+
+    Args:
+        where: prefix of error messages.
 
     Raises:
-        InputRefused: a connection from or to what is not there, two that lead to one connector, one that leads in a
-            circle through connectors of systems, or two components of one path.
+        InputRefused: a connection with a missing end, two connections into one connector, a cycle through connectors of
+            systems, or two components with one path.
     """
     return _Flattener(structure.system, where).system()
 
 
 class _Flattener:
-    """What is known of all systems in one.
+    """Components, systems and connections of nested systems, as a graph.
 
-    Attributes of a node: an `Endpoint` whose element is the path of a component or of a system ("" for the outermost).
+    A node is an `Endpoint` whose element is the path of a component or system ("" for the outermost system).
     """
 
     def __init__(self, outermost: ssp.SspSystem, where: str):
@@ -100,7 +109,7 @@ class _Flattener:
         self._assigned: dict[str, dict[str, AssignedValue]] = {}
         self._ignored: dict[str, None] = {}
         self._count = 0
-        self._patience = ssp.ParseBudget(where)
+        self._budget = ssp.ParseBudget(where)
         self._visit(outermost, "")
 
     def system(self) -> FlatSystem:
@@ -110,7 +119,7 @@ class _Flattener:
         entrances = {
             one.name: tuple(self._forward(ssp.Endpoint("", one.name), (UnitStep(unit=one.unit),)))
             for one in self._systems[""].connectors
-            # from those that are not fed themselves every way is another one
+            # connectors that a connection feeds are not entrances
             if one.kind in ("input", "inout") and ssp.Endpoint("", one.name) not in self._into
         }
         found = {end.connector: self._lead(end) for end in self._into if not end.element}
@@ -129,7 +138,7 @@ class _Flattener:
             else:
                 self._components[below] = part
         for connection in system.connections:
-            self._patience.spend()
+            self._budget.spend()
             start, end = self._orient(connection, path, system)
             if end in self._into:
                 first, second = _text(self._into[end][0]), _text(start)
@@ -142,7 +151,7 @@ class _Flattener:
     def _orient(
         self, connection: ssp.Connection, path: str, system: ssp.SspSystem
     ) -> tuple[ssp.Endpoint, ssp.Endpoint]:
-        """Where the value comes from, and where it gets: the standard leaves that to the kinds of the connectors."""
+        """Return (source, sink) of a connection; SSP derives the direction from the kinds of the connectors."""
         start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
         gives = [self._gives(at, inside) for at, inside in ((start, connection.start), (end, connection.end))]
         if None not in gives and gives[0] == gives[1]:
@@ -154,14 +163,14 @@ class _Flattener:
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
     def _gives(self, node: ssp.Endpoint, stated: ssp.Endpoint) -> bool | None:
-        """Whether values leave a connector here; None: not stated."""
+        """Return True if a connector is a source at this connection, False if a sink, None if not stated."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
         found = owner.connector_of.get(node.connector)
         kind = found.kind if found else ""
         if kind not in (*SOURCE_KINDS, *SINK_KINDS):
             return None
-        # a system's own connector, seen from inside
+        # seen from inside, a system's own inputs are sources and its outputs sinks
         return (kind in SOURCE_KINDS) == bool(stated.element)
 
     def _node(self, end: ssp.Endpoint, path: str, system: ssp.SspSystem) -> ssp.Endpoint:
@@ -190,11 +199,11 @@ class _Flattener:
         return found
 
     def _lead(self, end: ssp.Endpoint) -> Lead | None:
-        """What feeds an end; None: a connector of the outermost system, which has no source."""
+        """Return the connection that ends at `end`; None if it starts at a connector of the outermost system."""
         hops: list[UnitStep] = []
         node, seen = end, {end}
         while node in self._into:
-            self._patience.spend()
+            self._budget.spend()
             start, connection = self._into[node]
             hops.append(self._unit_step(node, connection))
             if start in seen:
@@ -215,7 +224,7 @@ class _Flattener:
         return UnitStep(connection.transformation, connection.suppress_unit_conversion, unit)
 
     def _assign(self, system: ssp.SspSystem, path: str) -> None:
-        """What is inside first: a value of a higher level counts."""
+        """Assign parameter values, inner systems first, as outer values take precedence."""
         for part in system.elements:
             below = f"{path}.{part.name}" if path else part.name
             if isinstance(part, ssp.SspSystem):
@@ -227,7 +236,7 @@ class _Flattener:
     def _bind(self, bindings: tuple[ssp.ParameterBinding, ...], path: str) -> None:
         for binding in bindings:
             for value in binding.parameters.parameters:
-                self._patience.spend()
+                self._budget.spend()
                 name = binding.prefix + value.name
                 entries = binding.mapping.entries_of.get(name, []) if binding.mapping else []
                 targets: list[tuple[str, tuple[UnitStep, ...]]] = [
@@ -247,7 +256,7 @@ class _Flattener:
     def _resolve(
         self, name: str, path: str, hops: tuple[UnitStep, ...]
     ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
-        """The variables of components that `name`, in the component or system at `path`, means."""
+        """Yield the component variables that `name`, relative to the component or system at `path`, refers to."""
         if path in self._components:
             yield ssp.Endpoint(path, name), hops
             return
@@ -257,7 +266,7 @@ class _Flattener:
             led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (UnitStep(unit=own.unit),)
             yield from self._forward(ssp.Endpoint(path, name), led)
             return
-        # names of elements may have dots themselves
+        # element names may contain dots
         inner = next((name[:n] for n in system.lengths if name[n : n + 1] == "." and name[:n] in system.element_of), "")
         if inner:
             yield from self._resolve(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
@@ -265,15 +274,15 @@ class _Flattener:
     def _forward(
         self, start: ssp.Endpoint, hops: tuple[UnitStep, ...]
     ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
-        """Where a value gets from a connector of a system; on one way at most, as nothing is fed twice."""
+        """Yield the component inputs that a system connector feeds; at most one path leads to each."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
-            self._patience.spend()
+            self._budget.spend()
             node, way = ahead.pop()
             if node.element in self._components:
                 yield node, way
                 continue
-            # the first of them comes next
+            # reversed: a stack, and the first connection shall be followed first
             for end, connection in reversed(self._out.get(node, [])):
                 if end not in seen:
                     seen.add(end)

@@ -1,7 +1,7 @@
-"""A system as its files have it: an SSP archive, or files beside each other that say the same.
+"""Packages: a system and its FMUs and tables, from an SSP archive or from loose files of another format.
 
-What runs a system asks for the structure, and for the content of what that names; where both are from is known here
-alone.
+Code that runs a system gets its structure and the content of its entries from a `Package`; only this module knows
+where both are stored.
 """
 
 import os
@@ -18,25 +18,24 @@ from twin.kernel.ssp.ssd import Resource, structure_of
 from twin.kernel.ssp.structure import STRUCTURE_FILE, Structure
 
 SCHEME_ANNOTATION = "twin.scheme"
-"""Type of the annotation of a system that says by which scheme it is coupled."""
+"""Type of the system annotation that names the coupling scheme."""
 MAX_STRUCTURE_SIZE = 16 << 20
 MAX_FMU_SIZE = 512 << 20
-"""Bytes, unpacked of the structure, packed of an FMU."""
+"""Maximum sizes (bytes): of the structure unpacked, of an FMU packed."""
 
 
 @dataclass(frozen=True)
 class Package:
-    """A system that has been read.
+    """A system read from files: its structure, and access to its FMUs and tables.
 
     Attributes:
-        file: of the archive, or of what says which files belong to it.
-        sha256: of its bytes.
-        entries: sizes (bytes) of what is in it, by name.
-        structure: of the system.
-        form: what kind of file it is, for people.
-        scheme: of the coupling, by who has written such files.
-        loose: files that stand for entries, where there is no archive.
-        unsaid: what the file says and is passed over, a sentence each.
+        file: archive, or the file that names the other files of the system.
+        sha256: digest of `file`.
+        entries: sizes (bytes) by entry name.
+        form: name of the file format, for messages.
+        scheme: coupling scheme that tools of this format use.
+        loose: files by entry name; empty for an archive.
+        omissions: statements of the file that are ignored, one sentence each.
     """
 
     file: Path
@@ -49,17 +48,13 @@ class Package:
     omissions: tuple[str, ...] = ()
 
     def entry(self, source: str) -> str:
-        """The entry that a URI in the structure means; "": it is no file of this archive."""
+        """Return the entry that a URI of the structure refers to; "" if it is not a file of this package."""
         if self.loose:
             return source if source in self.entries else ""
         return entry_of(source, self.entries, STRUCTURE_FILE)
 
     def content(self, entry: str) -> bytes:
-        """Of an FMU, or of a table.
-
-        Raises:
-            InputRefused: it is too large.
-        """
+        """Read the content of an entry, an FMU or a table of at most `MAX_FMU_SIZE`."""
         if self.loose:
             return read_bytes(self.loose[entry], MAX_FMU_SIZE)
         return read_entry(self.file, entry, MAX_FMU_SIZE)
@@ -73,7 +68,12 @@ def loose_package(
     scheme: Scheme = "gauss_seidel",
     unsaid: tuple[str, ...] = (),
 ) -> Package:
-    """A system whose files are in no archive; `files` by what the structure calls them, the others as of `Package`."""
+    """Make a package of files that are in no archive.
+
+    Args:
+        file, structure, form, scheme, unsaid: attributes of the `Package`; `unsaid` are its omissions.
+        files: files by the names that the structure uses.
+    """
     return Package(
         file,
         sha256(file) if file.is_file() else "",
@@ -87,31 +87,31 @@ def loose_package(
 
 
 def read_package(file: Path) -> Package:
-    """The SSP archive `file`.
+    """Read the structure of an SSP archive.
 
     Raises:
-        InputRefused: no whole SSP, or as `structure_of`; a parameter set is missing or lies outside.
+        InputRefused: not a complete SSP, an invalid structure, or a parameter set that is not in the archive.
     """
-    # not Path.is_file, which raises for a name that is too long
+    # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such SSP")
     sizes = entries(file, "SSP")
     if STRUCTURE_FILE not in sizes:
         raise InputRefused(f"{file}: no {STRUCTURE_FILE} inside; this is not an SSP")
 
-    def brought(source: str, what: str) -> Resource:
+    def load_resource(source: str, what: str) -> Resource:
         entry = entry_of(source, sizes, STRUCTURE_FILE)
         if not entry:
             raise InputRefused(f"{file}: {what}: '{source}' is no file of this archive")
         return Resource(read_entry(file, entry, MAX_TEXT_BYTES), entry, f"{file}: {entry}")
 
     where = f"{file}: {STRUCTURE_FILE}"
-    structure = structure_of(read_entry(file, STRUCTURE_FILE, MAX_STRUCTURE_SIZE), where, brought)
+    structure = structure_of(read_entry(file, STRUCTURE_FILE, MAX_STRUCTURE_SIZE), where, load_resource)
     return Package(file, sha256(file), sizes, structure, scheme=_scheme(structure, where))
 
 
 def _scheme(structure: Structure, where: str) -> Scheme:
-    """Of the coupling, where an annotation says it."""
+    """Return the coupling scheme from the annotation of the system; "gauss_seidel" without one."""
     for note in structure.system.annotations:
         if note.type == SCHEME_ANNOTATION and note.content:
             name = parse_xml(note.content.encode(), f"{where}: annotation {SCHEME_ANNOTATION}").get("name", "")

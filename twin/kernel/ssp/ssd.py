@@ -1,7 +1,6 @@
-"""The reader and the writer of SystemStructure.ssd and of parameter files.
+"""Reader and writer of SystemStructure.ssd, parameter sets (SSV) and mappings (SSM).
 
-Values (SSV), and where they go (SSM), are read of SSP 1.0 and 2.0, and written of 1.0.
-https://ssp-standard.org/docs/2.0
+Reads SSP 1.0 and 2.0, writes 1.0. https://ssp-standard.org/docs/2.0
 """
 
 import math
@@ -16,39 +15,41 @@ from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.structure import boolean_attribute, child_elements, grouped_children
 
 MAX_PARAMETERS = 100_000
-"""Of one set, and entries of one mapping."""
+"""Maximum number of parameters of a set, and of entries of a mapping."""
 TEXT_TYPES = ("String", "Enumeration", "Binary")
 SSD_NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 MAX_PARTS = 10_000
-"""Components and systems; a file that has more would take minutes."""
+"""Maximum number of components and systems; a larger file would take minutes."""
 _T = TypeVar("_T")
+Item = TypeVar("Item")
 VERSION = "1.0"
 SSC, SSD, SSV, SSM = (
     f"{{http://ssp-standard.org/SSP1/SystemStructure{name}}}"
     for name in ("Common", "Description", "ParameterValues", "ParameterMapping")
 )
+for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)):
+    ET.register_namespace(prefix, namespace[1:-1])
 
 
 def parameter_set(content: bytes, where: str, source: str = "") -> ssp.ParameterSet:
-    """The set in an SSV file.
+    """Read a parameter set from the content of an SSV file.
 
     Args:
-        content: of the file.
-        where: for sentences.
-        source: of the set.
+        where: prefix of error messages.
+        source: file name in the archive.
 
     Raises:
-        InputRefused: no SSV, or as `parameter_set_of`.
+        InputRefused: not an SSV file, or an invalid parameter.
     """
     return parameter_set_of(parse_xml(content, where), where, source)
 
 
 def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
-    """The set that an element is.
+    """Read a parameter set from its XML element.
 
     Raises:
-        InputRefused: it is none, a parameter has no name or another one's, or what it has is no finite number, truth
-            value or text.
+        InputRefused: another element, a parameter without a name or with a repeated one, or a value that is not a
+            finite number, a Boolean or text.
     """
     if ssp.local_name(root) != "ParameterSet":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterSet>, an SSV file")
@@ -76,11 +77,7 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
 
 
 def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterMapping:
-    """The mapping that an element is.
-
-    Raises:
-        InputRefused: it is none, or an entry has no source or target.
-    """
+    """Read a parameter mapping from its XML element."""
     if ssp.local_name(root) != "ParameterMapping":
         raise InputRefused(f"{where}: <{ssp.local_name(root)}>; expected <ParameterMapping>, an SSM file")
     found = child_elements(root, "MappingEntry")
@@ -94,21 +91,17 @@ def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterM
             boolean_attribute(entry, "suppressUnitConversion", where),
         )
         for entry in found
-        # tools write entries that lead from nothing, for people to fill in
+        # tools write entries with an empty source for users to fill in
         if entry.get("source") != ""
     ]
     return ssp.ParameterMapping(tuple(entries), source, ssp.metadata_of(root))
 
 
 def values_of(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
-    """What an element of a type says, such as <Real value="1.5"/>.
-
-    Raises:
-        InputRefused: no finite number, or neither true nor false.
-    """
+    """Return the values of a typed element such as <Real value="1.5"/>."""
     text = element.get("value")
     if type_ in TEXT_TYPES:
-        # an array of texts has an element for each
+        # an array of text has a <Value> element for each item
         return tuple(one.get("value", "") for one in child_elements(element, "Value")) if text is None else (text,)
     words = re.split(r"\s+", (text or "").strip())
     return tuple(_number(word, type_, where) for word in words)
@@ -120,7 +113,7 @@ def _number(text: str, type_: str, where: str) -> float:
             return float(ssp.BOOLEAN_VALUES[text])
         value = float(int(text)) if type_ in ssp.INTEGER_TYPES else float(text) if type_ in ssp.REAL_TYPES else math.nan
         if type_ in ssp.INTEGER_TYPES and value != int(text):
-            # exact, for a target that refuses it
+            # exact: a double would round it, and the target variable may refuse the rounded value
             return int(text)
     except (KeyError, ValueError, OverflowError):
         value = math.nan
@@ -130,7 +123,7 @@ def _number(text: str, type_: str, where: str) -> float:
 
 
 class Resource(NamedTuple):
-    """A file of the archive: what it holds, its name there, and what sentences call it."""
+    """A file of the archive: content, entry name, and prefix of error messages."""
 
     content: bytes
     entry: str
@@ -138,20 +131,19 @@ class Resource(NamedTuple):
 
 
 ResourceLoader = Callable[[str, str], Resource]
-"""The resource that a URI in the structure means; the second argument is what refers to it, for sentences."""
+"""Function that loads the resource of a URI; the second argument names the referring element for messages."""
 
 
-def structure_of(content: bytes, where: str, bring: ResourceLoader) -> ssp.Structure:
-    """What a SystemStructure.ssd says.
+def structure_of(content: bytes, where: str, load: ResourceLoader) -> ssp.Structure:
+    """Parse the content of a SystemStructure.ssd.
 
     Args:
-        content: of the file.
-        where: for sentences.
-        bring: brings parameter sets that stand in files of their own.
+        where: prefix of error messages.
+        load: loads parameter sets and mappings that are files of their own.
 
     Raises:
-        InputRefused: no SSD of SSP 1.0 or 2.0; names or numbers that are none; signal dictionaries and elements of
-            arrays, which are not read.
+        InputRefused: not an SSD of SSP 1.0 or 2.0, invalid names or numbers, or unsupported content: signal
+            dictionaries, connections of array elements.
     """
     root = parse_xml(content, where)
     if root.tag != f"{SSD_NAMESPACE}SystemStructureDescription":
@@ -184,7 +176,7 @@ def structure_of(content: bytes, where: str, bring: ResourceLoader) -> ssp.Struc
         experiment = ssp.DefaultExperiment(start, stop, ssp.annotations_of(stated))
     return ssp.Structure(
         name=root.get("name", ""),
-        system=_SystemReader(where, bring).system(system, "system"),
+        system=_SystemReader(where, load).system(system, "system"),
         version=version,
         units=ssp.units_of(root, where),
         enumerations=enumerations,
@@ -195,17 +187,17 @@ def structure_of(content: bytes, where: str, bring: ResourceLoader) -> ssp.Struc
 
 
 class _SystemReader:
-    """Reads systems within systems.
+    """Reader of an SSD's systems and their nested elements.
 
     Args:
-        where: for sentences.
-        bring: see `structure_of`.
+        where: prefix of error messages.
+        load: see `structure_of`.
     """
 
-    def __init__(self, where: str, bring: ResourceLoader):
-        self._where, self._bring = where, bring
+    def __init__(self, where: str, load: ResourceLoader):
+        self._where, self._load = where, load
         self._parts = 0
-        self._patience = ssp.ParseBudget(where)
+        self._budget = ssp.ParseBudget(where)
         self._known: dict[tuple[str, str], object] = {}
 
     def system(self, element: ET.Element, place: str) -> ssp.SspSystem:
@@ -257,7 +249,7 @@ class _SystemReader:
         return tuple(found)
 
     def _connector(self, element: ET.Element, owner: str) -> ssp.Connector:
-        self._patience.spend()
+        self._budget.spend()
         name, kind = (
             ssp.required_attribute(element, "name", self._where),
             ssp.required_attribute(element, "kind", self._where),
@@ -280,7 +272,7 @@ class _SystemReader:
         )
 
     def _connection(self, element: ET.Element) -> ssp.Connection:
-        self._patience.spend()
+        self._budget.spend()
         start, end = (
             ssp.Endpoint(
                 element.get(f"{side}Element", ""), ssp.required_attribute(element, f"{side}Connector", self._where)
@@ -302,7 +294,7 @@ class _SystemReader:
         )
 
     def _binding(self, element: ET.Element, what: str) -> ssp.ParameterBinding:
-        self._patience.spend()
+        self._budget.spend()
         inline = next(iter(child_elements(element, "ParameterValues")), None)
         values = self._read_resource(element, inline, ssp.PARAMETER_SET, what, parameter_set_of)
         if values is None:
@@ -319,7 +311,7 @@ class _SystemReader:
         what: str,
         of_element: Callable[[ET.Element, str, str], _T],
     ) -> _T | None:
-        """What stands in a file of its own, or in the element `inline`; None: neither."""
+        """Read a parameter set or mapping from its file, or from the element `inline`; None if there is neither."""
         if element.get("type", type_) != type_:
             raise InputRefused(f"{self._where}: {what} are of type '{element.get('type')}'; expected {type_}")
         if source := element.get("source", ""):
@@ -328,22 +320,17 @@ class _SystemReader:
                     f"{self._where}: {what}: {source} lies in the component itself (sourceBase), which is "
                     "not read here; put it into the archive"
                 )
-            # many components may name one file
+            # several components may refer to the same file
             if (type_, source) not in self._known:
-                content, entry, where = self._bring(source, what)
+                content, entry, where = self._load(source, what)
                 self._known[type_, source] = of_element(parse_xml(content, where), where, entry)
             return cast(_T, self._known[type_, source])
         stated = [one for name in ("ParameterSet", "ParameterMapping") for one in child_elements(inline, name)]
         return of_element(stated[0], f"{self._where}: {what}", "") if stated else None
 
 
-Item = TypeVar("Item")
-for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)):
-    ET.register_namespace(prefix, namespace[1:-1])
-
-
 def structure_xml(structure: ssp.Structure) -> bytes:
-    """SystemStructure.ssd, UTF-8. Parameter sets and mappings with a source are referred to, the others are inside."""
+    """Write a SystemStructure.ssd (UTF-8); parameter sets and mappings with a source are referenced, others inlined."""
     root = ET.Element(f"{SSD}SystemStructureDescription", {"version": VERSION, "name": structure.name})
     root.attrib.update(_metadata(structure.metadata))
     _append_system(root, structure.system)
@@ -364,7 +351,7 @@ def structure_xml(structure: ssp.Structure) -> bytes:
 
 
 def parameter_set_xml(values: ssp.ParameterSet) -> bytes:
-    """The SSV file of a set, UTF-8."""
+    """Write the SSV file of a parameter set (UTF-8)."""
     return _bytes(_parameter_set(values))
 
 
@@ -427,7 +414,7 @@ def _append_interface(parent: ET.Element, element: ssp.SspComponent | ssp.SspSys
 def _append_all(
     parent: ET.Element, tag: str, items: Sequence[Item], append: Callable[[ET.Element, Item], None]
 ) -> None:
-    """What stands in an element of its own, which the schema does not allow to be empty."""
+    """Append `items` in an enclosing element; omitted if there are no items, as the schema forbids empty lists."""
     if items:
         inside = ET.SubElement(parent, f"{SSD}{tag}")
         for item in items:
@@ -488,7 +475,7 @@ def _parameter_set(values: ssp.ParameterSet) -> ET.Element:
 
 
 def _text(value: ssp.ParameterValue) -> str:
-    """A value as the file has it."""
+    """Return the text of a scalar value in an SSV file."""
     (one,) = value.values
     if isinstance(one, str):
         return one

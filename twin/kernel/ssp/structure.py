@@ -1,8 +1,7 @@
-"""The structure of an SSP system (SSD): components, connectors, connections; its parameter values (SSV, SSM).
+"""Data classes of an SSP system: components, connectors, connections, parameter sets and mappings (SSD, SSV, SSM).
 
-Elements that all files of the standard share (SSC), read; by their names alone, as each name means one thing. What
-files tell of themselves: who made them, and notes of tools that others may pass over. Units, and lines from one value
-to another (SSP 1.0, 4.5.3 and 4.5.4).
+Includes readers of the XML elements that these files share (SSC). Elements are found by local name, without namespace,
+as each name has one meaning. Units and linear transformations: SSP 1.0, 4.5.3 and 4.5.4.
 """
 
 import math
@@ -25,31 +24,36 @@ METADATA_ATTRIBUTES = (
     "generationTool",
     "generationDateAndTime",
 )
-"""What files call the fields of `Metadata`, in their order."""
+"""XML attributes of the fields of `Metadata`, in their order."""
 PARAMETER_SET = "application/x-ssp-parameter-set"
 PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
 REAL_TYPES = ("Real", "Float64", "Float32")
 INTEGER_TYPES = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
-"""Types whose values are numbers, the first of SSP 1.0, the others of 2.0."""
+"""Numeric types: the first of SSP 1.0, the others of 2.0."""
 BOOLEAN_VALUES = {"true": True, "1": True, "false": False, "0": False}
 MAX_POWER = 100
-"""Of a base unit; an honest one has 4."""
+"""Maximum power of a base unit; real units need 4."""
 MAX_PARSE_TIME = 30.0
-"""s on a processor, for a structure and once more for what is made of it; the largest that is allowed takes a tenth."""
+"""Maximum processor time to read a structure, and again to flatten it (s). The largest permitted file takes a tenth."""
 STRUCTURE_FILE = "SystemStructure.ssd"
-"""Entry of an SSP archive."""
+"""Name of the structure file in an SSP archive."""
 FMU_TYPE = "application/x-fmu-sharedlibrary"
 TABLE_TYPE = "application/table"
-"""Type of OMSimulator's components that are tables of values over time."""
+"""MIME type of OMSimulator components that are tables of values over time."""
+ConnectorKind = Literal[
+    "input", "output", "inout", "parameter", "calculatedParameter", "structuralParameter", "constant", "local"
+]
+"""Kinds of connectors in SSP; the last three are of SSP 2.0."""
+Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecution"]
 
 
 @dataclass(frozen=True)
 class Annotation:
-    """A note.
+    """A tool-specific annotation of an SSP element.
 
     Attributes:
-        type: its name, by reversed domain: "org.openmodelica".
-        content: XML of what is in it, "" for nothing.
+        type: name in reverse domain notation, "org.openmodelica".
+        content: XML of its content; "" if empty.
     """
 
     type: str
@@ -58,7 +62,7 @@ class Annotation:
 
 @dataclass(frozen=True)
 class Metadata:
-    """Of a file (SSP 1.0, 4.4.2); "" is not stated. `generated` is a date and time as xs:dateTime."""
+    """Metadata of a file (SSP 1.0, 4.4.2); "" if not stated. `generated` is an xs:dateTime."""
 
     description: str = ""
     author: str = ""
@@ -71,7 +75,7 @@ class Metadata:
 
 @dataclass(frozen=True)
 class UnitDefinition:
-    """A unit as a file defines it: SI value = factor * value + offset, of a quantity of `dimension`."""
+    """A unit that a file defines: SI value = factor * value + offset, in the base units of `dimension`."""
 
     name: str
     dimension: Dimension
@@ -81,11 +85,11 @@ class UnitDefinition:
 
 @dataclass(frozen=True)
 class Transformation:
-    """What is done to a value on its way, after its unit is converted: factor * value + offset.
+    """A transformation of a value after unit conversion: factor * value + offset.
 
     Attributes:
-        factor, offset: of a LinearTransformation.
-        table: the standard's name of one that is no line, "BooleanMappingTransformation"; "" if it is one.
+        factor, offset: coefficients of a LinearTransformation.
+        table: SSP name of a transformation that is not linear, "BooleanMappingTransformation"; "" if it is linear.
     """
 
     factor: float = 1.0
@@ -94,20 +98,20 @@ class Transformation:
 
 
 IDENTITY_TRANSFORMATION = Transformation()
-"""The value as it is."""
+"""Transformation that leaves values unchanged."""
 
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A value for a parameter, or for whatever may be set before a run.
+    """A value for a parameter or another variable that can be set before a run.
 
     Attributes:
-        name: within what it is for: "plant.k_s".
-        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or one of FMI 3.0: "Float64".
-        values: one, or as many as an array has: numbers (0.0 and 1.0 of a Boolean), text of a String and of an item
-            of an Enumeration, hexadecimal digits of a Binary.
-        unit: of a real number; "" where it is that of what takes the value.
-        description: where the value comes from, or "".
+        name: relative to the component or system it is for: "plant.k_s".
+        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or a type of FMI 3.0: "Float64".
+        values: one value, or the elements of an array: numbers (0.0 and 1.0 for Boolean), text for String and for an
+            item of an Enumeration, hexadecimal digits for Binary.
+        unit: unit of a real number; "" for the unit of the target variable.
+        description: source of the value, or "".
     """
 
     name: str
@@ -119,10 +123,10 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Values that belong together, and the `units` that they name.
+    """A parameter set, with the `units` that its values use.
 
     Attributes:
-        source: the file of the archive in which it stands, "resources/plant.ssv"; "": in the structure itself.
+        source: its file in the archive, "resources/plant.ssv"; "" if it is part of the structure.
     """
 
     name: str
@@ -135,7 +139,7 @@ class ParameterSet:
 
 @dataclass(frozen=True)
 class MappingEntry:
-    """A parameter of the set (`source`) and what takes its value (`target`)."""
+    """A parameter of the set (`source`) and the variable that receives its value (`target`)."""
 
     source: str
     target: str
@@ -145,7 +149,11 @@ class MappingEntry:
 
 @dataclass(frozen=True)
 class ParameterMapping:
-    """Where values of a set go that do not go where their name says; `source` as of a `ParameterSet`."""
+    """A map from parameters to variables with other names.
+
+    Attributes:
+        source: its file in the archive; "" if it is part of the structure.
+    """
 
     entries: tuple[MappingEntry, ...]
     source: str = ""
@@ -153,7 +161,7 @@ class ParameterMapping:
 
     @cached_property
     def entries_of(self) -> dict[str, list[MappingEntry]]:
-        """By source: a value may go to several places."""
+        """Entries by source; a value may have several targets."""
         found: dict[str, list[MappingEntry]] = {}
         for entry in self.entries:
             found.setdefault(entry.source, []).append(entry)
@@ -162,12 +170,11 @@ class ParameterMapping:
 
 @dataclass(frozen=True)
 class ParameterBinding:
-    """A set of values for a component, or for all that is in a system.
+    """Parameter values for a component or for all components of a system.
 
     Attributes:
-        parameters: the values.
-        prefix: put in front of the name of each.
-        mapping: None: each goes where its name says.
+        prefix: prepended to the name of each value.
+        mapping: None if each value has the name of its variable.
     """
 
     parameters: ParameterSet
@@ -176,51 +183,43 @@ class ParameterBinding:
 
 
 class ParseBudget:
-    """What lasts too long is refused: no file that an honest tool writes needs that.
+    """A limit on the processor time that a file may take to read; larger files are assumed to be malicious.
 
     Args:
-        where: for the sentence.
+        where: prefix of the error message.
     """
 
     def __init__(self, where: str):
         self._where = where
-        # not the clock's: a busy machine accuses no file
+        # processor time, not wall-clock time: a busy machine must not reject a file
         self._end = time.process_time() + MAX_PARSE_TIME
 
     def spend(self) -> None:
-        """To be called for each of what there may be many of.
-
-        Raises:
-            InputRefused: it has lasted too long.
-        """
+        """Refuse the file if `MAX_PARSE_TIME` is exceeded; to be called once per element."""
         if time.process_time() > self._end:
             raise InputRefused(
-                f"{self._where}: takes more than {MAX_PARSE_TIME:g} s to read; expected fewer connectors, connections and "
-                "values. Do not trust this file"
+                f"{self._where}: takes more than {MAX_PARSE_TIME:g} s to read; expected fewer connectors, connections "
+                "and values. Do not trust this file"
             )
 
 
 def local_name(element: ET.Element) -> str:
-    """The name of an element without its namespace."""
+    """Return the name of an element without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
 def child_elements(element: ET.Element | None, name: str) -> list[ET.Element]:
-    """The children called `name`; none of no element."""
+    """Return the children called `name`; empty if `element` is None."""
     return [] if element is None else [child for child in element if local_name(child) == name]
 
 
 def grouped_children(element: ET.Element, group: str, name: str) -> list[ET.Element]:
-    """The children called `name` of the child called `group`."""
+    """Return the children called `name` of all children called `group`."""
     return [child for part in child_elements(element, group) for child in child_elements(part, name)]
 
 
 def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
-    """An attribute that has to be there.
-
-    Raises:
-        InputRefused: it is not.
-    """
+    """Return the value of a mandatory attribute; refuse a missing or empty one."""
     found = element.get(attribute, "")
     if not found:
         raise InputRefused(f"{where}: a <{local_name(element)}> without {attribute}")
@@ -228,11 +227,7 @@ def required_attribute(element: ET.Element, attribute: str, where: str) -> str:
 
 
 def require_unique(names: Iterable[str], what: str, where: str) -> None:
-    """See that no name comes twice.
-
-    Raises:
-        InputRefused: one does.
-    """
+    """Check that all names differ; refuse a repeated one."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -241,21 +236,13 @@ def require_unique(names: Iterable[str], what: str, where: str) -> None:
 
 
 def number_attribute(element: ET.Element, attribute: str, where: str, default: float) -> float:
-    """The finite number of an attribute, `default` without it.
-
-    Raises:
-        InputRefused: it is none.
-    """
+    """Return an attribute as a finite number, `default` if it is missing; refuse other text."""
     text = element.get(attribute)
     return default if text is None else parse_finite(text, f"{where}: <{local_name(element)}> {attribute}")
 
 
 def parse_finite(text: str, where: str) -> float:
-    """The finite number that `text` says.
-
-    Raises:
-        InputRefused: it says none.
-    """
+    """Convert text to a number; refuse text that is not a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -266,11 +253,7 @@ def parse_finite(text: str, where: str) -> float:
 
 
 def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
-    """Whether it says so; no if it says nothing.
-
-    Raises:
-        InputRefused: neither true nor false.
-    """
+    """Whether the attribute is true (default false)."""
     text = element.get(attribute, "false").strip()
     if text not in BOOLEAN_VALUES:
         raise InputRefused(f"{where}: <{local_name(element)}> {attribute} = '{text[:40]}'; expected true or false")
@@ -278,12 +261,12 @@ def boolean_attribute(element: ET.Element, attribute: str, where: str) -> bool:
 
 
 def metadata_of(root: ET.Element) -> Metadata:
-    """Of a file."""
+    """Return the metadata in the attributes of a file's root element."""
     return Metadata(*(root.get(name, "") for name in METADATA_ATTRIBUTES))
 
 
 def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
-    """Of an element; of each only the first element that is in it."""
+    """Return the annotations of an element; of each, only the first child element is kept."""
     return tuple(
         Annotation(one.get("type", ""), ET.tostring(one[0], encoding="unicode").strip() if len(one) else "")
         for one in grouped_children(element, "Annotations", "Annotation")
@@ -291,10 +274,10 @@ def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
 
 
 def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
-    """That a file defines.
+    """Return the unit definitions of a file.
 
     Raises:
-        InputRefused: a unit without a name, one defined twice, or powers that are no small whole numbers.
+        InputRefused: a unit without a name, a unit defined twice, or powers that are not small integers.
     """
     found = []
     for unit in grouped_children(root, "Units", "Unit"):
@@ -316,11 +299,7 @@ def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
 
 
 def transformation_of(element: ET.Element, where: str) -> Transformation:
-    """That of a connection or of an entry of a mapping.
-
-    Raises:
-        InputRefused: a factor or an offset is no finite number.
-    """
+    """Return the transformation of a connection or a mapping entry."""
     for child in element:
         if local_name(child) == "LinearTransformation":
             return Transformation(
@@ -331,24 +310,15 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
     return IDENTITY_TRANSFORMATION
 
 
-ConnectorKind = Literal[
-    "input", "output", "inout", "parameter", "calculatedParameter", "structuralParameter", "constant", "local"
-]
-"""As the standard calls them; the last three are of SSP 2.0."""
-Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecution"]
-
-
 @dataclass(frozen=True)
 class Connector:
-    """Where a component or a system can be connected.
+    """A connector of a component or system.
 
     Attributes:
-        name: of an FMU the variable's.
-        kind: what it is for.
-        type: "Real", "Float64", "Integer" ..; "": that of the variable.
-        unit: "": that of the variable.
-        dimensions: of an array (SSP 2.0), each a number or the name of the connector that says it.
-        description: or "".
+        name: name of the variable, if the component is an FMU.
+        type: "Real", "Float64", "Integer" ...; "" for the type of the variable.
+        unit: "" for the unit of the variable.
+        dimensions: sizes of an array (SSP 2.0): numbers, or names of connectors that provide them.
     """
 
     name: str
@@ -361,15 +331,15 @@ class Connector:
 
 @dataclass(frozen=True)
 class SspComponent:
-    """A part that somebody else has made, as a rule an FMU.
+    """A component from an external file, usually an FMU.
 
     Attributes:
         name: unique in its system.
-        source: URI, relative to the structure: "resources/plant.fmu".
-        type: MIME type of what is there.
-        implementation: as which an FMU is to be used.
-        connectors: the listed ones; an FMU may have more variables.
-        bindings: values for its parameters, the last one counts.
+        source: URI relative to the structure: "resources/plant.fmu".
+        type: MIME type of the source.
+        implementation: kind of FMU to use.
+        connectors: declared connectors; an FMU may have more variables.
+        bindings: parameter values; the last one takes precedence.
     """
 
     name: str
@@ -383,12 +353,12 @@ class SspComponent:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Its connectors by name."""
+        """Connectors by name."""
         return {one.name: one for one in self.connectors}
 
 
 class Endpoint(NamedTuple):
-    """Where a connection begins or ends; `element` is a component or system, "" for the system it stands in."""
+    """An end of a connection; `element` is a component or system, "" for the system that contains the connection."""
 
     element: str
     connector: str
@@ -396,10 +366,10 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Connection:
-    """What goes from one connector to another.
+    """A connection between two connectors.
 
     Attributes:
-        suppress_unit_conversion: the transformation is all that is done to the value.
+        suppress_unit_conversion: whether only the transformation is applied to the value.
     """
 
     start: Endpoint
@@ -410,11 +380,11 @@ class Connection:
 
 @dataclass(frozen=True)
 class SspSystem:
-    """Components, and systems in the system, joined by connections.
+    """A system of components and nested systems, joined by connections.
 
     Attributes:
-        connectors: its own, for the system around it.
-        bindings: values for parameters of all that is in it, "element.parameter".
+        connectors: its own connectors, for the enclosing system.
+        bindings: parameter values "element.parameter" for all its elements.
     """
 
     name: str
@@ -427,23 +397,23 @@ class SspSystem:
 
     @cached_property
     def connector_of(self) -> dict[str, Connector]:
-        """Its own connectors by name."""
+        """Own connectors of the system by name."""
         return {one.name: one for one in self.connectors}
 
     @cached_property
     def element_of(self) -> dict[str, "SspComponent | SspSystem"]:
-        """What is in it by name."""
+        """Elements by name."""
         return {one.name: one for one in self.elements}
 
     @cached_property
     def lengths(self) -> list[int]:
-        """Of the names of what is in it, the longest first."""
+        """Lengths of the element names, in descending order."""
         return sorted({len(name) for name in self.element_of}, reverse=True)
 
 
 @dataclass(frozen=True)
 class DefaultExperiment:
-    """How long the system is run if nothing else is said (s); None: not stated. The standard has no word for steps."""
+    """Default start and stop time of a run (s); None if not stated. SSP does not define a step size."""
 
     start: float | None = None
     stop: float | None = None
@@ -452,12 +422,12 @@ class DefaultExperiment:
 
 @dataclass(frozen=True)
 class Structure:
-    """All of a SystemStructure.ssd.
+    """Content of a SystemStructure.ssd: system, units, enumerations, default experiment.
 
     Attributes:
-        version: of the standard, "1.0".
-        units: that connectors name.
-        enumerations: by name, the value of each item.
+        version: SSP version, "1.0".
+        units: units that connectors use.
+        enumerations: (name, (item, value) ...) each.
     """
 
     name: str

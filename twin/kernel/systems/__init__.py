@@ -1,1 +1,1 @@
-"""Systems of FMUs: files of several tools read, planned, coupled; from Python."""
+"""Systems of FMUs: read from files of several tools, planned, coupled and run; Python interface."""

@@ -1,4 +1,4 @@
-"""Values that a user adds to a system, singly or by SSV files; and what names in a system mean."""
+"""Values that a user adds to a system, singly or by SSV files, and lookup of names in a system."""
 
 import math
 import re
@@ -33,13 +33,13 @@ _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 @dataclass(frozen=True)
 class Additions:
-    """As the command line says it.
+    """Additions to a system from the command line.
 
     Attributes:
         settings: texts NAME=VALUE.
-        parameters: SSV files; a later one wins, and settings over all of them.
-        inputs: texts NAME=SOURCE, or files whose columns are called as inputs are.
-        recorded: patterns of what is recorded; none: all outputs.
+        parameters: SSV files; later files take precedence, and settings over all files.
+        inputs: texts NAME=SOURCE, or files whose columns have the names of inputs.
+        recorded: name patterns of the signals to record; empty for all outputs.
     """
 
     settings: Sequence[str] = ()
@@ -49,7 +49,7 @@ class Additions:
 
 
 def setting_text(value: Value) -> str:
-    """Return a value as text that reads back as the same value."""
+    """Format a value as text that parses to the same value."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -60,16 +60,16 @@ def setting_text(value: Value) -> str:
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:
-    """`package` whose outermost system has the values of SSV files, too.
+    """Add the values of SSV files to the outermost system of a package.
 
     Raises:
-        InputRefused: a file that is no SSV.
+        InputRefused: not an SSV file.
     """
     if not files:
         return package
     sets = [parameter_set(read_bytes(file, kind="SSV file"), str(file), str(file)) for file in files]
     if package.form == SINGLE_FORM:
-        # what goes to one FMU may be called as its variables are
+        # for a single FMU, the component name may be omitted
         component = package.structure.system.elements[0].name
         sets = [
             replace(one, parameters=tuple(_of_component(value, component) for value in one.parameters)) for one in sets
@@ -88,12 +88,10 @@ def _add_bindings(package: Package, sets: Iterable[ParameterSet]) -> Package:
 
 
 class SystemNames:
-    """What names in a system mean.
+    """Lookup of component and variable names in a system.
 
     Args:
-        package: of the system.
-        flat: the same.
-        files: of the FMUs, by component.
+        files: FMU files by component.
     """
 
     def __init__(self, package: Package, flat: FlatSystem, files: Mapping[str, Path]):
@@ -102,14 +100,14 @@ class SystemNames:
         self._files = files
 
     def description(self, path: str) -> FmuDescription:
-        # the plan looks whether it may need its authoring tool
+        # lenient: the plan checks whether the FMU needs its authoring tool
         return described(self._files[path], lenient=True)
 
     def place(self, name: str, option: str) -> Endpoint:
-        """The component and the variable that `name` means; no component: a connector of the outermost system.
+        """Return the component and variable called `name`; component "" for a connector of the outermost system.
 
         Raises:
-            InputRefused: there is none.
+            InputRefused: no component or variable has this name.
         """
         if name in self.package.structure.system.connector_of:
             return Endpoint("", name)
@@ -127,7 +125,7 @@ class SystemNames:
         return self.description(end.element).variables[end.connector]
 
     def inputs(self) -> Iterator[tuple[str, Endpoint]]:
-        """What may be fed by the name of a column."""
+        """Yield (name, endpoint) of every input that a column of a file may feed."""
         for name in self.flat.entrances:
             yield name, Endpoint("", name)
         for path in self._files:
@@ -143,10 +141,10 @@ class SystemNames:
 
 
 def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str]) -> FlatSystem:
-    """`flat` with the values of `settings`, which win over all others.
+    """Add the values of `settings`, which override all others.
 
     Raises:
-        InputRefused: no NAME=VALUE, a name that means nothing, a value of another type.
+        InputRefused: not NAME=VALUE, an unknown name, or a value of the wrong type.
     """
     assigned = {path: dict(values) for path, values in flat.assigned.items()}
     seen: dict[Endpoint, str] = {}
@@ -163,7 +161,7 @@ def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str])
             assigned.setdefault(place.element, {})[place.connector] = AssignedValue(value, (), ())
             continue
         if place.connector not in flat.entrances:
-            raise InputRefused(f"--set {name}: it is no input of the system; set the component's variable")
+            raise InputRefused(f"--set {name}: it is not an input of the system; set the component's variable")
         for end, hops in flat.entrances[place.connector]:
             value = _value(end.connector, given, names.variable(end), f"--set {name}={given}")
             assigned.setdefault(end.element, {})[end.connector] = AssignedValue(value, (), hops)
@@ -175,13 +173,13 @@ def overruled_names(flat: FlatSystem, names: SystemNames, additions: Additions) 
     fed = {lead.end for lead in flat.leads}
     yield from (one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed)
     by_name = {".".join(end) for end in fed}
-    # they were put behind those of the file
+    # their bindings were appended to the bindings of the file
     sets = names.package.structure.system.bindings[-len(additions.parameters) :] if additions.parameters else ()
     yield from (one.name for by in sets for one in by.parameters.parameters if one.name in by_name)
 
 
 def _value(name: str, text: str, variable: Variable, where: str) -> ParameterValue:
-    """The value that `text` says, of the type of `variable`."""
+    """Parse a value of the type of `variable`."""
     if variable.is_text:
         if variable.type != "String":
             raise InputRefused(f"{where}: {name} is binary, which cannot be set here")
@@ -191,7 +189,7 @@ def _value(name: str, text: str, variable: Variable, where: str) -> ParameterVal
         text, spelled = measured["value"], measured["unit"]
     texts = [one.strip() for one in found["values"].split(",")] if found else [text]
     if variable.items and not found and _number(text) is None:
-        # by its name, which the FMU's enumeration knows
+        # an enumeration item by name, which the FMU looks up
         return ParameterValue(name, "Enumeration", (text,))
     numbers = tuple(_typed_number(one, variable, where) for one in texts)
     return ParameterValue(
@@ -209,7 +207,7 @@ def _typed_number(text: str, variable: Variable, where: str) -> float:
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a finite number")
     if variable.type not in REAL_TYPES and not number.is_integer():
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a whole number")
-    # a number beyond what a double holds exactly is refused as it was given
+    # an integer beyond the exact range of a double is checked as given, before rounding
     if variable.type not in REAL_TYPES and (
         why := variable.range_error(int(Decimal(text)) if abs(number) >= MAX_EXACT else number)
     ):

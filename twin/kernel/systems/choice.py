@@ -1,4 +1,4 @@
-"""Choices of the master of a system: step, times, coupling, kinds and order of its FMUs."""
+"""Options of the master of a system: step, times, coupling, kinds and order of its FMUs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,17 +17,17 @@ FMU_KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
 
 @dataclass(frozen=True)
 class MasterChoice:
-    """What is asked of the master.
+    """Options of the master, as given by the user.
 
     Attributes:
-        tick, start, stop: length of a step, beginning and end of the run (s); None: as the system says.
-        scheme: "gauss_seidel" in the order of components, or "jacobi"; None: that of the tools that write such files.
-        kinds: as which FMUs are used, by component; by "" those of which the system says nothing.
-        solver: of all FMUs for model exchange; None: CVODE.
-        steps: of components (s).
-        order: components that go first, in this order.
-        loops: what is done about algebraic loops.
-        lenient: whether small offences against the standards, which are listed, are let through.
+        tick, start, stop: step size, start and end of the run (s); None for the values of the system.
+        scheme: "gauss_seidel" (components step in order) or "jacobi"; None for the default of the file format.
+        kinds: kind of FMU to use, by component; key "" for components whose kind the system does not state.
+        solver: solver for all FMUs for model exchange; None for CVODE.
+        steps: step sizes by component (s).
+        order: components that step first, in this order.
+        loops: treatment of algebraic loops.
+        lenient: whether minor violations of the standards are accepted and listed.
     """
 
     tick: float | None = None
@@ -43,15 +43,11 @@ class MasterChoice:
 
     @property
     def method(self) -> Method:
-        """Of the solver."""
+        """Integration method of the solver for model exchange."""
         return self.solver or "cvode"
 
     def refuse_unknown(self, components: Iterable[str], where: str) -> None:
-        """Refuse names that are no components of the system.
-
-        Raises:
-            InputRefused: the first of them.
-        """
+        """Refuse names that are not components of the system."""
         known = list(components)
         for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order)):
             for name in names:
@@ -59,15 +55,16 @@ class MasterChoice:
                     raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
 
     def refuse_idle(self, used: "Mapping[str, FmuDescription]", scheme: "Scheme", where: str) -> None:
-        """Refuse what is asked of FMUs that the system does not have.
+        """Refuse options that have no effect on the FMUs of the system.
 
         Args:
-            used: the FMU of each component, as what it is used.
-            scheme: of the system.
-            where: for sentences.
+            used: FMU of each component, as the kind in use.
+            scheme: coupling scheme of the system.
+            where: prefix of error messages.
 
         Raises:
-            InputRefused: a solver without equations to solve, a kind that no FMU offers, an order without one.
+            InputRefused: a solver without FMUs for model exchange, a kind that no FMU uses, or an order with Jacobi
+                coupling.
         """
         for_all = self.kinds.get("")
         others = {one.kind for name, one in used.items() if name not in self.kinds}
@@ -82,6 +79,6 @@ class MasterChoice:
             )
         if self.order and scheme == "jacobi":
             raise InputRefused(
-                f"{where}: --order says who steps first, and in Jacobi order all step at once; leave it out, or choose "
+                f"{where}: --order has no effect with Jacobi coupling, where all step at once; leave it out, or choose "
                 "--scheme gauss_seidel"
             )

@@ -1,4 +1,4 @@
-"""A planned system made: FMUs initialised together, loops found and solved, components in the master."""
+"""Coupling of a planned system: FMUs initialised together, algebraic loops solved, components wired in the master."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -28,16 +28,15 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 @dataclass(frozen=True)
 class PreparedSystem:
-    """A system ready to be run.
+    """A coupled system with initialised FMUs, ready to run.
 
     Attributes:
-        plan: of it, without what FMUs turned out not to return.
-        system: of components in the order of the plan, those of a solved loop together in one.
-        settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
-        columns: of a row, by the name of a part.
-        loops: that were found.
-        solved: whether they are solved, if there are some.
-        forgiven: offences of binaries that were let through.
+        plan: its plan, without outputs that an FMU turned out not to return.
+        system: components in plan order; parts of a solved loop are merged into one.
+        settled: whether the initial values are consistent, i.e. every input equals its source.
+        columns: slice of a row by part name.
+        solved: whether loops are solved.
+        forgiven: accepted violations of binaries.
     """
 
     plan: SystemPlan
@@ -50,14 +49,7 @@ class PreparedSystem:
 
 
 class InitialFmus(NamedTuple):
-    """The FMUs of a system.
-
-    Attributes:
-        plan: as of `PreparedSystem`.
-        components: by name.
-        settled: as of `PreparedSystem`.
-        forgiven: likewise.
-    """
+    """Initialised FMUs of a system; attributes as of `PreparedSystem`, components by name."""
 
     plan: SystemPlan
     components: dict[str, Component]
@@ -66,25 +58,23 @@ class InitialFmus(NamedTuple):
 
 
 def folders_of(plan: SystemPlan) -> dict[str, Path]:
-    """Where the FMUs are unpacked, by their SHA-256."""
+    """Unpack the FMUs of a plan; return their folders by SHA-256."""
     files = {part.description.sha256: part.description.path for part in plan.parts}
     return {sha256: unpacked(file, sha256) for sha256, file in files.items()}
 
 
 @contextmanager
 def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
-    """The system of a plan, whose FMUs are freed at the end.
+    """Initialise and couple the system of a plan; frees its FMUs at the end of the block.
 
-    All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
-    no such mode, have their start values then.
+    All FMUs are in initialisation mode together until their inputs have the values of their sources. FMUs of FMI 1.0,
+    which has no such mode, keep their start values.
 
     Args:
-        plan: of the system.
-        folders: where FMUs are unpacked, by their SHA-256.
+        folders: folders of the unpacked FMUs by SHA-256.
 
     Raises:
-        InputRefused: an FMU cannot be loaded or initialised, or takes no such steps; a loop that is to be solved
-            cannot be.
+        InputRefused: an FMU that cannot be loaded or initialised, an unsupported step, or a loop that cannot be solved.
     """
     refuse_steps(plan, "another --tick-ms or --step")
     found = find_loops(plan)
@@ -115,18 +105,18 @@ def initialise_fmus(
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     free: bool = False,
 ) -> InitialFmus:
-    """The FMUs of a system, ready to be stepped.
+    """Initialise the FMUs of a system together, and make components of them.
 
     Args:
-        plan, folders: as of `couple_system`.
-        made: what frees them.
-        given: values at the start of what is no FMU, by output.
-        solved: loops whose start values are looked for.
-        outputs_at_start: see `FmuComponent`, by component.
-        free: whether outputs that nothing reads need not be finite, and locals that cannot be read are left out.
+        plan, folders: see `couple_system`.
+        made: closes the FMUs.
+        given: initial outputs of components that are not FMUs.
+        solved: loops whose initial values are solved for.
+        outputs_at_start: see `FmuComponent`; by component.
+        free: whether unread outputs may be non-finite, and unreadable local variables are dropped.
 
     Raises:
-        InputRefused: as `couple_system`.
+        InputRefused: see `couple_system`.
         ComponentFailed: an FMU does not return an output, or its value does not fit the input that it feeds.
     """
     fed = {source for source, _ in plan.wires}
@@ -168,7 +158,7 @@ def initialise_fmus(
 
 
 def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[str]) -> SystemPart:
-    """A part without the locals that feed nothing and that its FMU does not return."""
+    """Drop local variables that feed nothing and that the FMU does not return."""
     readable = []
     for port in part.outputs:
         try:
@@ -194,7 +184,7 @@ def _setup(plan: SystemPlan, part: SystemPart) -> Setup:
 
 
 def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, int]]) -> dict[str, slice]:
-    """Of each part, whose outputs begin at a place among those of a component."""
+    """Return the columns of each part in a row; `places` are its component and its offset there."""
     starts = {component.name: int(start) for component, start in zip(system.components, system.y_start, strict=False)}
     found = {}
     for component in plan.extras.components:
@@ -207,10 +197,10 @@ def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, i
 
 
 def refuse_steps(plan: SystemPlan, choice: str) -> None:
-    """See whether all FMUs take the steps of a plan; `choice` is what to choose instead, for a sentence.
+    """Check that all FMUs accept the steps of a plan.
 
-    Raises:
-        InputRefused: one does not.
+    Args:
+        choice: alternative to suggest in the message.
     """
     for part in plan.parts:
         try:
@@ -221,19 +211,15 @@ def refuse_steps(plan: SystemPlan, choice: str) -> None:
 
 
 class _SolvableLoop:
-    """A loop that is to be solved.
-
-    Args:
-        plan: of the system.
-        loop: of it.
+    """An algebraic loop to be solved, with the wires whose values are its unknowns.
 
     Attributes:
-        path: of the loop, for sentences.
-        cure: what else may be done, for sentences.
-        leading_back: wires on which values lead back in the order of its parts: those that are looked for.
+        path: path of the loop, for messages.
+        cure: alternatives, for messages.
+        leading_back: wires against the step order of its parts; their values are the unknowns.
 
     Raises:
-        InputRefused: values that lead back are no real numbers, or a part makes longer steps.
+        InputRefused: an unknown is not continuous, a part has longer steps, or a part cannot repeat a step.
     """
 
     def __init__(self, plan: SystemPlan, loop: AlgebraicLoop):
@@ -266,7 +252,10 @@ class _SolvableLoop:
     def merge_parts(
         self, components: dict[str, Component], wires: list[tuple[str, str]], columns: dict[str, tuple[str, int]]
     ) -> list[tuple[str, str]]:
-        """Make one of the parts among `components`, at the place of the first; the wires that there are then."""
+        """Merge the parts of the loop among `components` into one component; return the remaining wires.
+
+        `components` and `columns` are updated in place; the merged component has the position of the first part.
+        """
         name = "+".join(self._names)
         members = [components[part] for part in self._names]
         places = {f"{one.name}.{port.name}": port for one in members for port in one.inputs}
@@ -278,7 +267,7 @@ class _SolvableLoop:
                 continue
             if inside[1]:
                 port = places[target]
-                # a wire has no more than two names
+                # a wire end has exactly two names, component and port
                 entry = target.replace(".", "__")
                 given.append(Port(entry, port.size, port.unit, port.meaning, port.kind))
                 inner.append((f"{LoopComponent.INPUT_OWNER}.{entry}", target))
@@ -306,13 +295,13 @@ def _has_fmu_state(part: SystemPart) -> bool:
 
 
 class _InitialValues:
-    """Gives every input what feeds it, in initialisation mode.
+    """Propagation of initial values from sources to inputs, in initialisation mode.
 
     Args:
-        plan: of the system.
-        instances: of its FMUs, in that mode, by the names of parts.
-        solved: loops whose values are looked for.
-        given: by what is no FMU at the start, by output.
+        plan: plan of the system.
+        instances: FMU instances in initialisation mode, by part name.
+        solved: loops whose values are solved for.
+        given: initial outputs of components that are not FMUs.
     """
 
     def __init__(
@@ -345,14 +334,14 @@ class _InitialValues:
         self._led = [one for wire, one in led.items() if wire not in back]
         self._last: dict[int, bytes] = {}
         self._written = dict.fromkeys(map(id, instances.values()), 0)
-        """How often each instance has had an input: what it gives changes by nothing else."""
+        """Number of inputs written per instance; its outputs change only if this number does."""
         self._read: dict[int, int] = {}
 
     def settle(self) -> bool:
-        """Whether all agree in the end; False: it never ends.
+        """Propagate initial values until all agree, and solve loops; return False if propagation does not converge.
 
         Raises:
-            InputRefused: the values of a loop that is to be solved are not found.
+            InputRefused: the initial values of a loop do not converge.
         """
         if not self._back:
             return self._propagate()
@@ -364,7 +353,7 @@ class _InitialValues:
             if np.all(np.abs(f) <= MAX_RESIDUAL * scale):
                 return True
             step = self._newton(z, f, scale)
-            # halved until it helps
+            # backtracking: halve the step until the residual decreases
             for _ in range(10):
                 tried = self._residual(z + step)
                 if np.all(np.isfinite(tried)) and np.abs(tried).max() <= 2.0 * np.abs(f).max():
@@ -385,7 +374,7 @@ class _InitialValues:
         return np.asarray(-np.linalg.lstsq(jacobian, f, rcond=None)[0], dtype=float)
 
     def _residual(self, z: np.ndarray) -> np.ndarray:
-        """What becomes of the values that lead back, less themselves."""
+        """Return the difference between the fed-back values after one propagation and `z`."""
         place = 0
         for _, output, target, port in self._back:
             self._set_input(target, port, port.to_fmu(z[place : place + output.port.size]))
@@ -394,7 +383,7 @@ class _InitialValues:
         return np.concatenate([_read_port(source, output) for source, output, _, _ in self._back]) - z
 
     def _propagate(self) -> bool:
-        """Hand on what is known, again and again until nothing changes; False: it never ends."""
+        """Propagate values from outputs to inputs until nothing changes; return False if it does not converge."""
         for _ in range(len(self._plan.parts) + 2):
             changed = False
             for n, (source, output, target, port) in enumerate(self._led):
@@ -415,7 +404,7 @@ class _InitialValues:
 
 
 def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
-    """What signals beside the FMUs give at the start, by output."""
+    """Return the initial outputs of signal components, by output."""
     start = np.array([plan.timing.first * plan.timing.tick])
     found: dict[str, np.ndarray] = {}
     for component in plan.extras.components:
@@ -427,7 +416,7 @@ def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
 
 
 def _is_readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
-    """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
+    """Whether a connection can transfer values in initialisation mode; clocked variables cannot."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
 
 

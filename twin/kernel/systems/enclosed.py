@@ -1,4 +1,4 @@
-"""A system in the place of one FMU: its connectors are the variables, its step is that of what it stands in for."""
+"""Enclosed systems: an SSP archive in the place of one FMU, with its connectors as variables."""
 
 import math
 import shutil
@@ -38,10 +38,10 @@ Ends = tuple[tuple[Endpoint, tuple[UnitStep, ...]], ...]
 
 
 class EnclosedComponent(Subsystem):
-    """The system as a component."""
+    """A component that runs an enclosed system of FMUs."""
 
     def zero(self, name: str) -> float:
-        """Value of the output port `name` where the FMU's own is 0."""
+        """Return the value of output port `name` that corresponds to 0 in the FMU's unit."""
         part, _, port = self.outlets[name].rpartition(".")
         inside = next(one for one in self.system.components if one.name == part)
         assert isinstance(inside, FmuComponent)
@@ -50,15 +50,13 @@ class EnclosedComponent(Subsystem):
 
 @dataclass(frozen=True)
 class EnclosedSystem:
-    """A system that has passed every check that needs no binary.
+    """A system that has passed all checks that need no binary.
 
     Attributes:
-        path, sha256: of the archive.
-        version: of its standard.
-        name: of the system.
-        variables: its connectors, and of what is inside what was asked for by name; a system without connectors offers
-            what is inside.
-        plan: of what is inside; it takes its inputs from the component INLET.
+        path, sha256: archive and its digest.
+        variables: connectors, and inner variables requested by name; all inner inputs or outputs if the system has no
+            connectors of that side.
+        plan: inner system; its inputs come from the component INLET_NAME.
     """
 
     path: Path
@@ -72,34 +70,34 @@ class EnclosedSystem:
     _folders: Mapping[str, Path]
 
     tolerance = None
-    """Of a solver: each FMU has its own."""
+    """Solver tolerance; each FMU has its own."""
 
     @property
     def descriptions(self) -> dict[str, FmuDescription]:
-        """Of the FMUs, by component."""
+        """FMU descriptions by component path."""
         return {part.path: part.description for part in self.plan.parts}
 
     @property
     def values(self) -> dict[str, Sequence[Setting]]:
-        """What is set in the FMUs, by component."""
+        """Values set in the FMUs before initialisation, by component path."""
         return {part.path: part.settings for part in self.plan.parts}
 
     @property
     def links(self) -> tuple[tuple[str, str], ...]:
-        """(output, input) of components, "component.variable" each."""
+        """Inner connections (output, input), "component.variable" each."""
         return tuple((".".join(lead.start), ".".join(lead.end)) for lead in self._flat.leads)
 
     def folder(self, part: str) -> Path:
-        """Where the FMU of a component is unpacked."""
+        """Return the folder of a component's unpacked FMU."""
         return self._folders[self.descriptions[part].sha256]
 
     def variables_of(self, causality: str) -> list[Variable]:
-        """Its variables of a causality."""
+        """Return the visible variables of a causality."""
         return [v for v in self.variables.values() if v.causality == causality]
 
     @property
     def contents(self) -> dict[str, Any]:
-        """What a recording says of what is inside."""
+        """Content of the system for the header of a recording."""
         return {
             "components": {
                 part.path: {
@@ -129,20 +127,18 @@ class EnclosedSystem:
         inputs_at_start: Mapping[str, Start] = MappingProxyType({}),
         outputs_at_start: Mapping[str, Start] = MappingProxyType({}),
     ) -> EnclosedComponent:
-        """The system as a component that makes `every` ticks in a step.
+        """Initialise the system as a component that makes `every` ticks in a step.
 
         Args:
-            name: of the component.
-            inputs, outputs: its ports, of variables of this system; of other inputs the start values stand.
-            tick: (s).
+            inputs, outputs: ports of variables of this system; other inputs keep their start values.
+            tick: duration of a tick (s).
             every: ticks in a step.
-            ticks: of the run; 0: not known.
+            ticks: duration of the run (ticks); 0 if unknown.
             sampled: see `FmuComponent`.
-            inputs_at_start: likewise, by port.
-            outputs_at_start: likewise, by port.
+            inputs_at_start, outputs_at_start: see `FmuComponent`; by port.
 
         Raises:
-            InputRefused: a step does not fit, or an FMU cannot be brought into step mode.
+            InputRefused: a step does not fit, or an FMU cannot be initialised.
         """
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
@@ -188,7 +184,7 @@ class EnclosedSystem:
         read: Sequence[tuple[str, FmuPort, Endpoint, AffineMap]],
         wires: Collection[tuple[str, str]],
     ) -> SystemPart:
-        """A component whose inputs are scaled for what feeds the whole, with the outputs that somebody reads."""
+        """Scale the inputs of a part for the ports of the whole, and keep only outputs that are read."""
         sources = {target: source for source, target in self.plan.wires}
         there, begun = {target for _, target in wires}, {source for source, _ in wires}
         inputs = []
@@ -219,16 +215,16 @@ def _values(start: Start, port: FmuPort) -> np.ndarray:
 
 
 def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
-    """The SSP archive `file` for a place where one FMU is expected.
+    """Read an SSP archive as a system that replaces an FMU.
 
     Args:
-        table: of the experiment that names it, for sentences.
-        values: of parameters, and of inputs that nothing feeds then: "component.variable", or a connector.
-        named: names that the mapping uses; variables inside may be among them.
+        table: table of the experiment that names it, for messages.
+        values: start values, also of inputs that then have no source, by "component.variable" or connector.
+        named: names that the mapping uses; they may include inner variables.
 
     Raises:
-        InputRefused: no SSP that can be run, a value that cannot be set, a connector that leads nowhere or whose unit
-            is not clear.
+        InputRefused: an invalid SSP, a value that cannot be set, a connector without a component, or a connector of
+            ambiguous unit.
     """
     package = read_package(file)
     flat = flatten(package.structure, f"{file}")
@@ -243,7 +239,7 @@ def enclose_system(file: Path, table: str, values: Mapping[str, Value], named: C
             folders = folders_of(plan)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
-    # where the FMUs are from, as what they were taken out to is gone
+    # paths inside the archive, as the extracted files are deleted
     parts = tuple(
         replace(part, description=replace(part.description, path=file / part.description.path.relative_to(scratch)))
         for part in plan.parts
@@ -263,11 +259,11 @@ def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mappi
 
 
 class _OuterVariables:
-    """What of a system is to be seen from outside.
+    """Variables of a system that are visible from outside.
 
     Attributes:
-        variables: as of an `EnclosedSystem`.
-        exits: by those that are outputs, what inside they are, and how.
+        variables: see `EnclosedSystem`.
+        exits: visible output -> the inner variable and the conversion from it.
     """
 
     def __init__(
@@ -296,7 +292,7 @@ class _OuterVariables:
         self._add_inner_variables(asked)
 
     def _add_inner_variables(self, asked: Collection[str]) -> None:
-        """Variables of components: those that are asked for; all of a side on which there are no connectors."""
+        """Add requested inner variables; for a side without connectors, all inputs or outputs."""
         fed = {lead.end for lead in self._flat.leads}
         for path in self._flat.components:
             given = self._flat.assigned.get(path, {})
@@ -311,7 +307,7 @@ class _OuterVariables:
                     self._add_output(name, end, ())
 
     def feeds(self) -> Iterator[Feed]:
-        """Of what nothing is given to."""
+        """Yield the connections to inner inputs, except of inputs with fixed values."""
         for number, (name, variable) in enumerate(self.variables.items()):
             for end, hops in self._ends.get(name, ()) if name not in self._values else ():
                 by = f"{self._package.file}: {name}"
@@ -330,7 +326,7 @@ class _OuterVariables:
         )
 
     def _connector_unit(self, name: str, end: Endpoint) -> ParsedUnit:
-        """The unit of a connector by what the archive says, else by the FMU behind it; "": it states none."""
+        """Return the unit of a connector, defined by the archive or else by the FMU behind it; "" if not stated."""
         connector = self._package.structure.system.connector_of.get(name)
         if connector is None or not connector.unit:
             return ParsedUnit("", None)

@@ -1,4 +1,4 @@
-"""What takes part in a system beside its FMUs: signals over time, tables, components in Python."""
+"""Members of a system other than its FMUs: signals over time, tables, components in Python."""
 
 from dataclasses import dataclass, field
 
@@ -9,15 +9,14 @@ from twin.kernel.ssp.structure import Endpoint
 
 @dataclass(frozen=True)
 class Feed:
-    """What feeds an input of an FMU from beside.
+    """A connection to an FMU input from a component that is not an FMU.
 
     Attributes:
-        end: the component's path and the variable.
-        source: output of the master, "component.port".
-        by: who says so, for sentences.
-        unit: of the value; "": that of the variable.
-        hops: on its way.
-        size: how many values.
+        end: component path and variable.
+        source: output in the master, "component.port".
+        by: origin of the connection, for messages.
+        unit: unit of the value; "" for the unit of the variable.
+        hops: conversions on the way.
     """
 
     end: Endpoint
@@ -30,18 +29,18 @@ class Feed:
 
 @dataclass(frozen=True)
 class SystemExtras:
-    """All of it.
+    """Components other than FMUs, and their connections.
 
     Attributes:
-        components: with what they do; each of their outputs is recorded.
-        feeds: into FMUs.
-        drains: (output of an FMU, input of the master "component.port").
-        wires: among these components, as the master takes them.
-        order: of all components by name, those of the master; (): these before the FMUs.
-        about: of each signal by its name, what it is made of; it belongs to the identity of a run.
+        components: all their outputs are recorded.
+        feeds: connections to FMUs.
+        drains: (output of an FMU, input in the master "component.port").
+        wires: connections among these components, in the master's form.
+        order: names of all components in step order; empty to step these before the FMUs.
         signals: names of components whose outputs are known before the first step.
+        about: signal name -> its expression or file; part of the identity of a run.
         ignored: columns of files that feed nothing.
-        spans: of each signal that has samples, the first and the last time (s).
+        spans: first and last sample time of each sampled signal (s).
     """
 
     components: tuple[Component, ...] = ()
@@ -55,7 +54,7 @@ class SystemExtras:
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __add__(self, other: "SystemExtras") -> "SystemExtras":
-        """Both together."""
+        """Concatenate the components and connections of both."""
         return SystemExtras(
             self.components + other.components,
             self.feeds + other.feeds,

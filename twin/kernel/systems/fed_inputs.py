@@ -1,4 +1,4 @@
-"""Inputs of a system over time: expressions, files, and tables in an SSP archive (CSV components), which are wired."""
+"""Input signals of a system: expressions, files, and the tables of an SSP archive (CSV components)."""
 
 import io
 import os
@@ -31,13 +31,18 @@ from twin.kernel.systems.extras import Feed, SystemExtras
 from twin.kernel.systems.naming import identifier, topic_name, unique_names
 
 INPUTS_TOPIC = "inputs"
-"""The component, and topic, of signals that a user feeds in."""
+"""Component and topic name of the user's input signals."""
 SIGNAL_SUFFIXES = (".csv", ".mcap")
 
 
 @dataclass(frozen=True)
 class _InputSignal:
-    """What is fed where: `unit` of the values ("": as of what they feed), `about` what they are made of."""
+    """A signal and the input that it feeds.
+
+    Attributes:
+        unit: unit of the values; "" for the unit of the input.
+        about: expression, or name and digest of the file.
+    """
 
     name: str
     place: Endpoint
@@ -50,17 +55,15 @@ class _InputSignal:
 def input_extras(
     names: SystemNames, inputs: Sequence[str], settings: Sequence[str], start: float = 0.0
 ) -> SystemExtras:
-    """The signals of `inputs`, and what they feed.
+    """Make a component of the signals in `inputs`, and its connections.
 
     Args:
-        names: of the system.
-        inputs: see `Additions`.
-        settings: likewise; what they set is not fed.
-        start: when the run begins (s).
+        inputs, settings: see `Additions`; an input may not be in both.
+        start: start of the run (s).
 
     Raises:
-        InputRefused: a name that means no input, a file or an expression that cannot be read, an input that is given
-            a value and a signal.
+        InputRefused: an unknown input, a file or expression that cannot be read, or an input with both a value and a
+            signal.
     """
     fed = [one for text in inputs for one in _input_signals(names, text)]
     if not fed:
@@ -98,7 +101,7 @@ def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
         raise InputRefused(f"--input {text}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     place, where = _input(names, name), f"--input {name}"
     file, _, column = given.partition(":")
-    # not Path.exists, which raises for a name that is too long, as of an expression
+    # unlike Path.exists, os.path.exists does not raise for an expression that is too long for a name
     if Path(file).suffix.lower() in SIGNAL_SUFFIXES or os.path.exists(file):
         spelled = ""
         if column and (measured := UNIT_PATTERN.fullmatch(column)) and not measured["unit"].isdigit():
@@ -116,7 +119,7 @@ def _input_signals(names: SystemNames, text: str) -> Iterator[_InputSignal]:
 
 
 def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
-    """The columns of `file` that are called as inputs are."""
+    """Yield a signal for every column of `file` that has the name of an input."""
     if file.suffix.lower() not in SIGNAL_SUFFIXES and not os.path.exists(file):
         raise InputRefused(f"--input {file}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     known, table = dict(names.inputs()), read_table(file)
@@ -140,7 +143,7 @@ def _file_signals(names: SystemNames, file: Path) -> Iterator[_InputSignal]:
 def _input(names: SystemNames, name: str) -> Endpoint:
     place = names.place(name, "--input")
     if not place.element and place.connector not in names.flat.entrances:
-        raise InputRefused(f"--input {name}: it is no input of the system")
+        raise InputRefused(f"--input {name}: it is not an input of the system")
     if place.element and names.variable(place).causality != "input":
         raise InputRefused(f"--input {name}: it is {names.variable(place).causality}; expected an input")
     return place
@@ -151,7 +154,7 @@ def _ends(names: SystemNames, place: Endpoint) -> list[Endpoint]:
 
 
 def _is_held(names: SystemNames, place: Endpoint) -> bool:
-    """Whether a value holds until the next: what is not continuous does."""
+    """Whether samples are held, not interpolated: true if an input is not a continuous real variable."""
     variables = [names.variable(end) for end in _ends(names, place)]
     return any(v.variability != "continuous" or v.type not in REAL_TYPES for v in variables)
 
@@ -167,13 +170,9 @@ def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, 
 
 
 def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
-    """Refuse values that the type of `variable` cannot hold, and those that may have been rounded when they were read.
-
-    Raises:
-        InputRefused: the first of them.
-    """
+    """Refuse values outside the range of the type of `variable`, or possibly rounded when they were read."""
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
-        # a larger number may have been rounded to EXACT when it was read
+        # a larger integer may have been rounded to MAX_EXACT when it was read
         if why := variable.range_error(
             value if abs(value) != MAX_EXACT or variable.type in REAL_TYPES else 2.0 * value
         ):
@@ -181,7 +180,7 @@ def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
 
 
 def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:
-    """(samples, unit) of a column of a CSV file, or of a series of a recording."""
+    """Return (samples, unit) of a column of a CSV file or a series of a recording."""
     between: Between = "held" if held else "lines"
     if file.suffix.lower() != ".csv":
         log = read_log(file)
@@ -207,12 +206,12 @@ def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple
 
 
 def _split_brackets(head: str) -> tuple[str, str]:
-    """Name and unit of a column `u [rpm]`; a unit without brackets may be part of a name."""
+    """Split a column head `u [rpm]` into name and unit; a unit without brackets may be part of the name."""
     return split_unit(head) if head.rstrip().endswith(("]", ")")) else (head, "")
 
 
 def _time(table: CsvTable) -> tuple[str, np.ndarray]:
-    """The column of time and its values (s)."""
+    """Return the name of the time column and its values (s)."""
     named = {head: split_unit(head) for head in table.head}
     head = next((head for head, (name, _) in named.items() if name.lower() in TIME_NAMES), None)
     if head is None:
@@ -240,15 +239,18 @@ def _sha256(file: Path) -> str:
 
 
 def is_table(component: SspComponent) -> bool:
-    """Whether a component of a system is a table of values over time, as OMSimulator has them."""
+    """Whether a component is a table of values over time, as in OMSimulator."""
     return component.type == TABLE_TYPE or (component.type == "" and component.source.lower().endswith(".csv"))
 
 
 def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, SystemExtras]:
-    """`flat` without its tables, and these.
+    """Replace the tables of a system by signal components.
+
+    Returns:
+        (system without its tables, components and connections in their place).
 
     Raises:
-        InputRefused: a table that is no CSV file of the archive, or a column that is not there.
+        InputRefused: a table that is not a CSV file of the archive, or a missing column.
     """
     tables = {path: one for path, one in flat.components.items() if is_table(one)}
     if not tables:
@@ -258,7 +260,7 @@ def table_extras(package: Package, flat: FlatSystem) -> tuple[FlatSystem, System
         where = f"{package.file}: component '{path}'"
         entry = package.entry(component.source)
         if not entry or not entry.lower().endswith(".csv"):
-            raise InputRefused(f"{where}: its table '{component.source}' is no CSV file of this archive")
+            raise InputRefused(f"{where}: its table '{component.source}' is not a CSV file of this archive")
         content = package.content(entry)
         table = parse_table(Path(f"{package.file}: {entry}"), io.BytesIO(content))
         time, t = _time(table)

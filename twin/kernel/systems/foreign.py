@@ -1,4 +1,4 @@
-"""Systems of other masters' files as packages: those masters step all FMUs at once and convert no units (Jacobi)."""
+"""Packages from files of other masters, which step all FMUs at once and convert no units (Jacobi)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,13 +17,13 @@ def foreign_package(
     values: Mapping[str, Sequence[ParameterValue]],
     unsaid: Sequence[str],
 ) -> Package:
-    """The system of a file.
+    """Make a package of a system file in another master's format.
 
     Args:
-        file, form, unsaid: as of `Package`.
-        structure: of the system, whose components have neither sources nor values.
-        fmus: files of the FMUs, by component.
-        values: of parameters, by component.
+        file, form, unsaid: attributes of the `Package`; `unsaid` are its omissions.
+        structure: system whose components have neither sources nor values.
+        fmus: FMU files by component.
+        values: parameter values by component.
     """
     paths = [*dict.fromkeys(fmus.values())]
     entries = dict(zip(paths, unique_names(f"resources/{path.name}" for path in paths), strict=True))
@@ -32,7 +32,7 @@ def foreign_package(
         for one in structure.system.elements
         if isinstance(one, SspComponent)
     ]
-    # no unit is converted
+    # these masters convert no units
     wires = tuple(replace(one, suppress_unit_conversion=True) for one in structure.system.connections)
     system = SspSystem(structure.name, tuple(parts), wires)
     loose = {entry: path for path, entry in entries.items()}

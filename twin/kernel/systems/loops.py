@@ -1,4 +1,4 @@
-"""Algebraic loops of a system, by what its FMUs say of direct feedthrough."""
+"""Algebraic loops of a system, found from the direct feedthrough that its FMUs declare."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ Graph = Mapping[str, Sequence[str]]
 
 @dataclass(frozen=True)
 class AlgebraicLoop:
-    """Outputs and inputs that follow from each other at one instant.
+    """A cycle of outputs and inputs that depend on each other at one instant.
 
     Attributes:
-        path: one way around, "a.y -> b.u -> b.y -> a.u", as the system calls them.
-        parts: names in the master, in the order in which they step.
-        silent: components that do not say on which inputs their outputs depend.
+        path: one cycle, "a.y -> b.u -> b.y -> a.u", with the names of the system.
+        parts: names in the master, in step order.
+        silent: components that do not declare the dependencies of their outputs.
     """
 
     path: str
@@ -25,7 +25,7 @@ class AlgebraicLoop:
 
 
 def find_loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
-    """The loops of a system; those that share a component are one."""
+    """Find the algebraic loops of a system; loops that share a component are merged."""
     graph: dict[str, list[str]] = {}
     shown: dict[str, str] = {}
     silent: dict[str, str] = {}
@@ -40,7 +40,7 @@ def find_loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
                     graph.setdefault(f"{part.name}.{entry.port.name}>", []).append(f"{name}<")
             if output.variable.name in unsaid:
                 silent[name] = part.path
-    # an input and an output of one component may have one name
+    # the suffixes < and > distinguish an output from an input of the same name
     for source, target in plan.wires:
         graph.setdefault(f"{source}<", []).append(f"{target}>")
     found = [group for group in _cyclic_groups(graph) if len(group) > 1]
@@ -57,7 +57,7 @@ def find_loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
 def _join_groups(
     groups: Sequence[Sequence[str]], parts: Sequence[SystemPart]
 ) -> list[tuple[set[str], list[Sequence[str]]]]:
-    """(components, groups of nodes) of groups that share no component."""
+    """Merge groups of nodes that share a component; return (components, groups) each, in step order."""
     joined: list[tuple[set[str], list[Sequence[str]]]] = []
     for group in groups:
         owners, together = {node.partition(".")[0] for node in group}, [group]
@@ -70,7 +70,7 @@ def _join_groups(
 
 
 def _cyclic_groups(graph: Graph) -> list[list[str]]:
-    """Nodes that reach each other (Tarjan 1972), without recursion."""
+    """Return the strongly connected components of the graph (Tarjan 1972), without recursion."""
     number: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
@@ -106,7 +106,7 @@ def _cyclic_groups(graph: Graph) -> list[list[str]]:
 
 
 def _shortest_cycle(graph: Graph, group: Sequence[str]) -> list[str]:
-    """A shortest way from an output in `group` back to the input that feeds it."""
+    """Return a shortest cycle from an output in `group` back to the input that feeds it."""
     inside = set(group)
     start = min(node for node in group if node.endswith("<"))
     came: dict[str, str] = {}

@@ -1,6 +1,6 @@
-"""Multi-models of Maestro and the INTO-CPS application (JSON): FMUs, connections, parameters, an algorithm.
+"""Reader of multi-models (JSON) of Maestro and the INTO-CPS application: FMUs, connections, parameters, algorithm.
 
-Its master hands values over between steps, without converting units: Jacobi.
+Maestro exchanges values between steps, without unit conversion: Jacobi.
 """
 
 import math
@@ -33,10 +33,10 @@ _NAME_PATTERN = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<varia
 
 
 def multi_model(file: Path) -> Package:
-    """The system of a multi-model; FMUs are where it says, seen from its folder, else from here.
+    """Read the system of a multi-model; FMU paths are relative to its folder, else to the working directory.
 
     Raises:
-        InputRefused: no such file, no multi-model, or an FMU that is not there.
+        InputRefused: no such file, not a multi-model, or a missing FMU.
     """
     where = f"{file}"
     content = parse_json(read_bytes(file, MAX_STRUCTURE_SIZE), where)
@@ -59,8 +59,8 @@ def multi_model(file: Path) -> Package:
     step, unsaid = _algorithm(content, where)
     others = [key for key in content if key not in SUPPORTED_KEYS]
     unsaid += [f"not read: {', '.join(others)}"] if others else []
-    lonely = [key for key in files if key not in reader.used]
-    unsaid += [f"FMUs without an instance: {', '.join(lonely)}"] if lonely else []
+    unused = [key for key in files if key not in reader.used]
+    unsaid += [f"FMUs without an instance: {', '.join(unused)}"] if unused else []
     given = {name: content.get(name) for name in ("startTime", "endTime")}
     start, stop = (None if one is None else _number(one, f"{where}: {name}") for name, one in given.items())
     times = DefaultExperiment(start, stop, step_notes("org.into-cps", step))
@@ -70,12 +70,12 @@ def multi_model(file: Path) -> Package:
 
 
 class _InstanceNames:
-    """What names in a multi-model mean, and which instances there are.
+    """Resolver of variable names in a multi-model, and its list of instances.
 
     Args:
-        files: of the FMUs, by key.
-        where: for sentences.
-        names: all that the multi-model has.
+        files: FMU files by key.
+        where: prefix of error messages.
+        names: all variable names in the multi-model.
 
     Attributes:
         used: keys of FMUs that have an instance.
@@ -88,12 +88,12 @@ class _InstanceNames:
         self._same = Counter(instance for _, instance in self._found)
 
     def end(self, text: Any) -> Endpoint:
-        """The component and its variable."""
+        """Return the component and variable of a name {fmu}.instance.variable."""
         fmu, instance, variable = self._split_name(text)
         return Endpoint(self._name(fmu, instance), variable)
 
     def parts(self) -> list[tuple[str, str]]:
-        """(component, FMU), in the order of the FMUs."""
+        """Return (component, FMU key) of each instance, in the order of the FMUs."""
         order = {key: number for number, key in enumerate(self._files)}
         return [(self._name(*one), one[0]) for one in sorted(self._found, key=lambda one: order[one[0]])]
 
@@ -106,14 +106,14 @@ class _InstanceNames:
         return match["fmu"], match["instance"], match["variable"]
 
     def _name(self, fmu: str, instance: str) -> str:
-        # two FMUs may have instances of one name
+        # instances of different FMUs may have the same name
         return f"{fmu[1:-1]}_{instance}" if self._same[instance] > 1 else instance
 
 
 def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
     found = content.get(key) or {}
     if not isinstance(found, dict):
-        raise InputRefused(f'{where}: "{key}" is no table')
+        raise InputRefused(f'{where}: "{key}" is not a table')
     return found
 
 
@@ -124,7 +124,7 @@ def _file(file: Path, key: str, source: Any) -> Path:
         path = Path(unquote(urlparse(source).path)) if source.startswith("file:") else Path(source)
     except ValueError as problem:
         raise InputRefused(f"{file}: {key}: '{source}' is no URI: {problem}; expected the path of an FMU") from None
-    # not Path.is_file, which raises for a name that is too long
+    # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     found = next((one for one in (file.parent / path, path) if os.path.isfile(one)), None)
     if found is None:
         raise InputRefused(f"{file}: {key}: no such FMU: {source}")
@@ -142,7 +142,7 @@ def _value(name: str, value: Any, where: str) -> ParameterValue:
 
 
 def _algorithm(content: Mapping[str, Any], where: str) -> tuple[float | None, list[str]]:
-    """(step (s), what is not said of it)."""
+    """Return the fixed step size (s), None if not fixed, and notes on ignored content."""
     algorithm = content.get("algorithm")
     if not isinstance(algorithm, dict):
         return None, []

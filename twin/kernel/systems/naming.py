@@ -1,7 +1,4 @@
-"""What components and variables of a system are called in the master and in a recording, where names are words.
-
-Variables of FMUs as ports of components.
-"""
+"""Names and ports for the variables of a system: identifiers in the master and in recordings."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -12,21 +9,21 @@ from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.variable import Variable
 
 SINGLE_FORM = "FMU"
-"""The form of a system that is one FMU."""
+"""Format name of a system that consists of one FMU."""
 
 _ELEMENT_PATTERN = re.compile(r"(.+)\[(\d+)\]")
 FIELD_KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
-"""Of a recording, by the type of a variable; whole numbers are all others."""
+"""Field type in a recording by variable type; all other types are integers."""
 
 
 def identifier(name: str) -> str:
-    """`name` with letters, digits and underscores alone, a letter first."""
+    """Replace characters other than letters, digits and underscores; the result begins with a letter."""
     text = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "x"
     return text if text[0].isalpha() else f"x_{text}"
 
 
 def unique_names(names: Iterable[str]) -> list[str]:
-    """`names`, those that have come before with a number."""
+    """Make names unique by appending numbers to repeated ones."""
     seen: set[str] = set()
     numbers: dict[str, int] = {}
     found = []
@@ -41,41 +38,41 @@ def unique_names(names: Iterable[str]) -> list[str]:
 
 
 def topic_name(path: str) -> str:
-    """Of a component: `arm/motor` of `arm.motor`."""
+    """Convert a component path to a topic name: `arm.motor` to `arm/motor`."""
     return "/".join(identifier(part) for part in path.split("."))
 
 
 def field_name(variable: str, path: str) -> str:
-    """Of a variable of the component at `path`, whose own name in front of it is left out: `tip` of `arm.tip`."""
+    """Convert a variable name to a field name, without the prefix of the component at `path`: `arm.tip` to `tip`."""
     return identifier(variable.removeprefix(f"{path.rpartition('.')[2]}."))
 
 
 def split_element(variable: str) -> tuple[str, int]:
-    """(array, number) of a variable that is an element of one, `tip[2]`; number 0: it is none."""
+    """Return (array, index) of an array element `tip[2]`; index 0 if the variable is not an element."""
     match = _ELEMENT_PATTERN.fullmatch(variable)
     return (match[1], int(match[2])) if match else (variable, 0)
 
 
 def type_rank(variable: Variable) -> int:
-    """Of its type: 2 real, 1 whole, 0 truth value; a value goes into what has as much room."""
+    """Return a variable's type rank: 2 real, 1 integer, 0 Boolean; values fit targets of equal or higher rank."""
     return {"double": 2, "bool": 0}.get(FIELD_KINDS.get(variable.type, "int"), 1)
 
 
 def port_of(variable: Variable, path: str) -> Port:
-    """The port of a variable of the component at `path`."""
+    """Return the port for a variable of the component at `path`."""
     kind = FIELD_KINDS.get(variable.type, "int")
     meaning = f"{variable.name}: {variable.description}" if variable.description else variable.name
     return Port(field_name(variable.name, path), variable.size, variable.unit or "1", meaning, kind)  # type: ignore[arg-type]
 
 
 def distinct_ports(ports: Sequence[FmuPort]) -> list[FmuPort]:
-    """`ports`, each with a name of its own."""
+    """Return `ports` with unique names."""
     names = unique_names(port.port.name for port in ports)
     return [replace(port, port=replace(port.port, name=name)) for port, name in zip(ports, names, strict=True)]
 
 
 def match_names(pattern: str, names: Iterable[str]) -> list[str]:
-    """Those of `names` that `pattern` means, in which * stands for any characters and ? for one."""
+    """Return the elements of `names` that match `pattern`; * matches any characters, ? a single one."""
     parts = (".*" if c == "*" else "." if c == "?" else re.escape(c) for c in pattern)
     expected = re.compile("".join(parts), re.DOTALL)
     return [name for name in names if expected.fullmatch(name)]

@@ -1,4 +1,4 @@
-"""Systems made ready to be run: FMUs taken out of their archive, planned, coupled."""
+"""Preparation of a system for a run: FMUs extracted, planned, coupled."""
 
 import re
 import shutil
@@ -30,14 +30,12 @@ def open_system(
     additions: Additions = Additions(),  # noqa: B008, it is frozen
     beside: SystemExtras = SystemExtras(),  # noqa: B008, likewise
 ) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
-    """The system of a package, planned and ready to be run.
+    """Plan and couple the system of a package; frees it at the end of the block.
 
     Args:
-        package: of the system.
-        choice: what is asked of the master.
-        compiled: whether FMUs without a binary for this machine are built from their sources.
-        additions: values, inputs over time, and what is recorded.
-        beside: what takes part beside its FMUs and what `additions` add.
+        compiled: whether FMUs without a binary for this platform are built from source.
+        additions: values, inputs over time, and signals to record.
+        beside: components other than FMUs, in addition to those in `additions`.
 
     Raises:
         InputRefused: the system cannot be run.
@@ -47,7 +45,7 @@ def open_system(
             plan = _make_plan(package, Path(scratch), choice, compiled, additions, beside)
             folders = folders_of(plan)
         finally:
-            # before anything is loaded: what crashes would leave it
+            # deleted before any binary is loaded, as a crash would leave the folder behind
             shutil.rmtree(scratch, ignore_errors=True)
         with couple_system(plan, folders) as made:
             yield made.plan, made
@@ -55,7 +53,7 @@ def open_system(
 
 @contextmanager
 def open_plan(package: Package, choice: MasterChoice, compiled: bool, additions: Additions) -> Iterator[SystemPlan]:
-    """The plan of a package, as long as its FMUs are there; arguments and refusals as of `open_system`."""
+    """Yield the plan of a package while its extracted FMUs exist; arguments and errors as in `open_system`."""
     with scratch_folder(package) as scratch:
         try:
             yield _make_plan(package, Path(scratch), choice, compiled, additions, SystemExtras())
@@ -74,7 +72,7 @@ def _make_plan(
         tables = tables + input_extras(names, additions.inputs, additions.settings)
     plan = plan_system(package, flat, files, choice, tables + beside, additions.recorded)
     plan = replace(plan, overruled=tuple(overruled_names(flat, names, additions)))
-    # refuses names that a recording cannot hold, before there is one
+    # refuse names that a recording cannot store before the recording is created
     topics(plan)
     return plan
 
@@ -82,10 +80,16 @@ def _make_plan(
 def extract_fmus(
     package: Package, flat: FlatSystem, scratch: Path, compiled: bool = False
 ) -> tuple[dict[str, Path], SystemNames]:
-    """The FMUs of a system in `scratch`, by entry, and what names in it mean; `compiled` as of `open_system`.
+    """Extract the FMUs of a system to `scratch`.
+
+    Args:
+        compiled: see `open_system`.
+
+    Returns:
+        (FMU files by entry, names of the system).
 
     Raises:
-        InputRefused: a component is no FMU of the archive, or cannot be compiled.
+        InputRefused: a component is not an FMU of the archive, or cannot be compiled.
     """
     files: dict[str, Path] = {}
     entries = fmu_sources(package, flat)
@@ -101,12 +105,12 @@ def extract_fmus(
 
 @contextmanager
 def scratch_folder(package: Package) -> Iterator[str]:
-    """A folder for files of the archive; sentences of the block that tell of it tell of the archive instead."""
+    """Create a temporary folder for extracted files; error messages show the package's path instead of its path."""
     scratch = tempfile.mkdtemp()
     try:
         yield scratch
     except TwinError as error:
-        # how to build a file that the archive holds
+        # replaced first, as it contains the path
         text = re.sub(rf"twin drive info {re.escape(scratch)}/\S+ --compile builds", "--compile builds", str(error))
         for entry, path in package.loose.items():
             text = text.replace(f"{scratch}/{entry}", str(path))

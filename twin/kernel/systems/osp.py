@@ -1,6 +1,6 @@
-"""OspSystemStructure.xml of the Open Simulation Platform (schema 0.1), the format of libcosim.
+"""Reader of OspSystemStructure.xml (Open Simulation Platform, schema 0.1), the format of libcosim.
 
-Its master steps all simulators at once and hands values over between steps, without converting units: Jacobi.
+libcosim steps all simulators at once and exchanges values between steps, without unit conversion: Jacobi.
 """
 
 import os
@@ -42,14 +42,14 @@ UNSUPPORTED_ELEMENTS = {
     "VariableGroupConnection": "a connection of groups, which other files define",
     "SignalGroupConnection": "a connection of groups, which other files define",
 }
-"""Elements that are not read, and what they are."""
+"""Unsupported elements and their descriptions."""
 
 
 def osp_system(file: Path) -> Package:
-    """The system of an OspSystemStructure.xml; FMUs are where their sources say, seen from the file.
+    """Read the system of an OspSystemStructure.xml; FMU sources are relative to the file.
 
     Raises:
-        InputRefused: no such file, an FMU that is not there, or what is not supported.
+        InputRefused: no such file, a missing FMU, or unsupported content.
     """
     where = f"{file}"
     root = parse_xml(read_bytes(file, MAX_STRUCTURE_SIZE), where)
@@ -80,11 +80,11 @@ def _source(file: Path, source: str) -> Path:
         url = urlparse(source)
     except ValueError as problem:
         raise InputRefused(f"{file}: source '{source}' is no URI: {problem}; expected an FMU on this machine") from None
-    # a drive of Windows is no scheme
+    # the drive letter of a Windows path is parsed as a scheme
     if url.scheme not in ("", "file") and len(url.scheme) > 1:
         raise InputRefused(f"{file}: source '{source}' is not a file; expected an FMU on this machine")
     path = (file.parent / unquote(url.path)) if url.scheme in ("", "file") else Path(source)
-    # not Path.is_file, which raises for a name that is too long
+    # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(path):
         raise InputRefused(f"{file}: source '{source}': no such FMU at {path}")
     return path
@@ -110,7 +110,7 @@ def _number(root: ET.Element, name: str, where: str) -> float | None:
 
 
 class _Wiring:
-    """Connections of variables, those through a linear transformation as one each."""
+    """Connections of variables; two through a linear transformation become one."""
 
     def __init__(self, root: ET.Element, files: dict[str, Path], where: str):
         self._files, self._where = files, where
@@ -160,7 +160,7 @@ class _Wiring:
         )
 
     def _orient(self, first: Endpoint, second: Endpoint) -> Connection:
-        """From the one that is no input to the other."""
+        """Orient a connection from the variable that is not an input to the other."""
         if self._is_input(first) and not self._is_input(second):
             first, second = second, first
         return Connection(first, second)

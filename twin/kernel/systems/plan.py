@@ -1,4 +1,4 @@
-"""The plan of a system: FMUs checked, connections and values converted; nothing is loaded."""
+"""Plan of a system: FMUs checked, connections and values converted; no binary is loaded."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -38,30 +38,30 @@ from twin.kernel.systems.timing import Timing, step_order, timing
 from twin.kernel.systems.unit_conversion import ParsedUnit, connection_map, parse_unit, unit_of_variable
 
 MAX_HINT_NAMES = 1000
-"""So many names are not searched for one that is alike."""
+"""Maximum number of names that are searched for a suggestion."""
 IMPLEMENTATION_KINDS: Mapping[str, Kind | None] = {
     "any": None,
     "CoSimulation": "co_simulation",
     "ModelExchange": "model_exchange",
 }
-"""What a structure calls the kinds of FMUs."""
+"""Kind of FMU by its name in an SSP structure."""
 SETTABLE_CAUSALITIES = ("parameter", "structuralParameter", "input")
 STARTING_INITIALS = ("exact", "approx")
-"""What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
+"""Variables that can be set before a run: these causalities, or an own start value (SSP 1.0, 5.3.5)."""
 
 
 @dataclass(frozen=True)
 class SystemPart:
-    """A component of the system.
+    """A component of a planned system.
 
     Attributes:
-        path: by which the system calls it.
-        name: in the master, and of its topic.
-        description: of its FMU, parameters that size arrays set.
-        inputs: that are fed, scaled for what feeds them.
-        outputs: that are recorded, and then those that are only read, as the FMU gives them.
-        recorded: how many of these are recorded.
-        settings: values of parameters and of inputs before initialisation.
+        path: name in the system.
+        name: name in the master, and of its topic.
+        description: FMU description, with parameters that size arrays applied.
+        inputs: connected inputs, scaled for their sources.
+        outputs: recorded outputs, then outputs that are only read, unscaled.
+        recorded: number of recorded outputs.
+        settings: values of parameters and inputs before initialisation.
         unfed: inputs without a source.
     """
 
@@ -77,19 +77,19 @@ class SystemPart:
 
 @dataclass(frozen=True)
 class SystemPlan:
-    """A system that can be made.
+    """A checked system, ready to be coupled.
 
     Attributes:
-        package: where it is from.
-        parts: in the order in which they step.
-        wires: (output, input) of the master, "part.port" each.
-        timing: of the run.
-        choice: what is asked of the master.
-        ignored: names that get values, and nothing is called so.
-        forgiven: offences of files that were let through.
-        beside: what takes part beside the FMUs.
+        package: its origin.
+        parts: in step order.
+        wires: (output, input) in the master, "part.port" each.
+        timing: start, end and steps of the run.
+        choice: options of the master.
+        ignored: names with values that match no variable.
+        forgiven: accepted violations of files.
+        extras: components other than FMUs.
         overruled: settings and SSV parameters of inputs that connections feed.
-        unreadable: locals whose FMU does not return them; they are not recorded.
+        unreadable: local variables that their FMU does not return; they are not recorded.
     """
 
     package: Package
@@ -105,13 +105,15 @@ class SystemPlan:
 
     @property
     def scheme(self) -> Scheme:
-        """Of the coupling."""
+        """Coupling scheme of the master: the user's, else the default of the file format."""
         return self.choice.scheme or self.package.scheme
 
     @property
     def delayed_connections(self) -> list[tuple[str, str]]:
-        """(output, input) of what gets values from the start of the step: in Gauss-Seidel order what leads back. Both
-        as the system calls them."""
+        """Connections that carry values from the start of the step: (output, input) with the names of the system.
+
+        All in Jacobi order; in Gauss-Seidel order, those against the step order.
+        """
         order = {part.name: number for number, part in enumerate(self.parts)}
         outputs, inputs = (
             {
@@ -131,10 +133,10 @@ class SystemPlan:
 
 
 def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
-    """The entry of the archive of each component's FMU, by its path.
+    """Return the archive entry of each component's FMU, by component path.
 
     Raises:
-        InputRefused: there is no component, or one is something else, or not in the archive.
+        InputRefused: no component, or a component that is not an FMU of the archive.
     """
     if not flat.components:
         raise InputRefused(f"{package.file}: a system without components; expected at least one")
@@ -163,20 +165,18 @@ def plan_system(
     patterns: Sequence[str] = (),
     when: Timing | None = None,
 ) -> SystemPlan:
-    """The plan of a system.
+    """Plan a system: choose FMU kinds, check connections, and convert units and values.
 
     Args:
-        package: of the system.
-        flat: the system.
-        files: of the FMUs, by entry.
-        choice: what is asked of the master.
-        beside: what takes part beside the FMUs.
-        patterns: of what is recorded; none: every output, and what connections begin at.
-        when: it is run; None: as `timing` finds.
+        files: FMU files by entry.
+        choice: options of the master.
+        beside: components other than FMUs.
+        patterns: name patterns of the signals to record; empty for all outputs and all sources of connections.
+        when: times and steps; None to determine them by `timing`.
 
     Raises:
-        InputRefused: an FMU that cannot be used, a connection that cannot be made, a value that cannot be set, an
-            input that has no value or no sample inside the run, or the length of a step or of the run is not stated.
+        InputRefused: an invalid FMU, connection or value, an input without a value or without a sample in the run, or a
+            step size or end time that is stated nowhere.
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)
@@ -202,12 +202,12 @@ def plan_system(
 def _choose_kind(
     file: Path, stated: str, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
 ) -> FmuDescription:
-    """The FMU of a component as what it is used: what is asked for it by name, else stated, else asked for all."""
+    """Describe the FMU of a component as the kind in use: chosen by name, else stated, else chosen for all."""
     usual = read(file)
     named, stated_kind = choice.kinds.get(path), IMPLEMENTATION_KINDS[stated]
     kind = named or stated_kind
     if kind is None:
-        # asked for all means those that can be
+        # a choice for all components applies only to FMUs that support it
         every = choice.kinds.get("")
         return read(file, every) if every in usual.kinds else usual
     if kind not in usual.kinds:
@@ -217,11 +217,11 @@ def _choose_kind(
 
 
 class _Planner:
-    """Makes parts, and remembers what wires need.
+    """Planner of parts and wires.
 
     Attributes:
-        ignored: names of variables that get values and that their FMU has not.
-        forgiven: offences that are let through.
+        ignored: names with values that match no variable of their FMU.
+        forgiven: accepted violations.
     """
 
     def __init__(
@@ -239,7 +239,7 @@ class _Planner:
         self._lenient = choice.lenient
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
-        # /events is in every recording
+        # every recording has the topic /events
         taken = [EVENTS_TOPIC, *(one.name for one in beside.components)]
         names = unique_names([*taken, *(topic_name(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
@@ -340,14 +340,14 @@ class _Planner:
             start = ParsedUnit(start.text, conversion(start.text, description.model.unitDefinitions))
         led = connection_map(start, self._hops(assigned.hops or (UnitStep(),), where), own, self._units, where)
         for value in values:
-            # what a double would round
+            # check the exact integer, which a double would round
             if isinstance(value, int) and variable.type not in REAL_TYPES and (why := variable.range_error(value)):
                 raise InputRefused(f"{where} = {value}: {why}")
         numbers = [led.apply(float(value)) for value in values]
         return numbers[0] if len(numbers) == 1 else numbers
 
     def _item_numbers(self, values: list[float] | list[str], where: str) -> list[float] | list[str]:
-        """Items of an enumeration that are given by their numbers as text."""
+        """Convert enumeration items that are given by number as text."""
         numbers = [parse_number(value) for value in values]
         if not isinstance(values[0], str) or not all(math.isfinite(one) for one in numbers):
             return values
@@ -355,7 +355,7 @@ class _Planner:
         return numbers
 
     def _without_brackets(self, description: FmuDescription) -> FmuDescription:
-        """The same FMU with its variables in units without brackets."""
+        """Remove the brackets around units of an FMU's variables."""
         changed = {}
         for name, variable in description.variables.items():
             unit = self._unit(variable.unit, f"{description.path}: {name}")
@@ -365,7 +365,7 @@ class _Planner:
         return replace(description, variables=description.variables | changed)
 
     def _unit(self, unit: str, where: str) -> str:
-        """A unit without brackets around it, which no standard knows."""
+        """Remove brackets around a unit, which no standard allows, if lenient."""
         if not (self._lenient and unit.startswith("[") and unit.endswith("]")):
             return unit
         self.forgiven.append(f"{where}: the unit '{unit}' taken as '{unit[1:-1]}'")
@@ -394,7 +394,7 @@ class _Planner:
         return variable
 
     def _match_patterns(self, patterns: Sequence[str]) -> dict[str, list[Variable]] | None:
-        """What is to be recorded of each component; None: nothing is said."""
+        """Return the variables to record by component; None without patterns."""
         if not patterns:
             return None
         alone = self._package.form == SINGLE_FORM
@@ -423,14 +423,14 @@ class _Planner:
     def _output_ports(
         self, path: str, sources: Mapping[str, None], chosen: Mapping[str, list[Variable]] | None
     ) -> tuple[FmuPort, ...]:
-        """Outputs of the FMU or what is `chosen` of it, and what else connections begin at."""
+        """Return the output ports: the FMU's outputs or the `chosen` variables, then further sources of connections."""
         begun = [self._variable(path, name, ("output", "local"), "begins at an output") for name in sources]
         offered = self._descriptions[path].variables_of("output") if chosen is None else list(chosen[path])
         self._recorded[path] = len(offered)
         offered += [variable for variable in begun if variable not in offered]
         if chosen is None:
             self._recorded[path] = len(offered)
-        # what -0.0 is added to stays what it is
+        # adding -0.0 leaves every value unchanged, adding 0.0 would turn -0.0 into 0.0
         return tuple(distinct_ports([FmuPort(port_of(v, path), v, 1.0, -0.0) for v in offered]))
 
     def _feed_port(self, feed: Feed) -> FmuPort:

@@ -1,4 +1,4 @@
-"""Systems of FMUs from files of any kind: what a file is, is seen from its name."""
+"""Reading of systems from any supported file; the format is recognised by the file name."""
 
 import os
 from pathlib import Path
@@ -15,15 +15,14 @@ EXPECTED_FILES = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-m
 
 
 def read_system(file: Path) -> Package:
-    """The system that `file` says: an SSP archive, an FMU by itself, an OspSystemStructure.xml or the folder that has
-    one, or a multi-model of Maestro.
+    """Read a system from an SSP archive, an FMU, an OspSystemStructure.xml (or its folder) or a Maestro multi-model.
 
     Raises:
-        InputRefused: no such file, or not a whole one of its kind.
+        InputRefused: no such file, or an invalid one.
     """
     if os.path.isdir(file) and os.path.isfile(file / OSP_FILE):
         file = file / OSP_FILE
-    # not Path.is_file, which raises for a name that is too long
+    # unlike Path.is_file, os.path.isfile does not raise for a name that is too long
     if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such file; expected {EXPECTED_FILES}")
     kind = file.suffix.lower()
@@ -35,11 +34,7 @@ def read_system(file: Path) -> Package:
 
 
 def single_fmu(file: Path) -> Package:
-    """A system of one FMU, called as its file is.
-
-    Raises:
-        InputRefused: no FMU that can be used.
-    """
+    """Make a system of one FMU, named after its file."""
     name = identifier(file.stem)
     structure = Structure(
         name,

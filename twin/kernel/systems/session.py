@@ -1,5 +1,7 @@
-"""Systems of FMUs from Python: loaded, wired, stepped, asked, set, saved and observed. Here and in `twin cosim` one
-plan and one loop make the run, so both give the same bits."""
+"""Python interface to co-simulation: load, wire, step, read, set, save and observe systems of FMUs.
+
+`twin cosim` uses the same plan and the same loop, so results have the same bits.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -48,7 +50,7 @@ _PORT_PATTERN = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
 
 
 class ObservedSeries:
-    """Observed signals: `series["motor.omega"]` is an array (n,), or (n, size); `series.t` its times (s), (n,)."""
+    """Observed signals: `series["motor.omega"]` is (n,) or (n, size), `series.t` the times (s), (n,)."""
 
     def __init__(self, columns: Mapping[str, slice], tick: float):
         self._columns, self._tick = columns, tick
@@ -57,19 +59,19 @@ class ObservedSeries:
 
     @property
     def names(self) -> list[str]:
-        """What is observed."""
+        """Names of the observed signals."""
         return list(self._columns)
 
     @property
     def t(self) -> np.ndarray:
-        """Times of the rows (s), (n,)."""
+        """Times of the rows (s), shape (n,)."""
         return self._tick * np.arange(self._first, self._next)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Values of an observed signal.
+        """Return the values of an observed signal, shape (n,) or (n, size).
 
         Raises:
-            InputRefused: it is not observed.
+            InputRefused: the signal is not observed.
         """
         if name not in self._columns:
             raise InputRefused(f"'{name}' is not observed; {nearest(name, self._columns, 'it has {}')}")
@@ -80,7 +82,7 @@ class ObservedSeries:
     def _append(self, first: int, rows: np.ndarray) -> None:
         if not self._rows or first < self._first:
             self._rows, self._first = [], first
-        # what came after a state that was gone back to
+        # drop rows after a restored state
         while self._rows and self._next > first:
             last = self._rows.pop()
             self._next -= len(last)
@@ -92,13 +94,13 @@ class ObservedSeries:
 
 
 class Cosimulation:
-    """A co-simulation of FMUs, and of components in Python between them.
+    """A co-simulation of FMUs and Python components.
 
     Args:
-        tick: length of a step (s); None: as `read` finds it, or the shortest that an FMU states.
-        stop: when the run ends at the latest (s); FMUs get it, too.
-        scheme: "gauss_seidel": components step one after the other as they were loaded, each sees the newest values of
-            those before it; "jacobi": all see the values from the start of the step.
+        tick: step size (s); None for the step size of the file read, or the shortest that an FMU states.
+        stop: latest end of the run (s); also passed to the FMUs.
+        scheme: "gauss_seidel": components step in load order, each with the newest values of those before it; "jacobi":
+            all use the values from the start of the step.
     """
 
     def __init__(self, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None):
@@ -118,10 +120,10 @@ class Cosimulation:
     def read(
         cls, file: str | Path, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None
     ) -> Self:
-        """The system of a file, as `twin cosim` takes it; arguments but `file` as of the class.
+        """Open the system of a file, like `twin cosim`; further arguments as of the class.
 
         Raises:
-            InputRefused: no such file.
+            InputRefused: no such file, or an invalid one.
         """
         made = cls(tick, stop, scheme)
         made._system = Path(file)
@@ -129,15 +131,15 @@ class Cosimulation:
         return made
 
     def load(self, name: str, fmu: str | Path, start: Mapping[str, Value] | None = None, **more: Value) -> None:
-        """Take an FMU into the system.
+        """Add an FMU to the system.
 
         Args:
-            name: of the component: letters, digits and _.
-            fmu: its file.
-            start: values of parameters and inputs before initialisation, in the FMU's units; `more` the same.
+            name: component name of letters, digits and _.
+            start: values of parameters and inputs before initialisation, in the FMU's units.
+            more: further values.
 
         Raises:
-            InputRefused: no FMU that can be used, or a name that is taken. A wrong value is refused at the first step.
+            InputRefused: an invalid FMU, or a name in use. An invalid value is refused at the first step.
         """
         self._register_name(name)
         described(Path(fmu))
@@ -148,16 +150,15 @@ class Cosimulation:
     def add(
         self, name: str, model: PythonModel | Component, period: int = 1, initial: Sequence[float] | None = None
     ) -> None:
-        """Take a component of another kind into the system.
+        """Add a component that is not an FMU to the system.
 
         Args:
-            name: of the component.
             model: an object with `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`; or a `Component`.
-            period: ticks from one step to the next.
-            initial: its outputs before the first step; zeros if not given.
+            period: step of the component (ticks).
+            initial: outputs before the first step; None for zeros.
 
         Raises:
-            InputRefused: a name that is taken.
+            InputRefused: the name is in use.
         """
         self._register_name(name)
         if isinstance(model, Component):
@@ -167,34 +168,34 @@ class Cosimulation:
             self._others[name] = PythonComponent(name, model, period, initial)
 
     def wire(self, output: str, input: str, factor: float = 1.0, offset: float = 0.0) -> None:
-        """Connect "component.output" with "component.input"; units are converted.
+        """Connect "component.output" with "component.input", with unit conversion.
 
         Args:
-            output: where the value comes from.
-            input: where it goes to.
-            factor, offset: the input gets factor * value + offset; between FMUs alone.
+            output: source of the value.
+            input: target of the value.
+            factor, offset: the input gets factor * value + offset; only between FMUs.
 
         Raises:
-            InputRefused: the system runs already.
+            InputRefused: the system is already running.
         """
         self._refuse_running("wires")
         self._wires.append((output, input, Transformation(factor, offset)))
 
     def feed(self, input: str, signal: str) -> None:
-        """Give an input a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`.
+        """Connect an input to a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`.
 
         Raises:
-            InputRefused: the system runs already. A wrong signal is refused at the first step.
+            InputRefused: the system is already running. An invalid signal is refused at the first step.
         """
         self._refuse_running("signals")
         self._inputs.append(f"{input}={signal}")
 
     def step(self, ticks: int = 1) -> None:
-        """Go on by so many ticks, the first time from initialisation.
+        """Advance by a number of ticks; the first call initialises the system.
 
         Raises:
-            InputRefused: the system cannot be made, or it would go beyond `stop`.
-            ComponentFailed: a component failed; what was observed until then stays.
+            InputRefused: the system cannot be set up, or the steps exceed `stop`.
+            ComponentFailed: a component failed; rows observed until then are kept.
         """
         _, _, simulation = self._running_parts()
         if ticks < 1 or simulation.next_tick + ticks > simulation.last_tick + 1:
@@ -203,22 +204,22 @@ class Cosimulation:
         self._advance(ticks)
 
     def run(self) -> None:
-        """Go on until `stop`; the last row is that of `stop`. Errors as of `step`."""
+        """Advance to `stop`, which is the time of the last row. Errors as in `step`."""
         _, _, simulation = self._running_parts()
         self._advance(simulation.last_tick + 1 - simulation.next_tick)
 
     @property
     def t(self) -> float:
-        """Where the system stands (s)."""
+        """Current time of the system (s)."""
         plan, _, simulation = self._running_parts()
         return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
 
     def get(self, name: str) -> float | np.ndarray:
-        """The present value of "component.variable", of an FMU in its own unit: a number, or (size,) of an array.
+        """Read the present value of "component.variable" in the FMU's own unit: a number, or (size,) for an array.
 
         Raises:
-            InputRefused: there is none, or it is no number.
-            ComponentFailed: the FMU does not say it.
+            InputRefused: no such variable, or not a number.
+            ComponentFailed: the FMU does not return the value.
         """
         component, variable = self._place(name)
         simulation = self._running_parts()[2]
@@ -227,7 +228,7 @@ class Cosimulation:
             if found.kind < 0:
                 raise InputRefused(f"{name} is {found.type}; expected a number")
             exact = component.instance.values(found)
-            # this is no signal, so whole numbers of 64 bits stay exact
+            # exact integers of 64 bits: unlike a signal, the value need not be a double
             large = any(isinstance(value, int) and abs(value) > MAX_EXACT for value in exact)
             values = np.array(exact, dtype=object if large else float)
         else:
@@ -238,19 +239,21 @@ class Cosimulation:
         return values.tolist()[0] if len(values) == 1 else values
 
     def set(self, name: str, value: Value) -> None:
-        """Set "component.variable": before the first step what may be set then, afterwards an input that nothing feeds,
-        or a tunable parameter. It holds until it is set again.
+        """Set the variable "component.variable"; the value remains until the next call.
+
+        Before the first step, parameters, inputs and variables with a start value can be set; later, inputs without a
+        source and tunable parameters.
 
         Raises:
             InputRefused: it cannot be set, or not to this value.
-            ComponentFailed: the FMU refuses.
+            ComponentFailed: the FMU refuses the value.
         """
         if self._running is None:
             self._settings[name] = setting_text(value)
             return
         component, variable = self._place(name)
         if not isinstance(component, FmuComponent):
-            raise InputRefused(f"{component.name} is no FMU; set an attribute of its object")
+            raise InputRefused(f"{component.name} is not an FMU; set an attribute of its object")
         found = self._variable(component, variable)
         fed = {port.variable.name for port in component.ports[0]}
         if found.name in fed:
@@ -261,11 +264,10 @@ class Cosimulation:
         component.instance.write([(found, setting_value(component.instance.description.path, found, value))])
 
     def observe(self, *patterns: str) -> ObservedSeries:
-        """What outputs that match one of `patterns` are from now on, a row for each tick that is over; all if none is
-        given.
+        """Record outputs that match one of `patterns` (all without patterns) from now on, one row per completed tick.
 
         Raises:
-            InputRefused: a pattern means nothing.
+            InputRefused: a pattern matches no output.
         """
         _, made, _ = self._running_parts()
         known = {name: place for component in made.system.components
@@ -286,19 +288,19 @@ class Cosimulation:
         return series
 
     def state(self) -> SystemState:
-        """The state here, for `restore`.
+        """Save the present state, for `restore`.
 
         Raises:
-            InputRefused: a component has none.
+            InputRefused: a component cannot save its state.
             ComponentFailed: an FMU refuses.
         """
         return self._running_parts()[2].state()
 
     def restore(self, state: SystemState | SavedState) -> None:
-        """Go back, or on, to where `state` was taken; rows of what was after it are replaced by those that come now.
+        """Restore a saved state; observed rows after it are replaced as the system advances again.
 
         Raises:
-            InputRefused: it is of another system.
+            InputRefused: the state is of another system.
             ComponentFailed: an FMU refuses.
         """
         self._running_parts()[2].restore(state)
@@ -328,13 +330,15 @@ class Cosimulation:
                 raise simulation.failure
 
     def _running_parts(self) -> tuple[SystemPlan, PreparedSystem, Simulation]:
-        """The running system, made at the first time."""
+        """Return plan, prepared system and simulation, created by the first call."""
         if self._running is None:
             additions = Additions([f"{name}={text}" for name, text in self._settings.items()], inputs=self._inputs)
             if self._system is not None:
                 package, beside = read_system(self._system), SystemExtras()
                 if self._order or self._wires:
-                    raise InputRefused(f"{self._system}: a system of a file takes no more components or wires")
+                    raise InputRefused(
+                        f"{self._system}: components and wires cannot be added to a system read from a file"
+                    )
             else:
                 if self._stop is None:
                     raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
@@ -369,7 +373,8 @@ class Cosimulation:
                 continue
             if line != Transformation():
                 raise InputRefused(
-                    f"the wire from {output} to {input}: a factor or an offset; leave that to the Python"
+                    f"the wire from {output} to {input}: a factor or an offset is supported between FMUs only; "
+                    "apply it in the Python component"
                 )
             if inside[1]:
                 port = self._port(start, "outputs")
@@ -385,7 +390,7 @@ class Cosimulation:
         return SystemExtras(tuple(self._others.values()), tuple(feeds), tuple(drains), tuple(wires), tuple(order))
 
     def _refuse_units(self, start: Endpoint, unit: str, output: str, input: str) -> None:
-        """What leaves an FMU is in its own unit."""
+        """Refuse a wire to a port with another unit, as FMU outputs are passed on in the FMU's own unit."""
         variable = described(self._files[start.element]).variables.get(start.connector)
         if variable is not None and unit not in ("1", variable.unit):
             raise InputRefused(

@@ -1,4 +1,4 @@
-"""How long a system is run, in which steps, and in which order: what is asked, else what its files say."""
+"""Duration, steps and step order of a run: the user's options, else the statements of the system's files."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -16,28 +16,28 @@ from twin.kernel.systems.naming import SINGLE_FORM
 
 MAX_TICKS = 1e12
 DEFAULT_STEPS = 500
-"""Steps, or some more, of an FMU that states neither how long they are: as many as FMPy takes."""
+"""Approximate number of steps of a single FMU that states no step size; FMPy uses the same."""
 STEP_ATTRIBUTES = ("stepSize", "baseStepSize")
-"""What OMSimulator and libcosim call the length of a step in annotations."""
+"""Annotation attributes for the step size of OMSimulator and libcosim."""
 ORDER_ANNOTATION = "twin.order"
-"""Type of the annotation of a system that says in which order its components step."""
+"""Type of the system annotation that states the step order of its components."""
 
 
 def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:
-    """The annotation of a type that says the length of a step (s); none of no step."""
+    """Return an annotation that states a step size (s); empty without a step."""
     return (Annotation(type_, f'<step stepSize="{step!r}" />'),) if step else ()
 
 
 class Timing(NamedTuple):
-    """When a run begins and ends, and in which steps.
+    """Start, end and steps of a run.
 
     Attributes:
-        tick: length of a step (s).
-        source: who says so.
-        first, ticks: of the run, the first tick and the last one, which gets no step; 0: that is not known.
-        stop_source: who says when it ends; "": the system or the user.
-        periods: by component, its step in ticks.
-        rounded: what was done to a step of which the run is no whole number; "" if it is one.
+        tick: step size (s).
+        source: origin of the step size.
+        first, ticks: first and last tick of the run; no step follows the last one. 0 if unknown.
+        stop_source: origin of the end time; "" for the system or the user.
+        periods: step of each component (ticks).
+        rounded: note on a step size changed to divide the run; "" if unchanged.
     """
 
     tick: float
@@ -50,23 +50,21 @@ class Timing(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """Of the run (s)."""
+        """Duration of the run (s)."""
         return (self.ticks - self.first) * self.tick
 
 
 def timing(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], choice: MasterChoice
 ) -> Timing:
-    """As the user asks, else as the system says, else as its FMUs say.
+    """Determine start, end and steps of a run from the user's options, else the system, else its FMUs.
 
     Args:
-        package, flat: the system.
-        descriptions: of the FMUs, by component.
-        choice: what is asked.
+        descriptions: FMU descriptions by component.
 
     Raises:
-        InputRefused: it is not stated, which names all that is missing; or the run does not begin and end with a step
-            of each component.
+        InputRefused: a value is stated nowhere (the message names all of them), or start or end is not a multiple of a
+            component's step.
     """
     steps = _steps(package, flat, choice)
     length, source = (
@@ -116,18 +114,19 @@ def timing(
 def timing_inside(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], tick: float, every: int, ticks: int
 ) -> Timing:
-    """Of a system that is stepped by another one, from 0 s on: each component as its annotation says, else as the
-    structure's, else once in each step of the whole.
+    """Determine the steps of a system that is a component of another system, starting at 0 s.
+
+    The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
+    component.
 
     Args:
-        package, flat: the system.
-        descriptions: of the FMUs, by component.
-        tick: of the other one (s).
-        every: ticks in a step of the whole.
-        ticks: of the run; 0: not known.
+        descriptions: FMU descriptions by component.
+        tick: step size of the enclosing system (s).
+        every: ticks in a step of the enclosing component.
+        ticks: duration of the run (ticks); 0 if unknown.
 
     Raises:
-        InputRefused: a component's step is no whole number of ticks.
+        InputRefused: a component's step is not a whole number of ticks.
     """
     own = _steps(package, flat, MasterChoice())
     length, source = _annotation_step(package)
@@ -141,16 +140,16 @@ def timing_inside(
 
 
 def _round_step(step: float) -> float:
-    """The next shorter of 1, 2 and 5 times a power of ten."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(step))
     return next(times * power for times in (5.0, 2.0, 1.0) if times * power <= step * (1.0 + 1e-9))
 
 
 def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
-    """The components in the order in which they step: asked for, else annotated, else that of the file.
+    """Return the components in step order: the user's, else the annotated, else the file's.
 
     Raises:
-        InputRefused: the annotation names what is no component.
+        InputRefused: the annotation names an unknown component.
     """
     asked = list(choice.order) or list(_annotated_order(package, flat))
     return [*asked, *(path for path in flat.components if path not in asked)]
@@ -176,7 +175,7 @@ def _whole_steps(time: float, step: float, what: str, cure: str) -> int:
 
 
 def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str, float]:
-    """By component the step that is asked for, or annotated at it (s)."""
+    """Return the step of each component that has an own one, from the user or its annotation (s)."""
     found = {}
     for path, component in flat.components.items():
         noted = next(_annotation_steps(component.annotations, f"{package.file}: {path}"), None)
@@ -187,7 +186,7 @@ def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str
 
 
 def _annotation_steps(annotations: tuple[Annotation, ...], where: str) -> Iterator[tuple[float, str]]:
-    """(step (s), type of the annotation) of those that state one."""
+    """Yield (step (s), annotation type) of the annotations that state a step."""
     for note in annotations:
         for element in (
             parse_xml(note.content.encode(), f"{where}: annotation {note.type}").iter() if note.content else ()
@@ -200,7 +199,7 @@ def _annotation_steps(annotations: tuple[Annotation, ...], where: str) -> Iterat
 def _structure_step(
     package: Package, descriptions: Mapping[str, FmuDescription], own: Mapping[str, float]
 ) -> tuple[float | None, str]:
-    """The length of a step (s), and who says so: a tool in the structure, else who wants the shortest."""
+    """Return the step size (s) and its origin: the structure's annotation, else the shortest step of the FMUs."""
     if (annotated := _annotation_step(package))[0] is not None:
         return annotated
     wanted = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
@@ -212,7 +211,7 @@ def _structure_step(
 
 
 def _annotation_step(package: Package) -> tuple[float | None, str]:
-    """The length of a step (s) by a tool in the structure, and by which; (None, ""): none says it."""
+    """Return the step size that an annotation of the structure states (s) and its origin; (None, "") without one."""
     structure = package.structure
     notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
     found = next(_annotation_steps(notes, f"{package.file}"), None)
@@ -220,7 +219,7 @@ def _annotation_step(package: Package) -> tuple[float | None, str]:
 
 
 def _latest_end(descriptions: Mapping[str, FmuDescription]) -> tuple[float | None, str]:
-    """The latest stop time (s) that an FMU states, and which one; (None, ""): none does."""
+    """Return the latest stop time of the FMUs (s) and its origin; (None, "") if no FMU states one."""
     ends = {path: _experiment(one, "stopTime") for path, one in descriptions.items()}
     ends = {path: end for path, end in ends.items() if 0.0 < end < math.inf}
     if not ends:
@@ -230,11 +229,11 @@ def _latest_end(descriptions: Mapping[str, FmuDescription]) -> tuple[float | Non
 
 
 def _common_start(descriptions: Mapping[str, FmuDescription]) -> float:
-    """The start time (s) of all FMUs that state one; 0 if they differ."""
+    """Return the start time that all FMUs with a start time share (s); 0 if they differ."""
     starts = {start for one in descriptions.values() if math.isfinite(start := _experiment(one, "startTime"))}
     return starts.pop() if len(starts) == 1 else 0.0
 
 
 def _experiment(description: FmuDescription, name: str) -> float:
-    """A number of an FMU's DefaultExperiment; NaN: not stated."""
+    """Return a number of an FMU's DefaultExperiment; NaN if not stated."""
     return parse_number(getattr(description.model.defaultExperiment, name, None))

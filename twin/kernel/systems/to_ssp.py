@@ -1,4 +1,4 @@
-"""A system as an SSP 1.0 archive: what `twin cosim` has read, in the form that the standard gives it."""
+"""Writer of a system as an SSP 1.0 archive, for systems that `twin cosim` has read from any format."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
@@ -37,13 +37,13 @@ IMPLEMENTATION_NAMES: Mapping[str, Implementation] = {
 
 
 def ssp_archive(plan: SystemPlan) -> bytes:
-    """The archive of a system: its structure as it was planned, its FMUs, tables and parameter sets.
+    """Write the archive of a system: planned structure, FMUs, tables and parameter sets.
 
-    Values, steps, times, kinds and order that were asked for stand in it. The standard has no word for the length of a
-    step, for an order and a scheme: these are annotations, which `twin cosim` reads.
+    The user's values, steps, times, kinds and step order are included. SSP does not define step size, step order and
+    coupling scheme; these are annotations, which `twin cosim` reads.
 
     Raises:
-        InputRefused: signals were fed in, which the standard cannot say.
+        InputRefused: the system has input signals, which SSP cannot express.
     """
     package = plan.package
     fed = [feed for feed in plan.extras.feeds if feed.by.startswith("--input")]
@@ -82,7 +82,7 @@ def ssp_archive(plan: SystemPlan) -> bytes:
 
 
 def _foreign_annotations(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
-    """Without those that are written anew, and steps of other tools."""
+    """Drop annotations that are written again, and step annotations of other tools."""
     return tuple(
         one
         for one in annotations
@@ -102,7 +102,7 @@ def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotati
 
 
 def _value(name: str, variable: Variable, value: object) -> ParameterValue:
-    """A value as it was set, in the FMU's unit."""
+    """Convert a setting to an SSP value in the FMU's unit."""
     if isinstance(value, list):
         if len(value) != 1 or not isinstance(value[0], str):
             raise InputRefused(f"{name}: arrays of text and bytes cannot be written as SSP 1.0")
@@ -119,7 +119,7 @@ def _type(variable: Variable) -> str:
 
 
 def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
-    """By component those that connections need."""
+    """Return the connectors that connections need, by component."""
     found: dict[str, list[Connector]] = {}
     for part in plan.parts:
         ports = [port.variable for port in (*part.inputs, *part.outputs)]
@@ -139,7 +139,7 @@ def _complete_components(
     kinds: Mapping[str, Implementation],
     steps: Mapping[str, float],
 ) -> SspSystem:
-    """`system` whose components have the connectors that they need, and say as what they are used."""
+    """Add the missing connectors and the kind in use to the components of `system`."""
     elements: list[SspComponent | SspSystem] = []
     for one in system.elements:
         below = f"{path}.{one.name}" if path else one.name
@@ -160,5 +160,5 @@ def _complete_components(
 
 
 def _ssp_1_type(type_: str) -> str:
-    """A type of SSP 2.0 as 1.0 calls it."""
+    """Convert a type of SSP 2.0 to the type of SSP 1.0."""
     return "Real" if type_ in REAL_TYPES else "Integer" if type_ in INTEGER_TYPES else type_

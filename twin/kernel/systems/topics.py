@@ -1,4 +1,4 @@
-"""A topic for each component of a system: its outputs, elements of an array as one signal again."""
+"""Recording topics of a system: one per component, with array elements joined to one signal."""
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.stepping import FmuPort
@@ -10,20 +10,20 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 
 def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
-    """In the order of the components; none of one that has no outputs."""
+    """Return the row streams of the recording in component order, without components that have no outputs."""
     found = []
     for topic in topics(plan):
         first = made.columns[topic.name].start
-        # what is only read comes after what is recorded
+        # unrecorded outputs come after the recorded ones
         found.append(RowStream(topic, slice(first, first + sum(field.size for field in topic.fields))))
     return found
 
 
 def topics(plan: SystemPlan) -> list[Topic]:
-    """The same before there is a system.
+    """Return the recording topics of a plan.
 
     Raises:
-        InputRefused: two components have names that a recording cannot tell apart.
+        InputRefused: two components have names that a recording cannot distinguish.
     """
     found = [Topic(one.name, port_fields(one.outputs), 1) for one in plan.extras.components if one.outputs]
     found += [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.recorded]
@@ -36,8 +36,10 @@ def topics(plan: SystemPlan) -> list[Topic]:
 
 def _fields(part: SystemPart) -> list[Field]:
     groups = _arrays(part.outputs[: part.recorded])
-    names = unique_names(field_name(split_element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
-                     for group in groups)  # fmt: skip
+    names = unique_names(
+        field_name(split_element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
+        for group in groups
+    )
     return [
         Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
         for name, group in zip(names, groups, strict=True)
@@ -45,7 +47,7 @@ def _fields(part: SystemPart) -> list[Field]:
 
 
 def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
-    """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
+    """Group consecutive ports `X[1]`, `X[2]` ... of equal type and unit."""
     groups: list[list[FmuPort]] = []
     for port in ports:
         array, number = split_element(port.variable.name)

@@ -1,4 +1,4 @@
-"""What becomes of a value on its way from one variable to another: units converted, lines applied."""
+"""Conversion of values between variables: units and linear transformations."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -12,25 +12,27 @@ from twin.kernel.ssp.structure import Connector, UnitDefinition
 
 
 class ParsedUnit(NamedTuple):
-    """A unit as spelt in a file, and its meaning; None: not known. No unit is spelt ""."""
+    """A unit as written in a file, and its conversion to SI; None if unknown. The text "" means no unit."""
 
     text: str
     conversion: Conversion | None
 
 
 class AffineMap(NamedTuple):
-    """Value at the start = gain * value at the end + shift: the wrong way round, as FMU ports are scaled, so that a
-    unit is one division, and one unit for another of the same size is nothing."""
+    """An affine map in inverse form: start value = gain * end value + shift.
+
+    FMU ports are scaled in this form, so that a unit conversion is one division, and equal units change no bit.
+    """
 
     gain: float = 1.0
     shift: float = 0.0
 
     def apply(self, value: float) -> float:
-        """What a value at the start becomes."""
+        """Map a value at the start to the value at the end."""
         return (value - self.shift) / self.gain
 
     def chain(self, way: "AffineMap") -> "AffineMap":
-        """This way, and then another one."""
+        """Return the map that applies this map and then `way`."""
         return AffineMap(self.gain * way.gain, self.gain * way.shift + self.shift)
 
 
@@ -41,10 +43,10 @@ def unit_of_variable(
     description: FmuDescription,
     where: str,
 ) -> ParsedUnit:
-    """In what a variable of an FMU is, by the FMU and by the connector that stands for it.
+    """Return the unit of an FMU variable from the FMU and from the connector that represents it.
 
     Raises:
-        InputRefused: they say different things.
+        InputRefused: the two units differ.
     """
     own = ParsedUnit(
         variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
@@ -61,25 +63,25 @@ def unit_of_variable(
 
 
 def parse_unit(text: str, units: Sequence[UnitDefinition]) -> ParsedUnit:
-    """A unit by what an SSP file defines, or else by what all know."""
+    """Look up a unit among the definitions of an SSP file, then among the built-in units."""
     return ParsedUnit(text, (defined_conversion(text, units) or si_conversion(text)) if text else None)
 
 
 def connection_map(
     start: ParsedUnit, hops: Iterable[UnitStep], end: ParsedUnit, units: Sequence[UnitDefinition], where: str
 ) -> AffineMap:
-    """The whole way of a value.
+    """Compose the conversions and transformations between two variables into one affine map.
 
     Args:
-        start: of what it leaves.
-        hops: its parts.
-        end: of where it gets.
-        units: that the structure defines, for connectors of systems on the way.
-        where: for sentences.
+        start: unit of the source.
+        hops: conversions on the way.
+        end: unit of the target.
+        units: unit definitions of the structure, for connectors of systems on the way.
+        where: prefix of error messages.
 
     Raises:
-        InputRefused: units on it measure different things, or one is not known; a factor is 0, or all together beyond
-            numbers; a transformation is no line.
+        InputRefused: different dimensions, an unknown unit, a factor of 0, a gain beyond the range of a double, or a
+            transformation that is not linear.
     """
     found, here, hops = AffineMap(), start, list(hops)
     for count, (transformation, suppressed, unit) in enumerate(hops, start=1):
