@@ -25,6 +25,10 @@ COMPLETE_VARIABLE = "_TWIN_COMPLETE"
 MAX_HELP_LENGTH = 1000
 """Most letters of a command's first sentence in a list."""
 CONTEXT_SETTINGS = {"show_default": True}
+_ABOUT_TEXT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
+
+Start with: twin run experiments/fig4_force_position.toml
+"""
 
 
 class StudyCommand(click.Command):
@@ -173,12 +177,6 @@ def twin_command() -> CommandList:
     twin = CommandList("", ordered, _ABOUT_TEXT, {heading: names for heading, names in sections.items() if names})
     show = click.version_option(__version__, message="twin %(version)s", help="Print the version and exit.")
     return show(twin)
-
-
-_ABOUT_TEXT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
-
-Start with: twin run experiments/fig4_force_position.toml
-"""
 
 
 def run_command_line(words: list[str]) -> int:

@@ -9,6 +9,15 @@ from typing import NamedTuple
 COMMAND_FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
 """Packages whose files hold commands, and the `study.py` of their folders."""
 COMMAND_PATTERN = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
+HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "Run": ("run", "explore", "sweep", "branch", "cosim"),
+    "Choose": ("drive", "tune", "analyse", "component"),
+    "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
+    "Beside a robot": ("replay", "identify", "shadow", "log"),
+    "Hand on": ("export", "build"),
+    "Look after": ("runs", "init", "schema", "doctor"),
+}
+"""Headings of the help, and the commands below each, the most used first."""
 
 
 class CommandText(NamedTuple):
@@ -50,12 +59,3 @@ COMMAND_GROUPS: Mapping[str, CommandGroup] = {
     "component": CommandGroup("Look at and check third-party parts of the robot."),
     "log": CommandGroup("Bring in the log of a robot: which column is which signal."),
 }
-HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Run": ("run", "explore", "sweep", "branch", "cosim"),
-    "Choose": ("drive", "tune", "analyse", "component"),
-    "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
-    "Beside a robot": ("replay", "identify", "shadow", "log"),
-    "Hand on": ("export", "build"),
-    "Look after": ("runs", "init", "schema", "doctor"),
-}
-"""Headings of the help, and the commands below each, the most used first."""

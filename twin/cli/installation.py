@@ -31,6 +31,20 @@ from twin.studies.result import wrap_text
 # what takes long to import is imported where it is needed: most of what is looked at is kept
 State = Literal["ok", "note", "lacks", "bad"]
 """note: only who develops twin misses it. lacks: it runs, without something. bad: it does not run."""
+EXTRA_PURPOSES = {
+    "dask": "twin sweep --engine dask",
+    "explore": "twin explore",
+    "live": "twin run --live",
+    "parquet": "twin export --parquet",
+    "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
+    "shadow": "twin shadow beside a robot that runs",
+}
+"""What users need an extra for; all others are for who develops twin."""
+PRIVATE_FOLDER_TEXT = "which only you can write to"
+DEFAULT_DRIVE = "velocity_servo"
+LOW_DISK_BYTES, MIN_DISK_BYTES = 1e9, 1e8
+"""Free bytes: a recording of 20 s takes some 6 MB."""
+SMOKE_EXPERIMENT = "fig4_force_position.toml"
 
 
 class Finding(NamedTuple):
@@ -49,17 +63,6 @@ def is_ready(findings: Sequence[Finding]) -> bool:
 def lacking_topics(findings: Sequence[Finding]) -> list[str]:
     """The topics without which it is ready."""
     return [finding.topic for finding in findings if finding.state == "lacks"]
-
-
-EXTRA_PURPOSES = {
-    "dask": "twin sweep --engine dask",
-    "explore": "twin explore",
-    "live": "twin run --live",
-    "parquet": "twin export --parquet",
-    "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
-    "shadow": "twin shadow beside a robot that runs",
-}
-"""What users need an extra for; all others are for who develops twin."""
 
 
 def project_table() -> dict[str, Any]:
@@ -165,9 +168,6 @@ def _problem(text: str) -> str:
     )
 
 
-PRIVATE_FOLDER_TEXT = "which only you can write to"
-
-
 def compiled_finding() -> Finding:
     """Whether what is compiled can be kept, is there already, and is as it was written."""
     if refusal():
@@ -201,12 +201,6 @@ def _damage_note(damaged: Sequence[Path], remedy: str) -> str:
     if not damaged:
         return ""
     return f"; {len(damaged)} changed since ({damaged[0].name}), {remedy} when needed"
-
-
-DEFAULT_DRIVE = "velocity_servo"
-LOW_DISK_BYTES, MIN_DISK_BYTES = 1e9, 1e8
-"""Free bytes: a recording of 20 s takes some 6 MB."""
-SMOKE_EXPERIMENT = "fig4_force_position.toml"
 
 
 def home_finding(home: Path = PROJECT_FOLDER) -> Finding:

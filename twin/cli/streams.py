@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 READER_GONE = 128 + 13
 """Exit code of a command whose output has no reader any more: what a shell shows for the signal SIGPIPE."""
+_CONTROL_CHARACTERS = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
+"""Control characters, but line ends, tabs and the colours of the help."""
+_NEXT_COMMAND = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
+"""The program in the line of a command that follows."""
 
 
 class NoReader(Exception):
@@ -109,10 +113,6 @@ def _open_output(number: int) -> TextIO:
     return os.fdopen(number, "w", encoding="utf-8", closefd=False)
 
 
-_CONTROL_CHARACTERS = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
-"""Control characters, but line ends, tabs and the colours of the help."""
-
-
 class EscapingTerminal(_Stream):
     """A terminal that writes control characters out: `\\x07` instead of a bell."""
 
@@ -125,10 +125,6 @@ def guard_terminal() -> None:
     """From now on standard output is `EscapingTerminal`, if it is a terminal; files and pipes get what was written."""
     if sys.stdout.isatty():
         sys.stdout = EscapingTerminal(sys.stdout)  # type: ignore[assignment]
-
-
-_NEXT_COMMAND = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
-"""The program in the line of a command that follows."""
 
 
 def print_answer(answer: "Answer", as_json: bool = False) -> None:

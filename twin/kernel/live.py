@@ -16,6 +16,7 @@ SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.
 _MESSAGE_OPCODE, _TIME_OPCODE = 1, 2
 _MESSAGE_HEAD = struct.Struct("<BIQ")
 """Of message data: kind, subscription, time."""
+Number = Annotated[int, Field(ge=0, lt=2**32)]
 
 
 class Level(IntEnum):
@@ -110,9 +111,6 @@ class _Request(BaseModel):
     """What a viewer says; what we have no use for is not looked at."""
 
     model_config = ConfigDict(strict=True, extra="ignore")
-
-
-Number = Annotated[int, Field(ge=0, lt=2**32)]
 
 
 class Subscription(_Request):

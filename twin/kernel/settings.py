@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
 else:
     ModelMetaclass = type(BaseModel)
+Triple = tuple[float, float, float]
 
 
 class Setting(NamedTuple):
@@ -180,7 +181,6 @@ def fields_of_form(form: str, names: str) -> dict[str, str]:
     return dict.fromkeys(names.split(), form)
 
 
-Triple = tuple[float, float, float]
 Fields = Mapping[str, FieldSource | Setting]
 """Fields of a record by name: where the number of each comes from, or what is declared of one that no file sets."""
 

@@ -14,6 +14,7 @@ _PREFIXED_UNITS = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "H
 MAX_UNIT_LENGTH = 40
 """Characters of a unit; the words of a longer one would multiply to more than a float holds."""
 _UNIT_WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
+_SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
 
 
 class Dimension(NamedTuple):
@@ -87,7 +88,6 @@ UNIT_SYMBOLS = {
     "rev": Unit(Dimension(rad=1), Fraction(2), 1),
     "rpm": Unit(Dimension(rad=1, s=-1), Fraction(2, 60), 1),
 }
-_SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
 _SI_PREFIXES |= {small: Fraction(1, 10**6) for small in ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")}
 _SI_PREFIXES["n"] = Fraction(1, 10**9)
 UNIT_SYMBOLS |= {

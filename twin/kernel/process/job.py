@@ -30,6 +30,8 @@ INTERRUPT_EXIT_CODE, TERMINATE_EXIT_CODE = 130, 143
 """Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
 INTERRUPT_RETRY_DELAY = 0.01
 """s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
+_termination_signals: list[int] = []
+"""Signals of the kind SIGTERM that this process got."""
 
 
 def load_function(name: str) -> Callable[..., Any]:
@@ -92,10 +94,6 @@ def rebuild_error(report: list[Any]) -> TwinError:
     error: TwinError = kind.__new__(kind, text)
     error.exit_code = exit_code
     return error
-
-
-_termination_signals: list[int] = []
-"""Signals of the kind SIGTERM that this process got."""
 
 
 @contextlib.contextmanager

@@ -20,6 +20,13 @@ from typing import Any
 import twin
 from twin.kernel.process.black_box import BlackBox
 
+TAIL_BYTES = 8192
+"""Bytes kept of what the process printed."""
+THREAD_LIMITS = {"OPENBLAS_NUM_THREADS": "1"}
+"""Environment of the process, where the user does not say otherwise. Processes that run side by side would start a
+thread per core each; and sums would depend on how many cores there are, in the last bit of long vectors."""
+_READ_BYTES = 65536
+
 
 def module_command(module: str, *arguments: str) -> list[str]:
     """The command that runs `module` of this package, with `environment`."""
@@ -37,14 +44,6 @@ def environment() -> dict[str, str]:
     # an empty entry is the current folder; site-packages are found anyway, and not before the standard library
     paths = [path for path in (home, *inherited) if path and path != sysconfig.get_path("purelib")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-
-
-TAIL_BYTES = 8192
-"""Bytes kept of what the process printed."""
-THREAD_LIMITS = {"OPENBLAS_NUM_THREADS": "1"}
-"""Environment of the process, where the user does not say otherwise. Processes that run side by side would start a
-thread per core each; and sums would depend on how many cores there are, in the last bit of long vectors."""
-_READ_BYTES = 65536
 
 
 class GuardedProcess:

@@ -19,6 +19,9 @@ from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.hooks import HOOKS
 from twin.kernel.process.black_box import INPUTS_AT, Announcer
 
+Listen = Callable[[dict[str, Any]], None]
+Show = Callable[[int, int], None]
+
 
 class ProcessProxy(Component):
     """A component that stands for one in another process.
@@ -39,10 +42,6 @@ def called_function(component: Component) -> str:
     if isinstance(component, Subsystem):
         return ", ".join(dict.fromkeys(filter(None, map(called_function, component.system.components))))
     return component.function if isinstance(component, ProcessProxy) else ""
-
-
-Listen = Callable[[dict[str, Any]], None]
-Show = Callable[[int, int], None]
 
 
 class Reporter(Protocol):

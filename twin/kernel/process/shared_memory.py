@@ -51,6 +51,7 @@ CALLER_TYPE = np.dtype(
 """Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
 until the host is taken for stuck, if it has been on a processor for as long, else `MAX_WAIT_RATIO` times as many; address of
 their length; see `futex.kernel` and `futex.is_zombie`; the host, and the clock of its time on a processor."""
+_i32 = pointer_to(np.int32)
 
 
 def syscall_numbers() -> np.ndarray:
@@ -163,9 +164,6 @@ def clock_time(kernel, clock, info):
 def timespec(seconds: float) -> np.ndarray:
     """`struct timespec` of a 64-bit system: (2,) int64, seconds and nanoseconds."""
     return np.array([int(seconds), round(1e9 * (seconds % 1.0))], dtype=np.int64)
-
-
-_i32 = pointer_to(np.int32)
 
 
 class SharedPage:

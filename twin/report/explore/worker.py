@@ -66,6 +66,8 @@ MAX_RUNS = 100
 """Of results/ that are offered."""
 NO_MONITOR = "no monitor here"
 """Reason where a number of the safety monitor would stand."""
+_viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
+"""What was read of a run for what a page wants to see: of the next one no more is kept."""
 
 
 def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
@@ -110,10 +112,6 @@ def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
             for name, kind in FAULT_KINDS.items()
         ],
     }
-
-
-_viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
-"""What was read of a run for what a page wants to see: of the next one no more is kept."""
 
 
 def _show(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
