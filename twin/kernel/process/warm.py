@@ -1,4 +1,4 @@
-"""Warm processes: what one answer has imported, compiled and unpacked is there for the next one."""
+"""Warm processes, which keep imports, compiled code and unpacked FMUs from one answer to the next."""
 
 import queue
 import threading
@@ -12,8 +12,8 @@ from twin.kernel.process.process import GuardedProcess, process_for
 BATCH_TIMEOUT = 0.1
 """Maximum time (s) that `Pool.answers` waits for a batch."""
 MEMORY_SHARE = 0.5
-"""Maximum share of the memory limit at the end of an answer: beyond it the next answer gets a fresh process, and is not
-charged with what others left behind."""
+"""Maximum share of the memory limit at the end of an answer. Above it the next answer gets a fresh process, so that it
+is not charged for memory used before."""
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -60,7 +60,7 @@ class WarmProcess:
         """Return the result of the job, called with `arguments`, through JSON.
 
         Raises:
-            JobEnded, JobEndedLoading: the process ended, or exceeded a limit.
+            JobFailure, JobLoadFailure: the process ended, or exceeded a limit.
             TwinError: the job raised one, or `check` did.
         """
         if self._process is None:

@@ -66,7 +66,8 @@ def _link_latest(latest: Path, run: str | None) -> None:
 def claim_run_folder(folder: Path) -> Path:
     """Create `folder` itself as the folder of one run, and return it.
 
-    A name like those of `create_run_folder` gets a marker file: the folder is the user's, and no command removes it.
+    A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
+    it.
 
     Raises:
         InputRefused: it exists and is not empty, or cannot be created.
