@@ -95,7 +95,7 @@ def _follow(
 
 
 def _printed_lines(printed: str) -> Iterator[str]:
-    """Yield the lines of `printed`, with repeated consecutive lines, as from each instance of an FMU, merged into one."""
+    """Yield the lines of `printed`; merge repeated lines, as from each instance of an FMU, into one."""
     for line, same in groupby(printed.splitlines()):
         count = len(list(same))
         yield escape_controls(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")

@@ -168,7 +168,7 @@ def recording_status(folder: Path | None) -> str:
 
 
 def interrupt_message(folder: Path) -> str:
-    """Return the message after Ctrl-C about the recording in the `folder` of a run; remove the folder if it is empty."""
+    """Return the message after Ctrl-C about the recording in the `folder` of a run; remove an empty folder."""
     from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
 
     whole, partial = folder / RECORDING_FILE, folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}"

@@ -73,7 +73,7 @@ def compiled_names(components: Iterable[Component]) -> Iterator[str]:
 
 
 def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
-    """Return the part of an identity that is independent of the experiment: versions of `packages`, and the processor."""
+    """Return the part of an identity that is independent of the experiment: package versions and processor."""
     return {
         "versions": {name: number for name, number in packages.items() if name != "twin"},
         "processor": chosen_form().name,
