@@ -100,7 +100,7 @@ class FaultKind:
     @property
     def detection(self) -> Detection:
         """Whether it is said to be seen: always, at some magnitudes or in some places, or never."""
-        return "yes" if self.seen == ALWAYS_DETECTED else "no" if self.seen == NEVER_DETECTED else "if large"
+        return "yes" if self.threshold == ALWAYS_DETECTED else "no" if self.threshold == NEVER_DETECTED else "if large"
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
         """Whether a fault of one of `magnitudes` is."""

@@ -55,7 +55,7 @@ class BranchPoint:
         """
         if self._saved is None:
             raise InputRefused(f"{self._recording}: this run has no state: {'; '.join(self.lacking)}")
-        return self._stored(self._saved)
+        return self._pack_state(self._saved)
 
     @contextmanager
     def hand_over(self, branched: Experiment) -> Iterator[StoredState]:
@@ -72,13 +72,13 @@ class BranchPoint:
             if self._experiment.stand_ins.get(role) != branched.stand_ins.get(role):
                 raise InputRefused(f"{role} cannot change in mid-run: what a third-party part holds fits no other one")
         if self._saved is not None:
-            yield self.saved
+            yield self.branch_state
             return
         with assemble(self._experiment) as assembly:
             alive = [component for component in assembly.system.components if component.lacks_state()]
             for component in alive:
                 component.alive = True
-            yield self._stored(self._come(assembly), alive)
+            yield self._pack_state(self._state_at_tick(assembly), alive)
 
     def _state_at_tick(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
         """The state at the tick of the run in `assembly`, from the state `nearest` or the start."""
