@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 8766
 DEFAULT_LINGER = 60.0
-"""s; a page that is loaded anew comes back by then."""
+"""Time (s) until the explorer ends without a page; a reloaded page reconnects by then."""
 
 
 @study(json=False)
@@ -74,7 +74,7 @@ def explore(
         listening.listen()
         print(f"{shlex.quote(str(experiment))}  open  {address}\nCtrl-C ends it", flush=True)
         if browser:
-            # it may take a second to find one
+            # imported here: finding a browser may take a second
             import webbrowser
 
             webbrowser.open(address)
@@ -82,10 +82,10 @@ def explore(
 
 
 def _session(address: str | None) -> "LiveSession | None":
-    """The session at `address`; None: none is wanted."""
+    """Return the session at `address`; None without an address."""
     if address is None:
         return None
-    # takes a while to load
+    # imported here: it takes a while to load
     from twin.report.explore.session import LiveSession
 
     return LiveSession(sys.stdin.readline() if address == "-" else address)

@@ -1,4 +1,4 @@
-"""Files to start from: an experiment, its schema for editors, the column map of a robot's log."""
+"""Commands that write new files: an experiment, its schema for editors, the column map of a robot's log."""
 
 import os
 import shlex

@@ -61,8 +61,8 @@ def syscall_numbers() -> np.ndarray:
     """
     if sys.platform != "linux" or platform.machine() not in _SYSCALL_NUMBERS:
         raise InputRefused(
-            f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} on "
-            f"{platform.machine()}; use --isolate run, and drives that allow three instances per process"
+            f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} "
+            f"on {platform.machine()}; use --isolate run, and drives that allow three instances per process"
         )
     syscall = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
     return np.array([syscall, *_SYSCALL_NUMBERS[platform.machine()]], dtype=np.int64)

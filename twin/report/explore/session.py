@@ -122,7 +122,8 @@ class LiveSession:
             # what stands behind the question mark may be a token
             got = address.strip().partition("?")[0]
             raise InputRefused(
-                f"--follow {got!r}: expected the address that twin shadow --live has printed, ws://{LOOPBACK_HOST}:8765/?token=..."
+                f"--follow {got!r}: expected the address that twin shadow --live has printed, "
+                f"ws://{LOOPBACK_HOST}:8765/?token=..."
             )
         self._port, self._token = int(found[1]), found[2] or ""
         self.name, self.version = f"ws://{LOOPBACK_HOST}:{self._port}", 0
@@ -176,8 +177,8 @@ class LiveSession:
                 await asyncio.get_running_loop().sock_connect(there, (LOOPBACK_HOST, self._port))
                 async with connect(
                     f"{self.name}/{self._token}", sock=there, subprotocols=SUBPROTOCOLS, compression=None,
-                    max_size=MAX_MESSAGE_BYTES, open_timeout=ANSWER_TIMEOUT, ping_interval=ANSWER_TIMEOUT, ping_timeout=ANSWER_TIMEOUT,
-                    close_timeout=CLOSE_TIMEOUT,
+                    max_size=MAX_MESSAGE_BYTES, open_timeout=ANSWER_TIMEOUT, ping_interval=ANSWER_TIMEOUT,
+                    ping_timeout=ANSWER_TIMEOUT, close_timeout=CLOSE_TIMEOUT,
                 ) as connection:  # fmt: skip
                     await self._greet(connection)
                     found = True
