@@ -47,7 +47,7 @@ def start_expected_job() -> Iterator[None]:
 
 
 def _expected_job(words: list[str]) -> str:
-    """Return the job that the command line `words` will probably need; "" if none is expected."""
+    """Return the job that the command line `words` will probably need; "" if it needs no process."""
     command, words = "".join(words[:1]), words[1:]
     # with a closed standard stream, the pipes would get its descriptor
     usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)

@@ -42,7 +42,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
 
     Raises:
         SystemExit: the exit code is not 0.
-        InputRefused: limits of a process were given together with --isolate none.
+        InputRefused: limits of a process were given without a process (--isolate none).
         TwinError: the study raised one, or an FMU ended its process; see `run_isolated` and `run_recording_job`.
     """
     marked: Study = vars(function)["study"]

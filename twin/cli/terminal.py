@@ -24,13 +24,13 @@ MIN_SHARE = 0.01
 COMPILE_NOTICE_DELAY = 3.0
 """Time (s) after which a compilation is announced."""
 PRINT_INTERVAL = 60.0
-"""Interval (s) at which progress is printed without a terminal."""
+"""Interval (s) between lines of progress without a terminal."""
 MAX_BAR_TEXT = 48
 """Maximum length of a text that fits next to a bar (characters)."""
 TYPICAL_PIECES = 18
 """Approximate number of compiled functions that a run of Fig. 4 needs, for an empty cache."""
 WATCH_INTERVAL = 0.25
-"""Interval (s) at which the cache of compiled code is checked."""
+"""Interval (s) between checks of the cache of compiled code."""
 
 
 def compiling_text(done: int, about: int, seconds: float) -> str:

@@ -19,7 +19,7 @@ from twin.kernel.process.job import (
 from twin.kernel.process.process import GuardedProcess, process_for, resident_memory
 
 POLL_INTERVAL = 0.05
-"""Interval (s) at which limits are checked and progress is shown."""
+"""Interval (s) between checks of the limits and updates of the progress."""
 STOP_TIMEOUT = 5.0
 """Timeout (s) for a job that steps a system to stop by itself on request and to finish its recording."""
 UNSTEPPED_STOP_TIMEOUT = 0.5

@@ -35,7 +35,7 @@ def module_command(module: str, *arguments: str) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Return this process's environment with the path at which another Python finds this package.
+    """Return this process's environment, extended so that another Python finds this package.
 
     Scripts started by a drive otherwise search Python's default folders.
     """
@@ -220,7 +220,7 @@ def start_ahead(job: str) -> None:
 
 
 def claim_process(job: str) -> GuardedProcess | None:
-    """Return the process started in advance for `job`, None if there was none; end all other waiting processes."""
+    """Return the process started in advance for `job`, or None; end all other waiting processes."""
     found = _waiting.pop(job, None)
     end_waiting()
     return found

@@ -113,7 +113,7 @@ class RunStates(Observer):
     """Observer that saves states of a run to its recording.
 
     Args:
-        ticks: ticks at which to save a state.
+        ticks: ticks of the states to save.
         last_tick: last tick of the run.
         tick: duration of a tick (s).
         about: `identity` of the run.
@@ -185,7 +185,7 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Return the ticks of a run at which to save a state.
+    """Return the ticks of the states to save in a run.
 
     Args:
         times: times of states (s).

@@ -25,8 +25,8 @@ class WarmProcess:
     A crash, a hang or a limit costs the answer in progress and nothing else: the next one gets a fresh process.
 
     Args:
-        job: see `function_called`.
-        limits: of the process.
+        job: function name, see `load_function`.
+        limits: limits of the process.
         check: called at least every `POLL_INTERVAL` s during an answer; an exception gives the answer up.
     """
 
@@ -89,12 +89,12 @@ class _PoolShutdown(Exception):
 
 
 class Pool(Generic[Task, Answer]):
-    """Warm processes, a thread each; a context manager that ends them, whatever they are doing.
+    """Warm processes with one thread each; a context manager that ends them, busy or not.
 
     Args:
-        count: of processes; each starts with its first task.
+        count: number of processes; each starts with its first task.
         job, limits: see `WarmProcess`.
-        ask: returns the answer to a task, made by a process.
+        ask: function of a process and a task that returns the answer.
     """
 
     def __init__(self, count: int, job: str, limits: JobLimits, ask: Callable[[WarmProcess, Task], Answer]):
@@ -119,7 +119,7 @@ class Pool(Generic[Task, Answer]):
         """Yield each task once, with its answer, in batches as they come; an empty batch after `BATCH_TIMEOUT`.
 
         Raises:
-            Exception: `ask` raised it; answers that came before are yielded first.
+            Exception: `ask` raised it; earlier answers are yielded first.
         """
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         for task in tasks:
@@ -135,7 +135,7 @@ class Pool(Generic[Task, Answer]):
             raise _PoolShutdown
 
     def _serve(self) -> None:
-        """Work of a thread. It starts its process itself, because a process dies with the thread that started it."""
+        """Answer tasks in one thread. The thread starts its process itself, as a process dies with its starter thread."""
         with WarmProcess(self._job, self._limits, self._raise_if_stopping) as process:
             while (item := self._waiting.get()) is not None and not self._stopping.is_set():
                 task, done = item
@@ -143,7 +143,7 @@ class Pool(Generic[Task, Answer]):
                     done.put((task, self._ask(process, task)))
                 except _PoolShutdown:
                     return
-                # also an interrupt of the process, which would else be lost with this thread
+                # includes an interrupt of the process, which would be lost with this thread
                 except BaseException as problem:
                     done.put(problem)
                     return

@@ -186,7 +186,7 @@ def _record_bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
-    """Yield (opcode, length) of each complete record after the magic; `file` is then positioned at the record's body."""
+    """Yield (opcode, length) of each complete record after the magic, with `file` at the beginning of its body."""
     size, position = os.fstat(file.fileno()).st_size, len(MCAP0_MAGIC)
     while position + RECORD_PREFIX <= size:
         file.seek(position)

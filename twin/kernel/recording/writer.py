@@ -89,7 +89,7 @@ class PendingMessages:
         return self.address + self.size
 
     def add_block(self, channel: int, times: np.ndarray, stride: int) -> None:
-        """Register the records written after `reserve` as a block: one record of `stride` bytes per element of `times`."""
+        """Register the records written after `reserve` as a block: a record of `stride` bytes per time."""
         self.shapes.append(BlockShape(channel, len(times), stride))
         self.times.append(times)
         self.size += len(times) * stride
@@ -503,7 +503,7 @@ class Writer:
         self._pending.add_block(opened.channel, times, stride)
 
     def _times(self, ticks: np.ndarray) -> np.ndarray:
-        """Compute the log times of `ticks`, ns, (n,) int64, each from its own tick, so that errors do not accumulate."""
+        """Compute the log times of `ticks`, ns, (n,) int64, each from its own tick, so that no errors accumulate."""
         return np.rint(ticks * (self.tick * NS_PER_S)).astype(np.int64)
 
     def _ascending_times(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
