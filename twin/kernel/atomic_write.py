@@ -14,11 +14,7 @@ from twin.kernel.serialise import to_dict
 
 
 def make_folder(folder: Path) -> Path:
-    """Create `folder` with its parents if missing, and return it.
-
-    Raises:
-        InputRefused: it cannot be created.
-    """
+    """Create `folder` with its parents if missing, and return it."""
     with translate_disk_errors(folder, "cannot be created", InputRefused, caught=PATH_ERRORS):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -97,30 +93,18 @@ def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write `content` to the file at `path`, see `atomic_write`.
-
-    Raises:
-        NotWritten: see `atomic_write`.
-    """
+    """Write `content` to the file at `path`, see `atomic_write`."""
     with atomic_write(path) as beside:
         beside.write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text`, in UTF-8, to the file at `path`, see `atomic_write`.
-
-    Raises:
-        NotWritten: see `atomic_write`.
-    """
+    """Write `text`, in UTF-8, to the file at `path`, see `atomic_write`."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_json(path: Path, facts: Any) -> None:
-    """Write `facts` to the JSON file at `path`, see `json_text`.
-
-    Raises:
-        NotWritten: see `atomic_write`.
-    """
+    """Write `facts` to the JSON file at `path`, see `json_text`."""
     write_text(path, json_text(facts, indent=2) + "\n")
 
 

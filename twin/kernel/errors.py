@@ -96,7 +96,6 @@ def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", mos
     Args:
         got: misspelt name. A known name that contains it as whole words is preferred to a similar one: a missing unit
             is the most common error.
-        known: known names.
         otherwise: result if no known name is similar; {} is replaced by all of them.
         most: maximum number of suggestions.
     """

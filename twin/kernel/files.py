@@ -207,11 +207,9 @@ def _parse(language: str, parse: Callable[[Any], Any], text: str | bytes, where:
 
 
 def _check_values(found: Any) -> Any:
-    """Check the depth of `found` and the size of its integers, and return it.
+    """Check that `found` is at most `MAX_DEPTH` deep and has only 64-bit integers, and return it.
 
-    Raises:
-        RecursionError: deeper than `MAX_DEPTH`.
-        ValueError: an integer has more than 64 bits.
+    A deeper value raises RecursionError, a larger integer ValueError.
     """
     level = [found]
     for _ in range(MAX_DEPTH):

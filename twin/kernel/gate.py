@@ -52,9 +52,6 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
 
     Args:
         origins: additional allowed origins, beyond `VIEWER_ORIGINS` and pages of this machine.
-
-    Raises:
-        InputRefused: invalid origin.
     """
     for origin in origins:
         if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^\s/?#@*]*", origin.lower()):
@@ -91,7 +88,6 @@ class Gate:
     """Gatekeeper that checks every request to a server.
 
     Args:
-        policy: access rules.
         token: secret shown in the terminal, which a request must contain; None for a new one.
     """
 

@@ -161,11 +161,7 @@ _REQUEST_ADAPTER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(di
 
 
 def parse_request(text: str) -> Request:
-    """Parse a viewer's request.
-
-    Raises:
-        InputRefused: unknown or invalid request.
-    """
+    """Parse a viewer's request."""
     try:
         return _REQUEST_ADAPTER.validate_json(text)
     except ValidationError as mistake:

@@ -191,7 +191,6 @@ def state_ticks(times: Iterable[float], every: float | None, tick: float, last: 
         times: times of states (s).
         every: interval of further states (s); None for no more.
         tick: duration of a tick (s).
-        last: last tick of the run.
     """
     ticks = {round(t / tick) for t in times}
     if every is not None:
@@ -291,11 +290,7 @@ class StoredState:
 
     @property
     def saved_state(self) -> SavedState:
-        """The decoded state.
-
-        Raises:
-            InputRefused: the bytes encode no state.
-        """
+        """The decoded state."""
         return SavedState.from_bytes(self.content, str(self.recording))
 
 
@@ -318,11 +313,7 @@ def split_time(text: str) -> tuple[str, float | None]:
 
 
 def stored_state(recording: Path, until: float | None) -> StoredState | None:
-    """Find the last state in `recording` no later than `until` (s; None for the end); None if not found.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
+    """Find the last state in `recording` no later than `until` (s; None for the end); None if not found."""
     found = None
     for time, content in attachments(recording, MEDIA_TYPE):
         if until is None or time <= until + 1e-9:

@@ -26,7 +26,6 @@ class WarmProcess:
 
     Args:
         job: function name, see `load_function`.
-        limits: limits of the process.
         check: called at least every `POLL_INTERVAL` s during an answer; an exception gives the answer up.
     """
 
@@ -135,7 +134,7 @@ class Pool(Generic[Task, Answer]):
             raise _PoolShutdown
 
     def _serve(self) -> None:
-        """Answer tasks in one thread. The thread starts its process itself, as a process dies with its starter thread."""
+        """Answer tasks in one thread, which starts its process itself: a process dies with its starter thread."""
         with WarmProcess(self._job, self._limits, self._raise_if_stopping) as process:
             while (item := self._waiting.get()) is not None and not self._stopping.is_set():
                 task, done = item

@@ -27,11 +27,7 @@ PARTIAL_SUFFIX = ".partial"
 
 
 def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
-    """Create a new folder results/<experiment>/<time>/ and link results/<experiment>/latest to it.
-
-    Raises:
-        InputRefused: it cannot be created.
-    """
+    """Create a new folder results/<experiment>/<time>/ and link results/<experiment>/latest to it."""
     home = make_folder(results / experiment)
     stamp = now.strftime("%Y-%m-%d_%H%M%S")
     for attempt in range(1, 1000):
@@ -115,11 +111,7 @@ class Output:
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the partial file, replacing an existing one.
-
-        Raises:
-            RecordingWriteError: it cannot be created.
-        """
+        """Create the partial file, replacing an existing one."""
         self.path = path
         self.partial = path.with_name(path.name + PARTIAL_SUFFIX)
         self.size = 0

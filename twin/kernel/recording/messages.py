@@ -138,11 +138,7 @@ class Topic:
 
 
 def check_stream(name: str, period: int) -> None:
-    """Check the name and the period (ticks, 1 or more) of a stream of messages.
-
-    Raises:
-        ValueError: invalid name or period.
-    """
+    """Check the name and the period (ticks, 1 or more) of a stream of messages."""
     if not TOPIC_NAME.fullmatch(name):
         raise ValueError(f"topic name {name!r}: expected words joined by slashes, such as drive/1")
     if period < 1:
@@ -227,11 +223,7 @@ def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...
 
 
 def log_message(time: int, level: str, text: str, name: str) -> bytes:
-    """Encode a `foxglove.Log`, the message type of `/events`, at `time` (ns); `level`, `text`, `name`: see `Event`.
-
-    Raises:
-        ValueError: unknown level.
-    """
+    """Encode a `foxglove.Log`, the message type of `/events`, at `time` (ns); `level`, `text`, `name`: see `Event`."""
     log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
     log.timestamp.FromNanoseconds(time)
     return log.SerializeToString(deterministic=True)
@@ -450,9 +442,6 @@ class MessageForm:
             `BLANK_TIME`.
         width: number of columns of the rows passed to `Writer.write`.
         period: ticks from one message to the next.
-
-    Raises:
-        ValueError: invalid name or period.
     """
 
     name: str

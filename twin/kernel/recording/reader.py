@@ -43,7 +43,6 @@ class Stream:
 
     Attributes:
         fields: fields in the order of the file's schema.
-        layout: layout of one record.
         records: (n, layout.stride) uint8.
     """
 
@@ -68,7 +67,6 @@ class Recording:
 
     Attributes:
         streams: numeric topics by name, without the leading slash.
-        events: events in the order of the file.
         metadata: name -> key -> text; records of one name are merged, later keys win.
         complete: whether the file was finished and is undamaged.
         note: why the recording is incomplete and how far it was read; empty if complete.

@@ -50,7 +50,6 @@ class RowBlock:
 
     Attributes:
         first: tick of the first row of the current block.
-        events: events in the order in which they were added.
     """
 
     def __init__(self, size: int, width: int, first: int = 0):
@@ -155,11 +154,7 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
-        """Finish the recording and return its path.
-
-        Raises:
-            RecordingWriteError: the disk is full.
-        """
+        """Finish the recording and return its path."""
         began = time.perf_counter()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began

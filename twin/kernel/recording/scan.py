@@ -298,7 +298,6 @@ class TopicSeries:
 
     Attributes:
         fields: fields of the file's schema.
-        layout: layout of one record.
         parts: records of each chunk, (n, layout.stride) uint8.
     """
 
@@ -307,11 +306,7 @@ class TopicSeries:
     parts: list[np.ndarray] = field(default_factory=list)
 
     def all_records(self) -> np.ndarray:
-        """Concatenate all records, (n, stride) uint8, and check the bytes between the numbers.
-
-        Raises:
-            ValueError: bytes between the numbers differ from the schema.
-        """
+        """Concatenate all records, (n, stride) uint8, and check the bytes between the numbers."""
         records = np.concatenate([np.empty((0, self.layout.stride), np.uint8), *self.parts])
         for part in self.layout.framing:
             if np.any(records[:, part] != self.layout.filling.template[part]):
@@ -326,7 +321,6 @@ class Contents:
     Attributes:
         series: numeric topics by channel number.
         topics: topic names, without the leading slash, by channel number.
-        events: events in the order of the file.
         foreign: channel numbers of topics for viewers and other senders, whose messages are skipped.
         counts: messages so far by channel number, i.e. the next expected sequence number.
     """
@@ -381,9 +375,6 @@ class Contents:
 
         Args:
             others: records that are no messages.
-
-        Raises:
-            Damage: the chunk has records other than declarations and messages.
         """
         declared: dict[int, int] = {}
         for record in others:

@@ -70,7 +70,6 @@ class PendingMessages:
     """Message records of several channels that wait for a chunk, block after block in one memory.
 
     Attributes:
-        shapes: shape of each block.
         times: log times of each block, ns, (n,) int64, ascending.
         size: bytes of all records.
         address: address of the first record.
@@ -235,7 +234,6 @@ class OpenTopic:
     """Writing state of a topic.
 
     Attributes:
-        channel: channel number.
         period: ticks from one message to the next.
         width: numbers in a row.
         filling: template of its Message records.
@@ -280,7 +278,8 @@ class Writer:
     """Writer of a recording: writes `NAME.mcap.partial` and renames it to `NAME.mcap` when finished.
 
     Times in the file are simulation time from 0, and neither clock nor machine is recorded, so equal input gives equal
-    bytes. As a context manager it finishes on a normal exit and abandons on an exception.
+    bytes. As a context manager it finishes on a normal exit and abandons on an exception. Every method that writes
+    raises RecordingWriteError if the disk is full or the recording is closed.
     """
 
     def __init__(
@@ -344,7 +343,6 @@ class Writer:
                 for a form.
 
         Raises:
-            RecordingWriteError: disk full or recording closed.
             KeyError: undeclared topic.
             ValueError: rows of another shape, descending ticks, or a count that is not an integer.
         """
@@ -368,11 +366,7 @@ class Writer:
         opened.next_tick = ticks.stop
 
     def write_at(self, topic: str, ticks: np.ndarray, rows: np.ndarray) -> None:
-        """Record rows of `topic` for `ticks` (n,) int64, ascending but not necessarily evenly spaced; see `write`.
-
-        Raises:
-            RecordingWriteError, KeyError, ValueError: see `write`.
-        """
+        """Record rows of `topic` for `ticks` (n,) int64, ascending but not necessarily evenly spaced; see `write`."""
         opened = self._topics[topic]
         if rows.shape != (len(ticks), opened.width):
             raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected ({len(ticks)}, {opened.width})")
@@ -391,7 +385,6 @@ class Writer:
         """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`.
 
         Raises:
-            RecordingWriteError: disk full or recording closed.
             KeyError: undeclared topic.
         """
         channel, counts = self._others[topic], self._summary.message_counts
@@ -413,9 +406,6 @@ class Writer:
 
         Args:
             level, text, name: see `Event`.
-
-        Raises:
-            ValueError: unknown level.
         """
         channel = self._events
         times = self._ascending_times(channel, [tick])
@@ -426,21 +416,13 @@ class Writer:
         self._pending.append_records(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
-        """Write a metadata record immediately, before messages still buffered.
-
-        Raises:
-            RecordingWriteError: disk full or recording closed.
-        """
+        """Write a metadata record immediately, before messages still buffered."""
         record = encode_record(Metadata(name, dict(entries)))
         start = self._output.append(record)
         self._summary.metadata.append(MetadataIndex(start, len(record), name))
 
     def write_attachment(self, name: str, tick: int, media_type: str, content: bytes) -> None:
-        """Write an attachment of `tick` after all buffered messages.
-
-        Raises:
-            RecordingWriteError: disk full or recording closed.
-        """
+        """Write an attachment of `tick` after all buffered messages."""
         self._write_chunks()
         time = int(self._times(np.array([tick]))[0])
         record = encode_record(Attachment(0, time, name, media_type, content))
@@ -485,11 +467,7 @@ class Writer:
             self.finish()
 
     def flush(self) -> None:
-        """Write all buffered messages to the file, so that they survive the end of this process.
-
-        Raises:
-            RecordingWriteError: disk full or recording closed.
-        """
+        """Write all buffered messages to the file, so that they survive the end of this process."""
         self.end_slice()
         self._write_chunks()
 
@@ -513,11 +491,7 @@ class Writer:
         return times
 
     def end_slice(self) -> None:
-        """End the slice, and write the pending messages if they fill a chunk.
-
-        Raises:
-            RecordingWriteError: disk full or recording closed.
-        """
+        """End the slice, and write the pending messages if they fill a chunk."""
         self._slice_topics.clear()
         self._slice_times.clear()
         if self._pending.size >= MIN_CHUNK_BYTES:
@@ -532,8 +506,7 @@ def append_chunks(
 ) -> None:
     """Write the `pending` messages to the file as chunks with their indexes, and note them in `summary`.
 
-    Raises:
-        RecordingWriteError: disk full or recording closed; the pending messages are lost.
+    A failed write, because the disk is full or the recording is closed, loses the pending messages.
     """
     if not pending.size:
         return

@@ -62,7 +62,6 @@ class Slider:
         key: dotted key, as in the file and for --set.
         unit: unit of its value; "" for none.
         help: meaning, one phrase.
-        kind: kind of value.
         value: value in the experiment's file; None if missing.
         default: default value; None for none.
         low: lower end of the slider.

@@ -119,7 +119,6 @@ def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, s
 
     Args:
         ask: "log", one of `known_logs`, and "shift_s"; untrusted.
-        experiment: experiment of the robot.
     """
     path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:

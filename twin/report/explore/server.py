@@ -105,11 +105,7 @@ def read_assets() -> dict[str, tuple[bytes, str]]:
 
 
 def lasting_token(port: int) -> str:
-    """Return the token of the server at `port`, the same after a restart, so that its pages reconnect.
-
-    Raises:
-        InputRefused: there is no private cache folder.
-    """
+    """Return the token of the server at `port`, the same after a restart, so that its pages reconnect."""
     path = cache_folder("explore") / f"{port}.token"
     with contextlib.suppress(OSError, UnicodeError):
         token = path.read_text("ascii").strip()
@@ -136,7 +132,6 @@ class ExplorerServer:
 
     Args:
         base: fields of `twin.report.explore.page_state.PageBase`.
-        limits: limits of each process that runs experiments.
         linger: time (s) until it ends after the last page was closed.
         session: session with a robot that pages show; None for none.
     """
@@ -164,11 +159,7 @@ class ExplorerServer:
         self._begun = found
 
     def serve(self, listening: socket.socket, token: str) -> None:
-        """Serve pages until the last one has been closed for a while, or Ctrl-C.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-        """
+        """Serve pages until the last one has been closed for a while, or Ctrl-C."""
         try:
             asyncio.run(self._serve(listening, token))
         finally:
@@ -433,9 +424,6 @@ def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Pa
 
     Args:
         how: "drive", "body" and "settings" as for `twin run`.
-
-    Raises:
-        TwinError: see `run_guarded`.
     """
     folders: list[str] = []
 

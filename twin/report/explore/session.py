@@ -112,9 +112,6 @@ class LiveSession:
     Attributes:
         version: counter that increases with every received message.
         accepted: accepted parameters of the robot, see `twin.studies.shadow.live_view.accepted_values`.
-
-    Raises:
-        InputRefused: invalid address.
     """
 
     def __init__(self, address: str):

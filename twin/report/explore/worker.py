@@ -182,7 +182,6 @@ class ViewRequest(NamedTuple):
     """View of a run that a page requests.
 
     Attributes:
-        titles: titles of panels.
         span: begin and end (s).
         width: width of a plot (pixels).
         robot: whether the player is open.

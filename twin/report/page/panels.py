@@ -62,11 +62,7 @@ class PanelRun:
         return all(key in self.fields for key in keys)
 
     def column(self, key: str, column: int | None) -> Curve:
-        """Return the samples of a signal, or of one column of it.
-
-        Raises:
-            UnknownSeries: the run lacks it.
-        """
+        """Return the samples of a signal, or of one column of it."""
         self.used.add(key)
         values = self.view[key]
         return values if column is None else values[:, column]

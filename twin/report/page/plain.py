@@ -39,9 +39,6 @@ def write_sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str,
 
     Args:
         pictures: PNG files by the names of `PICTURE_CAPTIONS`.
-
-    Raises:
-        NotWritten: it cannot be written.
     """
     path = folder / SWEEP_PAGE_FILE
     write_text(path, sweep_page(sweep, asked, pictures))
@@ -91,9 +88,6 @@ def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
     Args:
         facts: result of `compare_drives`.
         folder: folder of its pictures.
-
-    Raises:
-        NotWritten: it cannot be written.
     """
     path = folder / DRIVES_PAGE_FILE
     write_text(path, drives_page(facts))

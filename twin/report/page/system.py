@@ -30,11 +30,7 @@ def is_system(recording: Recording) -> bool:
 
 
 def system_sections(runs: Sequence[ReportRun]) -> tuple[str, list[tuple[str, str, Markup]]]:
-    """Return the headline and (key, title, content) of each section of the page on `runs`.
-
-    Raises:
-        InputRefused: a recording is not one of an FMU system.
-    """
+    """Return the headline and (key, title, content) of each section of the page on `runs`."""
     for run in runs:
         if not is_system(run.recording):
             raise InputRefused(

@@ -226,7 +226,6 @@ def write_ros_bag(
 
     Raises:
         InputRefused: a rate that `signal_table` refuses, or something other than such a bag exists at `folder`.
-        NotWritten: it cannot be written.
     """
     own = {f"{folder.name}_0.mcap", METADATA_FILE, MAP_FILE}
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):

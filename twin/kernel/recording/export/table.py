@@ -143,7 +143,6 @@ def write_csv(path: Path, table: SignalTable) -> None:
 
     Raises:
         InputRefused: two columns would have one name.
-        NotWritten: it cannot be written.
     """
     heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
     if twice := [head for head, count in Counter(heads).items() if count > 1]:
@@ -166,7 +165,6 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
 
     Raises:
         InputRefused: pyarrow is not installed.
-        NotWritten: it cannot be written.
     """
     try:
         import pyarrow as pa
@@ -196,7 +194,6 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
 
     Raises:
         InputRefused: a rate that `signal_table` refuses, or a name that MATLAB would truncate.
-        NotWritten: it cannot be written.
     """
     from scipy.io import savemat
 
