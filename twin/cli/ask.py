@@ -121,27 +121,27 @@ def run_recording_job(
     display: TerminalDisplay,
     isolate: Isolation,
     limits: JobLimits,
-    hear: NoteListener | None = None,
+    on_note: NoteListener | None = None,
 ) -> Any:
     """Run a job that records runs and return its result; a failure's error message includes the state of the recording.
 
     Args:
         job, arguments, limits: see `run_guarded`.
         isolate: "none" to run it in this process.
-        hear: callback for its notes; None for the display's own.
+        on_note: callback for its notes; None for the display's own.
 
     Raises:
         ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
         StudyInterrupt: Ctrl-C, after the folder was created.
         TwinError: the job raised one.
     """
-    hear = hear or display.on_note
+    on_note = on_note or display.on_note
     try:
         if isolate == "none":
             from twin.kernel.process.reporter import DirectReporter
 
-            return load_function(job)(DirectReporter(hear, display.show), **arguments)
-        return run_guarded(job, arguments, limits, hear, display.show)
+            return load_function(job)(DirectReporter(on_note, display.show), **arguments)
+        return run_guarded(job, arguments, limits, on_note, display.show)
     except JobFailure as failure:
         raise ComponentFailed(f"{failure}\n{recording_status(display.folder)}") from None
     except KeyboardInterrupt:

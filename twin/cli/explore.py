@@ -31,11 +31,11 @@ def explore(
     ] = True,
     follow: Annotated[
         str | None,
-        Option("Show a robot beside: the address that twin shadow --live prints; -: from standard input.", "ADDRESS"),
+        Option("Also show a robot: the address that twin shadow --live prints; -: from standard input.", "ADDRESS"),
     ] = None,
     port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = DEFAULT_PORT,
     linger_s: Annotated[
-        float, Option("Time to go on after the last page was closed.", "S", least=0.0)
+        float, Option("Time until it ends after the last page was closed.", "S", least=0.0)
     ] = DEFAULT_LINGER,
     limit_step: LimitStep = JobLimits.step,
 ) -> None:

@@ -37,7 +37,7 @@ EXTRA_PURPOSES = {
     "live": "twin run --live",
     "parquet": "twin export --parquet",
     "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
-    "shadow": "twin shadow beside a robot that runs",
+    "shadow": "twin shadow with a running robot",
 }
 """Purpose of each extra that users need; all others are for developers of twin."""
 PRIVATE_FOLDER_TEXT = "which only you can write to"
@@ -110,7 +110,7 @@ def _python_finding(wanted: str) -> Finding:
 
     here = platform.python_version()
     fits = SpecifierSet(wanted).contains(here, prereleases=True)
-    remedy = "" if fits else "; make the environment anew with another Python"
+    remedy = "" if fits else "; create the environment again with another Python"
     return Finding("python", "ok" if fits else "bad", f"{here}, needs {wanted}{remedy}")
 
 
@@ -171,7 +171,7 @@ def _problem(text: str) -> str:
 def compiled_finding() -> Finding:
     """Check whether compiled code can be cached, exists, and is unmodified."""
     if refusal():
-        return Finding("compiled", "lacks", f"every command compiles anew: {refusal()}")
+        return Finding("compiled", "lacks", f"every command compiles again: {refusal()}")
     place = (
         f"{object_folder()}, {f'as {FOLDER_VARIABLE} says' if os.environ.get(FOLDER_VARIABLE) else PRIVATE_FOLDER_TEXT}"
     )

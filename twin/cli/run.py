@@ -59,7 +59,7 @@ def run(
         Option("Run once per value, like twin sweep; writes rows, no recordings.", "KEY=FROM:TO:COUNT", "--sweep"),
     ] = (),
     start_from: Annotated[
-        str | None, Option("Go on from a state of a run; with --set, only duration_s.", "RUN[@SECONDS]", "--from")
+        str | None, Option("Continue from a state of a run; with --set, only duration_s.", "RUN[@SECONDS]", "--from")
     ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object per run instead of text.", flags="--json")] = False,
@@ -105,7 +105,9 @@ def run(
     if not experiments and start_from is None:
         raise InputRefused("twin run: missing argument 'EXPERIMENT'; see twin run --help")
     if start_from is not None and (experiments or drive is not None or body is not None):
-        raise InputRefused("--from: the run says its experiment, drive and body; leave them out, or use twin branch")
+        raise InputRefused(
+            "--from: the run determines its experiment, drive and body; leave them out, or use twin branch"
+        )
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
     if isolate != "none" and os.name != "posix":
@@ -152,12 +154,12 @@ class RunPageWriter:
     def collect_folders(self, listener: NoteListener) -> NoteListener:
         """Wrap `listener` to collect the folders of the runs from the notes."""
 
-        def hear(note: dict[str, Any]) -> None:
+        def on_note(note: dict[str, Any]) -> None:
             if "folder" in note:
                 self._folders.append(Path(note["folder"]))
             listener(note)
 
-        return hear
+        return on_note
 
     def __enter__(self) -> "RunPageWriter":
         return self
@@ -185,7 +187,7 @@ def report(
     ],
     say: Say,
     out: Annotated[
-        Path | None, Option("The page; default: report.html beside the run, or results/report for several.", "FILE")
+        Path | None, Option("The page; default: report.html in its folder, or results/report for several.", "FILE")
     ] = None,
     budget: Annotated[bool, Option("Also run without imperfections: the budget of the force error.")] = False,
 ) -> Answer:

@@ -105,6 +105,6 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
 
     path, complete = propose(log)
     words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]
-    standing = "complete" if complete else "NOT complete: remove the # from what is right"
+    standing = "complete" if complete else "NOT complete: remove the # from the right lines"
     text = f"{path}\n{standing}\nthen, with the experiment that describes the robot: {shlex.join(words)}"
     return Answer(text, {"map": str(path), "complete": complete})

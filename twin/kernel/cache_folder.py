@@ -76,7 +76,7 @@ def private_folder(folder: Path) -> Path:
         link = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
         raise InputRefused(f"{folder}: not a folder; remove it, or {CACHE_REMEDY}")
-    risk = "and its content is run"
+    risk = "and its content is executed"
     if owner := _owner_problem(link, found):
         raise InputRefused(f"{folder}: {owner}, {risk}; {CACHE_REMEDY}")
     if open_ := _permission_problem(found):
@@ -100,7 +100,7 @@ def discard_foreign(path: Path) -> None:
         # another process may have removed it first
         with contextlib.suppress(FileNotFoundError):
             remove(path)
-        print(f"twin: {why}: removed, because what is kept there is run", file=sys.stderr)
+        print(f"twin: {why}: removed, because its content is executed", file=sys.stderr)
 
 
 def ownership_problem(path: Path) -> str:
@@ -193,7 +193,9 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
 
 
 def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
-    """Remove all but the `most` recently used folders or files in `home`, and except those locked by a process.
+    """Remove the least recently used folders or files in `home` until `most` remain; locked ones stay.
+
+    Abandoned unfinished folders are removed too.
 
     Args:
         home: a `private_folder`.

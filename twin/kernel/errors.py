@@ -74,7 +74,7 @@ def translate_disk_errors(
     remedy: str = "",
     caught: type[Exception] | tuple[type[Exception], ...] = OSError,
 ) -> Iterator[None]:
-    """Translate errors of the disk in the block into one message: `a.csv: cannot be written: No space left on device`.
+    """Raise errors of the disk in the block as `kind`, with one message: `a.csv: cannot be written: No space left`.
 
     Args:
         place: file or folder.

@@ -108,7 +108,7 @@ def test_a_missing_recording_is_named_together_with_what_is_left_of_it(tmp_path:
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be read: No such file or directory$"):
         read(tmp_path / "run.mcap")
     (tmp_path / "run.mcap.partial").touch()
-    with pytest.raises(RecordingError, match=r"unfinished recording is beside it: run\.mcap\.partial$"):
+    with pytest.raises(RecordingError, match=r"unfinished recording exists: run\.mcap\.partial$"):
         read(tmp_path / "run.mcap")
 
 

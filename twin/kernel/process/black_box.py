@@ -30,9 +30,7 @@ _TEXT_AT = _CALL_AT + _CALL_STRUCT.size
 _MAX_PART_BYTES = 255
 """Maximum length of each of the three parts of a call's text (bytes): the maximum length of a file name."""
 MAX_QUOTE_LENGTH = 200
-_FMU_REMEDY = (
-    "{file} is not fit to be used: tell its maker, with these facts; `--isolate none` runs it under a debugger."
-)
+_FMU_REMEDY = "{file} is unusable: report this message to its vendor; `--isolate none` runs it under a debugger."
 
 
 class Call(NamedTuple):

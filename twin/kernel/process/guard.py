@@ -158,7 +158,7 @@ class Watchdog:
             if resident_memory(pid) > limits.memory:
                 raise self._failure(
                     f"grew to the limit of {limits.memory / 1e6:g} MB of memory",
-                    "It leaks: tell its maker; --limit-memory sets the limit.",
+                    "It leaks memory: report it to its vendor; --limit-memory sets the limit.",
                     name,
                 )
         if process.memory > limits.memory:

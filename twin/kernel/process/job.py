@@ -134,7 +134,7 @@ def retry_lost_interrupts() -> None:
     """
     before = sys.unraisablehook
 
-    def hear(lost: "sys.UnraisableHookArgs") -> None:
+    def on_unraisable(lost: "sys.UnraisableHookArgs") -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
             again = threading.Timer(INTERRUPT_RETRY_DELAY, interrupt_main)
             again.daemon = True
@@ -142,7 +142,7 @@ def retry_lost_interrupts() -> None:
         else:
             before(lost)
 
-    sys.unraisablehook = hear
+    sys.unraisablehook = on_unraisable
 
 
 def interrupt_main() -> None:
@@ -173,8 +173,8 @@ def interrupt_message(folder: Path) -> str:
 
     whole, partial = folder / RECORDING_FILE, folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}"
     if partial.exists():
-        go_on = f"twin run --from {relative_path(folder)} goes on"
-        return f"interrupted; recorded until then: {relative_path(partial)}; {go_on}"
+        command = f"twin run --from {relative_path(folder)}"
+        return f"interrupted; recorded until then: {relative_path(partial)}; continue with: {command}"
     if whole.exists():
         return f"interrupted; the recording is complete: {relative_path(whole)}"
     # other files in the folder stay

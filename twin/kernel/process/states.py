@@ -88,13 +88,13 @@ def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> N
     """
     its = saved.about.get("of")
     if not isinstance(its, dict):
-        raise InputRefused(f"{where}: the state does not say of whom it is")
+        raise InputRefused(f"{where}: the state does not identify its run")
     for part, reason in MISMATCH_REASONS.items():
         if part in own and its.get(part) != own[part]:
             both = isinstance(its.get(part), dict) and isinstance(own[part], dict)
             detail = f": {_difference_text(its[part], own[part])}" if both else ""
             raise InputRefused(
-                f"{where}: the state at {_time_text(saved)} is {reason}{detail}; it cannot be gone on from here, run "
+                f"{where}: the state at {_time_text(saved)} is {reason}{detail}; it cannot be continued here; run "
                 "the experiment again"
             )
 

@@ -216,7 +216,7 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
             return _read_file(path, file, salvage)
     except OSError as error:
         partial = path.with_name(path.name + PARTIAL_SUFFIX)
-        hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
+        hint = f"; an unfinished recording exists: {partial.name}" if partial.exists() else ""
         raise RecordingError(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
         reason = error.args[0] if isinstance(error, LookupError) and error.args else error
@@ -255,14 +255,14 @@ def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
         if scan.complete:
             stated, there = scan.statistics, sum(contents.counts.values())
             if stated is None:
-                raise Damage(scan.position, "its index does not say how many messages there are")
+                raise Damage(scan.position, "its index lacks the message counts")
             counts = {channel: count for channel, count in stated.channel_message_counts.items() if count}
             if counts != contents.counts or stated.message_count != sum(counts.values()):
-                raise Damage(scan.position, f"{there} messages are there where its index counts {stated.message_count}")
+                raise Damage(scan.position, f"it has {there} messages, its index counts {stated.message_count}")
     except Damage as error:
         damage = error
     if contents.foreign and not contents.series:
-        raise RecordingError(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
+        raise RecordingError(f"{path}: not a recording that twin wrote: it has no topic of twin")
     streams = {
         contents.topics[channel]: Stream(series.fields, series.layout, series.all_records())
         for channel, series in contents.series.items()

@@ -210,7 +210,7 @@ class Scan:
                 self.rest = size - position
                 return
             if length > MAX_RECORD_BYTES:
-                raise Damage(position, f"a record of {length / 1e6:.0f} MB where twin writes none of that size")
+                raise Damage(position, f"a record of {length / 1e6:.0f} MB; twin writes smaller ones only")
             body = self.file.read(length)
             if opcode == Opcode.DATA_END:
                 if _parse_record(position, opcode, body) != DataEnd(crc):
@@ -250,7 +250,7 @@ class Scan:
 def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | Attachment | DataEnd:
     """Parse `body`, which the record must fill exactly."""
     if opcode not in RECORD_READERS:
-        raise Damage(position, f"a record of kind {opcode} where twin writes none")
+        raise Damage(position, f"an unexpected record of kind {opcode}")
     try:
         record = RECORD_READERS[opcode](ReadDataStream(BytesIO(body)))
     # a damaged length inside may exceed the range of an index

@@ -309,7 +309,7 @@ class Writer:
         streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]
         if len({*names, EVENTS_TOPIC}) <= len(names):
-            raise ValueError(f"topics {names}: expected different names, none of them {EVENTS_TOPIC!r}")
+            raise ValueError(f"topics {names}: expected different names other than {EVENTS_TOPIC!r}")
         self.tick = tick
         schemas, self._channels = _declare_topics(topics, forms)
         self._topics = {

@@ -128,6 +128,6 @@ def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, s
     try:
         log = read_log(path, column_map([beside] if mapped else []))
     except InputRefused as refusal:
-        hint = "" if mapped else f"; a map of its columns belongs beside it as {beside.name}: twin log new {path}"
+        hint = "" if mapped else f"; a map of its columns is expected in {beside.name} next to it: twin log new {path}"
         raise InputRefused(f"{refusal}{hint}") from None
     return PanelRun(_view_of(log, experiment, float(shift)), experiment.values), "; ".join(log.notes)

@@ -171,7 +171,7 @@ def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
             found["set"][CONTACT_KEY] = _round_digits(value)
             continue
         if field not in FAULT_BY_FIELD:
-            raise InputRefused(f"{one['text']}: no key of an experiment and no fault stands for it")
+            raise InputRefused(f"{one['text']}: no key of an experiment and no fault represents it")
         kind, target = FAULT_BY_FIELD[field], f"joint_{one['leg'] + 1}"
         magnitude = _round_digits(value / k_s if field == "k_s_share" else math.degrees(value))
         others = [fault for fault in found["faults"] if (fault["kind"], fault["target"]) != (kind, target)]
@@ -248,7 +248,7 @@ def save_experiment(state: PageState, name: str) -> Path:
         again = load_experiment(path)
         differing = ", ".join(key for key in meant.values if again.values.get(key) != meant.values[key])
         if differing:
-            raise InputRefused(f"{path}: a file cannot say this as --set does ({differing}); use 'copy command'")
+            raise InputRefused(f"{path}: a file cannot express this --set option ({differing}); use 'copy command'")
     except InputRefused:
         path.unlink()
         raise

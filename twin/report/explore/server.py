@@ -86,7 +86,7 @@ RECORD_JOB = "twin.robot.live.runs:recorded_runs"
 """Job of `twin run`."""
 FORBIDDEN_TEXT = (
     "This page is shown only to the browser that twin explore has opened. Open the address that it has printed in the "
-    "terminal; what stands behind # in yours may be put behind that one.\n"
+    "terminal; the part after # in yours may be appended to it.\n"
 )
 
 
@@ -124,7 +124,7 @@ def error_message(problem: TwinError) -> str:
     if type(problem) is not TwinError:
         return lines[0]
     print("\n".join(lines), file=sys.stderr)
-    return f"a mistake of twin, see the terminal: {lines[-1]}"
+    return f"an internal error of twin, see the terminal: {lines[-1]}"
 
 
 class ExplorerServer:
@@ -427,7 +427,7 @@ def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Pa
     """
     folders: list[str] = []
 
-    def hear(note: dict[str, Any]) -> None:
+    def on_note(note: dict[str, Any]) -> None:
         if "folder" in note:
             folders.append(note["folder"])
 
@@ -435,7 +435,7 @@ def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Pa
     arguments |= {key: how[key] for key in ("drive", "body", "settings")}
     # a run with a safety trip is recorded too, and its report shows it
     with contextlib.suppress(SafetyTrip):
-        run_guarded(RECORD_JOB, arguments, limits, hear)
+        run_guarded(RECORD_JOB, arguments, limits, on_note)
     report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
     run_guarded(STUDY_JOB, report)
     return Path(folders[0])

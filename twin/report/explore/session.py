@@ -142,7 +142,7 @@ class LiveSession:
     def to_dict(self) -> dict[str, Any]:
         """Return the current state of the session, JSON-serialisable."""
         silent = "" if EVENTS_TOPIC not in self._types or ALARM_TOPIC in self._types else (
-            "No alarms, and so no proposals: twin shadow runs without an alarm; its text says why."
+            "No alarms, and so no proposals: twin shadow runs without an alarm; its output states the reason."
         )  # fmt: skip
         return {
             "problem": self._problem,
@@ -200,7 +200,7 @@ class LiveSession:
         return f"The connection to {self.name} is lost: twin shadow has ended, or hangs. Trying again."
 
     def _protocol_error_text(self) -> str:
-        return f"What answers at {self.name} is no live server of twin; expected twin shadow --live. Trying again."
+        return f"The server at {self.name} is not a live server of twin; expected twin shadow --live. Trying again."
 
     async def _greet(self, connection: ClientConnection) -> None:
         """Identify the peer and subscribe to its topics; a run gets no subscription, since that would start it."""

@@ -156,7 +156,7 @@ def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", on
         numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))
     run = PanelRun(trace, experiment.values, fields)
     if look.layout and figure_of(experiment) != look.layout:
-        raise InputRefused("layout: this experiment is none of the paper's Fig. 4")
+        raise InputRefused("layout: this experiment is not one of the paper's Fig. 4")
     found = look.picture(run, float(trace.t[-1]), fig4_runs(state, (experiment, trace)) if look.layout else None)
     _viewed_signals[look.form] = frozenset(run.used).union(FIG4_SERIES if look.layout else ())
     return found | {
@@ -253,7 +253,8 @@ def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
         raise InputRefused(
             "the log has no signal of the plots that are shown; map its columns to encoder.count_m[0..2] and "
-            "count_l[0..2], or scale.F_z, in NAME.map.toml beside it (twin log new LOG writes one), or show other plots"
+            "count_l[0..2], or scale.F_z, in NAME.map.toml next to it (twin log new LOG writes one), or show other "
+            "plots"
         )
     return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
             **found}  # fmt: skip

@@ -55,7 +55,7 @@ from twin.studies.paper.claim import ClaimFinding, standing_text, tally
 from twin.studies.result import Cell, Column, Table, wrap_text
 
 BUDGET_HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBER_COLUMNS)
-MEANING_HEAD = "what it means"
+MEANING_HEAD = "meaning"
 REASON_HEAD = "why so much, assumed"
 VERDICT_MARKS = {
     "holds": ("✓ holds", "good"),
@@ -107,7 +107,7 @@ def accuracy(budget: budgeting.Budget, label: str) -> Markup:
             table(
                 ("not modelled", "at most, N", "why"),
                 [(what, f"{most:.3f}", why) for what, most, why in budgeting.NOT_MODELLED],
-                f"what is not modelled in {label}",
+                f"effects not modelled in {label}",
             ),
             element("h3", "If the controller believed"),
             element("p", others),
@@ -205,7 +205,7 @@ def drives(run: ReportRun) -> Markup:
                 fmu["file"],
                 fmu["model"],
                 fmu["fmi"] + (" model exchange" if fmu["kind"] == "model_exchange" else ""),
-                fmu["generation_tool"] or "not said",
+                fmu["generation_tool"] or "not stated",
                 element("code", fmu["sha256"]),
                 settings or "nothing",
                 join_markup([element("div", text) for text in fmu["mapped"]]),
@@ -306,11 +306,11 @@ def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
     parts = [_claims(group) for group in verdict.groups]
     parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
     if len(runs) > 1:
-        head = ("what differs", "unit", *(run.label for run in runs))
+        head = ("difference", "unit", *(run.label for run in runs))
         rows = differences(runs)
         parts.append(element("h3", "Differences"))
         same = element("p", "Nothing in experiments, FMUs and versions.")
-        parts.append(table(head, rows, "what differs between the runs") if rows else same)
+        parts.append(table(head, rows, "differences between the runs") if rows else same)
     return join_markup(parts)
 
 

@@ -56,7 +56,7 @@ def require_sessions(runs: Sequence[ReportRun]) -> None:
     for run in runs:
         if not is_session(run.recording):
             raise InputRefused(
-                f"{run.recording.path}: records a run, and another one a session beside a robot; write a page for each "
+                f"{run.recording.path}: records a run, and another one a session with a robot; write a page for each "
                 "kind, or compare signals with twin compare"
             )
 
@@ -116,7 +116,7 @@ def _facts_of(text: str, path: Path) -> SessionFacts:
     except ValidationError as mistake:
         first = mistake.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputRefused(f"{path}: what it says of its session is damaged: {place}: {first['msg']}") from None
+        raise InputRefused(f"{path}: its session results are damaged: {place}: {first['msg']}") from None
 
 
 def even_samples(read: Reader) -> Reader:
@@ -318,7 +318,7 @@ def gaps(run: ReportRun) -> Markup:
     facts, parts = session_facts(run), [element("p", UNFINISHED_TEXT)]
     if facts:
         rows = [(text, str(facts.counts[key])) for key, text in COUNT_LABELS.items() if key in facts.counts]
-        rows.append(("lost by the transport, as it says itself", str(facts.dropped)))
+        rows.append(("lost by the transport, as reported by it", str(facts.dropped)))
         parts = [table(("", "number"), rows, f"what came in {run.label}")]
     if longest := sorted(_gaps(run), key=lambda one: -one[1])[:MAX_GAPS]:
         found = [(_time_button(at), f"{length:.4g} s", str(missing)) for at, length, missing in longest]
@@ -364,12 +364,12 @@ def punctuality(run: ReportRun) -> Markup:
         ("late, at most", _ms(facts.lateness_largest_s)),
     ]
     if facts.clock_offset_s is not None:
-        clock.append(("the robot's clock is behind ours by", f"{facts.clock_offset_s:+.4f} s"))
+        clock.append(("the robot's clock is behind this machine's by", f"{facts.clock_offset_s:+.4f} s"))
     if facts.clock_drift is not None:
         clock.append(("and goes slow by", f"{1e6 * facts.clock_drift:+.1f} us per s"))
     if facts.in_hand_p99_s is not None:
-        clock.append(("from a sample in our hands to its estimate, 99 %", _ms(facts.in_hand_p99_s)))
-        clock.append(("from a sample in our hands to its estimate, at most", _ms(facts.in_hand_largest_s)))
+        clock.append(("from receipt of a sample to its estimate, 99 %", _ms(facts.in_hand_p99_s)))
+        clock.append(("from receipt of a sample to its estimate, at most", _ms(facts.in_hand_largest_s)))
     lateness = table(("later than the quickest", "messages", "share", ""), rows, f"lateness in {run.label}")
     return join_markup([lateness, element("h3", "Clock"), table(("", "is"), clock, f"clock in {run.label}")])
 

@@ -131,7 +131,7 @@ def _timing(run: ReportRun) -> Markup:
         if isinstance(value := run.summary.get(key), float)
     ]
     if not rows:
-        return element("p", "How long it took was not kept beside the recording.")
+        return element("p", "The duration was not saved with the recording.")
     return table(("", "time"), rows, f"time that {run.label} took")
 
 
