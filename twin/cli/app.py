@@ -40,7 +40,7 @@ class StudyCommand(click.Command):
 
     @cached_property
     def function(self) -> Callable[..., Any]:
-        """The study's function."""
+        """The function of the study, imported on first use."""
         found: Callable[..., Any] = getattr(import_module(self._text.module), self._text.function)
         return found
 

@@ -71,7 +71,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
 
 
 def _add_page(answer: Answer) -> Answer:
-    """Add the path of a new page about its recording to `answer`."""
+    """Write the page about the recording of `answer`, and add the page's path to `answer`."""
     # imported here: drawing takes a while to load
     from twin.report.page.page import write_report
 

@@ -42,7 +42,7 @@ def command_texts() -> dict[str, CommandText]:
 
 
 class CommandGroup(NamedTuple):
-    """A group of commands of two words with the same first word: help, and default second word."""
+    """A group of commands of two words with the same first word: its help, and its default second word."""
 
     help: str
     default: str = ""

@@ -183,7 +183,7 @@ def compiled_finding() -> Finding:
 
 
 def _size(files: Sequence[Path]) -> float:
-    """Return the total size (MB)."""
+    """Return the total size of `files` (MB)."""
     return sum(file.stat().st_size for file in files) / 1e6
 
 

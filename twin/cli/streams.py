@@ -119,7 +119,7 @@ class EscapingTerminal(_Stream):
     """A terminal that escapes control characters: `\\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
-        """Write `text`."""
+        """Write `text` with control characters escaped."""
         return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
 
 

@@ -227,7 +227,7 @@ class CompileWatch:
         self._thread = threading.Thread(target=self._look, daemon=True)
 
     def start(self) -> None:
-        """Start watching."""
+        """Start watching the cache."""
         self._thread.start()
 
     def end(self) -> None:

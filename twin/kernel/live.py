@@ -161,7 +161,7 @@ _REQUEST_ADAPTER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(di
 
 
 def parse_request(text: str) -> Request:
-    """Parse a viewer's request."""
+    """Parse a viewer's request; raise InputRefused if unknown or invalid."""
     try:
         return _REQUEST_ADAPTER.validate_json(text)
     except ValidationError as mistake:

@@ -127,7 +127,7 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
 
 @cache
 def _unit_of(table: type[Settings], name: str) -> tuple[bool, Unit | None]:
-    """Return (whether the field `name` has a unit in its key, the unit)."""
+    """Return (whether the key of the field `name` has a unit, that unit; None for a pure number)."""
     key = table.model_fields[name].alias
     return key is not None, None if key is None else known_unit(key.removeprefix(f"{name}_"))
 
@@ -153,7 +153,7 @@ class FieldSource(NamedTuple):
 
     @property
     def setting(self) -> Setting:
-        """Declaration of the setting."""
+        """Declaration of the setting that the number comes from."""
         return self.table.settings[self.name]
 
     @property
@@ -177,7 +177,7 @@ class FieldSource(NamedTuple):
 
 
 def fields_of_form(form: str, names: str) -> dict[str, str]:
-    """Return fields of a record that share one type: `record(**fields_of_form("f8", "k c error"), known="i8")`."""
+    """Return record fields of one type: `record(**fields_of_form("f8", "k c error"), known="i8")`."""
     return dict.fromkeys(names.split(), form)
 
 
@@ -223,7 +223,7 @@ class Values(tuple[Any, ...]):
     broken_by: ClassVar[dict[str, str]]
 
     def __init_subclass__(cls, parts: Iterable[Fields] = (), first: str = "") -> None:
-        """Declare the fields.
+        """Declare the fields of the record that the subclass represents.
 
         Args:
             parts: field declarations, joined in order.

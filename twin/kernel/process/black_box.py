@@ -167,7 +167,7 @@ class JobAccount:
     helpers: dict[str, int] = field(default_factory=dict)
 
     def update(self, report: dict[str, Any]) -> None:
-        """Update from a report of the kinds "loading", "stepping" and "helper"; ignore others."""
+        """Update the account from a report of the kinds "loading", "stepping" and "helper"; ignore others."""
         if "loading" in report:
             self.stepped = None
             self.helpers.clear()

@@ -118,7 +118,7 @@ class Watchdog:
     """Supervisor of a process: tracks the running call and its duration, and ends the process at its limits.
 
     Attributes:
-        account: notes and progress of the job; whoever reads the reports must update it.
+        account: notes and progress of the job; the reader of the reports must update it.
         process, limits: the supervised process and its limits.
     """
 
@@ -130,7 +130,7 @@ class Watchdog:
         self._stepped: object = None
 
     def raise_if_over(self) -> None:
-        """Check all limits once.
+        """Check all limits once; end the process and raise if it exceeds one.
 
         Raises:
             JobFailure, JobLoadFailure: the process has ended without a result, or exceeded a limit and was ended.

@@ -63,7 +63,7 @@ class JobLimits:
 
 
 def core_count() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -184,5 +184,5 @@ def interrupt_message(folder: Path) -> str:
 
 
 def relative_path(path: Path) -> Path:
-    """Return `path` relative to the current folder, if it is below it."""
+    """Return `path` relative to the current folder if it is below that folder, else unchanged."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

@@ -97,7 +97,7 @@ class PipeReporter:
         self.announcer = Announcer(box)
 
     def report(self, kind: str, content: Any) -> None:
-        """Send one line."""
+        """Send one report to the supervisor, as a line of JSON."""
         self._pipe.write(json.dumps({kind: content}) + "\n")
         self._pipe.flush()
 

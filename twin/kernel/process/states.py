@@ -290,7 +290,7 @@ class StoredState:
 
     @property
     def saved_state(self) -> SavedState:
-        """The decoded state."""
+        """The state decoded from `content`."""
         return SavedState.from_bytes(self.content, str(self.recording))
 
 

@@ -287,7 +287,7 @@ class Filling:
         self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
     def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
-        """Write `count` records at address `to`; return whether every value of an integer place is an integer.
+        """Write `count` records at address `to`; return whether all values for integer fields are integers.
 
         Args:
             times: address of the log times, ns, (count,) int64.
@@ -309,8 +309,7 @@ class Filling:
         return Filling, (self.template, self._places)
 
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
-        """Return one record per element of `times`, (n, stride) uint8; None if a value of an integer place is no
-        integer.
+        """Return one record per element of `times`, (n, stride) uint8; None if a value for an integer field is not one.
 
         Args:
             times: ns, (n,) integer.
@@ -454,7 +453,7 @@ class MessageForm:
 
 
 def form_filling(channel: int, form: MessageForm) -> Filling:
-    """Return the template and places of the Message records of channel number `channel`.
+    """Return the record template of a message form on channel number `channel`, with the places of its numbers.
 
     Raises:
         ValueError: a column has no blank in the example.

@@ -28,7 +28,7 @@ BLOCK_TICKS = 100
 
 @dataclass(frozen=True)
 class RowStream:
-    """A topic and its columns in a row."""
+    """A topic of a recording, and the columns of a row with its values."""
 
     topic: Topic
     columns: slice

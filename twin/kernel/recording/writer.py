@@ -250,7 +250,7 @@ class OpenTopic:
 
     @classmethod
     def from_topic(cls, topic: Topic | MessageForm, channel: int) -> Self:
-        """Open `topic` on channel number `channel`."""
+        """Create the writing state of `topic` on channel number `channel`."""
         if isinstance(topic, MessageForm):
             return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
         width = sum(field.size for field in topic.fields)

@@ -86,7 +86,7 @@ class PageState:
 
     @property
     def base_experiment(self) -> Experiment:
-        """The experiment without `values`."""
+        """The experiment without the changed `values`."""
         return base_experiment(self.base, self.drive, self.body)
 
     @property
@@ -181,7 +181,7 @@ def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
 
 
 def _round_digits(value: float) -> float:
-    """Round to the five digits that are displayed."""
+    """Round a number to the five significant digits that are displayed."""
     return float(f"{value:.5g}")
 
 

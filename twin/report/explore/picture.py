@@ -144,7 +144,7 @@ class Tile(NamedTuple):
 
 
 def tiles(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Tile]:
-    """Return the numbers above the plots."""
+    """Return the numbers displayed above the plots: measures of the run, and the force range of each task."""
     found = []
     for measure in (ROWS_BY_KEY[key] for key in TILE_MEASURES):
         value, reason = (one := outcome.measures[measure.key]).value, one.reason

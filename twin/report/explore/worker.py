@@ -290,7 +290,7 @@ def _onset(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Analyse the control loops at one operating point."""
+    """Analyse the control loops of a state at one operating point."""
     # imported here: python-control takes a second to load
     from twin.report.explore.loops import loops
 

@@ -83,8 +83,8 @@ SESSION_KEY = Markup(
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
-    """Return the accuracy budget of a run: causes in the run, the twin's own error, and wrong beliefs that could add to
-    it.
+    """Return the accuracy section of a run: causes of its force error, the twin's own error, effects left out, and
+    wrong beliefs.
     """
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
@@ -130,7 +130,7 @@ def _row(one: budgeting.Contribution) -> tuple[Cell, ...]:
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:
-    """Return the source of the value of `key`; the robot's own source if the table was filled from the robot."""
+    """Return the stated origin of the value of `key`; the robot's own if the table was filled from the robot."""
     for filled in FROM_ROBOT:
         if key not in origins and key.startswith(f"{filled}."):
             words = origins.get(f"robot{key.removeprefix(filled)}")
@@ -376,7 +376,7 @@ def _measure(measure: RunMeasure | None) -> Markup:
 
 
 def _number(measure: RunMeasure) -> str:
-    """Return the true value, or the reason why it is missing."""
+    """Return the true value of a measure, or the reason why it is missing."""
     return f"none ({measure.reason})" if math.isnan(measure.true) and measure.reason else number_text(measure.true)
 
 
@@ -389,7 +389,7 @@ def _folded_parameters(run: ReportRun) -> Markup:
 
 
 def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:
-    """Return `write` of one run without a heading, or of several runs under their labels."""
+    """Return the section written by `write` for one run, or those of several runs under their labels."""
     if len(runs) == 1:
         return write(runs[0])
     return join_markup([part for run in runs for part in (element("h3", run.label), write(run))])
@@ -562,7 +562,7 @@ def plain_page(
     links: Sequence[tuple[str, str]],
     made_of: str = "",
 ) -> str:
-    """Return the HTML of a page without scripts.
+    """Return the HTML of a page without plots, player and scripts.
 
     Args:
         sections: key, title and content of each section.

@@ -58,7 +58,7 @@ class PanelRun:
         return max(float(self.time(_topic(key))[-1]) for key in self.fields)
 
     def has(self, *keys: str) -> bool:
-        """Return whether it has samples of all these signals."""
+        """Return whether the run has samples of all these signals."""
         return all(key in self.fields for key in keys)
 
     def column(self, key: str, column: int | None) -> Curve:
@@ -164,7 +164,7 @@ def deviation(axis: int) -> Reader:
 
 
 def surface_height(run: PanelRun) -> Samples | None:
-    """Read the height of the apex of a moving surface, mm; a reader."""
+    """Return times (s) and heights (mm) of the apex of a moving surface; None if the surface does not move."""
     if not run.has("body.s_B") or "contact" not in run.values:
         return None
     return run.time("body"), run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)

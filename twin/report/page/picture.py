@@ -80,7 +80,7 @@ def _wait_until_done(process: GuardedProcess) -> bool:
 
 
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
-    """Start drawing the picture of `runs`; the context manager yields a function that waits for it.
+    """Start drawing the picture of `runs`; the context manager yields a function that waits for the picture.
 
     Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; the function returns None for
     any other runs.

@@ -65,14 +65,14 @@ class RunMeasure(NamedTuple):
 
     @property
     def true_text(self) -> str:
-        """The true value as in the verdict: `0.094 N`; "none" if missing."""
+        """True value as in the verdict: `0.094 N`; "none" if missing."""
         if self.digits is None or not math.isfinite(self.true):
             return number_text(self.true, self.unit) or "none"
         return f"{fixed_point(self.true, self.digits)} {self.unit}".rstrip()
 
     @property
     def name(self) -> str:
-        """Short name, with the reason if the value is missing."""
+        """Short name of the measure, with the reason if the value is missing."""
         return (self.short or self.text) + (f", {self.reason}" if math.isnan(self.true) else "")
 
 
@@ -93,7 +93,7 @@ class ReportRun(PanelRun):
 
     @property
     def name(self) -> str:
-        """Name of the experiment, or of the file of a system."""
+        """Name of the experiment, or of the system's file."""
         return _name_of(self.recording)
 
     @property
@@ -127,7 +127,7 @@ class ReportRun(PanelRun):
 
     @cached_property
     def outcome(self) -> Values:
-        """Measures by key; empty without a true force."""
+        """Measures of the run by key; empty without a true force."""
         return self._measure(self.recording)
 
     @cached_property
@@ -145,12 +145,12 @@ class ReportRun(PanelRun):
 
     @cached_property
     def measures(self) -> list[RunMeasure]:
-        """All measures, see the function `measures`."""
+        """All measures of the run, see the function `measures`."""
         return measures(self)
 
     @property
     def size(self) -> int:
-        """Size of its samples (bytes)."""
+        """Size of the run's samples (bytes)."""
         return sum(stream.records.nbytes for stream in self.recording.streams.values())
 
 

@@ -120,9 +120,7 @@ def _facts_of(text: str, path: Path) -> SessionFacts:
 
 
 def even_samples(read: Reader) -> Reader:
-    """Return a reader that resamples `read` to one sample per period, with NaN for missing ones, so that gaps are
-    visible.
-    """
+    """Wrap a reader so that it gives one sample per period, with NaN for missing ones: gaps become visible."""
 
     def samples(run: PanelRun) -> Samples | None:
         found = read(run)

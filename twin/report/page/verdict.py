@@ -125,7 +125,10 @@ def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
 
 
 def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """Name measures that a run lacks although another run has them, or for want of a series: it may hide a loss."""
+    """Describe the measures that a run lacks although another run has them, or for want of a series.
+
+    Without these sentences a missing measure could hide a loss.
+    """
     known = {name for run in runs for name in scored_values(run)}
     return [
         f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"
