@@ -39,13 +39,13 @@ def explore(
     ] = DEFAULT_LINGER,
     limit_step: LimitStep = JobLimits.step,
 ) -> None:
-    """Change an experiment in the browser and see the whole of it follow.
+    """Change an experiment in the browser and see all its results follow.
 
     Each change runs the experiment again in memory; 'record' makes a real run.
     Only this machine can open the page, with the address that is printed. It
     ends with Ctrl-C, or a minute after its last page was closed. With --follow
-    it shows the robot of a session, and has a button for what twin proposes.
-    Read from standard input, the address is in no list of processes.
+    it shows the robot of a session, and has a button to accept twin's
+    proposals. An address read from standard input is in no list of processes.
 
     Exit code: 0 the last page was closed, 2 refused, 130 interrupted.
 

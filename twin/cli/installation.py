@@ -308,7 +308,7 @@ def examination_text(findings: Sequence[Finding]) -> str:
 
 @study()
 def doctor(with_run: Annotated[bool, Option("Also run one second of Fig. 4.", flags="--run")] = False) -> Answer:
-    """Check this installation: what is there, what is missing, and what to do.
+    """Check this installation, and report missing parts with their remedies.
 
     Exit code: 0 ready, even if something optional is missing, 2 not ready.
 

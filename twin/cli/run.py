@@ -225,9 +225,9 @@ def drive_compare(
 ) -> Answer:
     """Run the same experiments with each drive, and compare the true signals.
 
-    The answer says where each drive is better or worse than the first; the
-    numbers follow. Exit code: 0 all ran, 2 one is refused (none has run), 3
-    one failed.
+    The answer states where each drive is better or worse than the first; the
+    numbers follow. Exit code: 0 all ran, 2 a drive or experiment is refused
+    (nothing has run), 3 a run failed.
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
