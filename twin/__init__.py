@@ -1,8 +1,7 @@
 """Co-simulation digital twin of a 3-DOF delta-like massage robot with series elastic joints.
 
 For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types `Experiment` and `Run` (docs/python.md);
-`Cosimulation` for FMUs without the robot (docs/kernel.md).
-What they need is imported when they are asked for.
+`Cosimulation` for FMUs without the robot (docs/kernel.md). Each is imported on first use.
 """
 
 __version__ = "1.0.0"
@@ -21,7 +20,7 @@ __all__ = list(_PUBLIC_NAMES)
 
 
 def __getattr__(name: str):  # type: ignore[no-untyped-def]
-    # imported here: until the command line has begun, Ctrl-C ends in Python's traceback
+    # imported here: until the command line has started, Ctrl-C would print Python's traceback
     from importlib import import_module
 
     if name not in _PUBLIC_NAMES:

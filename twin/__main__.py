@@ -1,7 +1,7 @@
 import os
 import sys
 
-# -m puts the current folder first; commands do not import what happens to lie there
+# -m puts the current folder first; do not import modules from there
 if not sys.flags.safe_path and sys.path[0] == os.getcwd():
     del sys.path[0]
 

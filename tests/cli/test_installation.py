@@ -149,7 +149,7 @@ def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, m
     assert told.state == "ok"
     assert told.text.endswith("which only you can write to; 1 changed since (dynamics.o), compiled again when needed")
     monkeypatch.setattr(installation, "refusal", lambda: "it is somebody else's")
-    assert compiled_finding() == Finding("compiled", "lacks", "every command compiles anew: it is somebody else's")
+    assert compiled_finding() == Finding("compiled", "lacks", "every command compiles again: it is somebody else's")
 
 
 def test_unpacked_drives_are_told_with_place_and_damage(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

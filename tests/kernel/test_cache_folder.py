@@ -140,8 +140,8 @@ def test_what_another_user_has_put_where_it_once_could_is_taken_away_and_said(
     discard_foreign(folder)
     assert not folder.exists() and not list(tmp_path.iterdir())
     assert capsys.readouterr().err == (
-        f"twin: {folder / inner}: belongs to user 1234, not to you (user {os.geteuid()}): removed, because what is "
-        "kept there is run\n"
+        f"twin: {folder / inner}: belongs to user 1234, not to you (user {os.geteuid()}): removed, because its "
+        "content is executed\n"
     )
 
 

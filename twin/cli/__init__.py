@@ -1,12 +1,12 @@
-"""The command line: runs, pages, files to start from, the installation; other commands are made of their studies."""
+"""The command line: runs, pages, new files, the installation; other commands are generated from the studies."""
 
 
 def main() -> None:
-    """Entry point; ends the process with the exit code of what happened."""
+    """Run the command line and end the process with its exit code."""
     import os
     import sys
 
-    # a notebook exports a backend that may be missing here; pictures are written without one
+    # a notebook exports a backend that may be missing here; pictures need no display
     os.environ["MPLBACKEND"] = "agg"
     try:
         from twin.kernel.process.job import handle_termination, retry_lost_interrupts
@@ -19,14 +19,14 @@ def main() -> None:
 
             main()
     except KeyboardInterrupt:
-        # while the commands themselves are being imported, or at the very end
+        # during the import of the commands, or at the very end
         code, word = 130, "interrupted"
         if job := sys.modules.get("twin.kernel.process.job"):
             code, word = getattr(job, "interruption", lambda: (code, word))()
         print(word, file=sys.stderr)
         sys.exit(code)
     except Exception:
-        # before a command is read, such as of a broken installation; `twin.cli.line` reports all others
+        # an error before a command is read, such as a broken installation; `twin.cli.line` reports all others
         from twin.kernel.errors import InternalError, internal_error
 
         print(internal_error(), file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Work begun before the command line is read: the imports that a run needs."""
+"""Processes started before the command line is parsed, to import early the modules that a run needs."""
 
 import os
 import sys
@@ -11,7 +11,7 @@ from twin.report.page import DRAW_JOB
 from twin.studies.sweep import WORKER_JOB
 
 RUN_JOB = "twin.robot.live.runs:recorded_runs"
-"""Of `twin run`."""
+"""Job of `twin run`."""
 COMMAND_JOBS = {"run": RUN_JOB, "report": DRAW_JOB, "sweep": WORKER_JOB, "explore": ANSWER_JOB}
 _EXCLUDING_WORDS = {
     "run": {"--help", "--live", "--sweep", "none", "--isolate=none"},
@@ -19,23 +19,25 @@ _EXCLUDING_WORDS = {
     "explore": {"--help"},
     "sweep": {"--help", "show", "dask", "--engine=dask"},
 }
-"""Words of a command line that another process serves, or none."""
+"""Words of a command line that is served by another process, or needs no process."""
 MAX_REPORT_WORDS = 6
-"""Words of a report whose picture is begun ahead: of more runs there hardly is one."""
+"""Maximum number of words of a report whose picture is started ahead; more runs rarely have one."""
 
 
 @contextmanager
 def start_expected_job() -> Iterator[None]:
-    """Start the process of a run, of the picture of a report or of a sweep's first run, if the command line looks like
-    one; it ends with the block if it was not asked for."""
+    """Start the process that the command line probably needs: a run, a report's picture or a sweep's first run.
+
+    The process ends with the block if unclaimed.
+    """
     job = _expected_job(sys.argv[1:])
     if not job:
         yield
         return
-    # for every other command this would be half of what it imports
+    # imported here: for other commands it would be half of their imports
     from twin.kernel.process.process import end_waiting, start_ahead
 
-    # an obstacle is reported when the process is needed
+    # an error is reported when the process is needed
     with suppress(OSError):
         start_ahead(job)
     try:
@@ -45,11 +47,11 @@ def start_expected_job() -> Iterator[None]:
 
 
 def _expected_job(words: list[str]) -> str:
-    """What the command line `words` will ask for, "" if it does not look so."""
+    """Return the job that the command line `words` will probably need; "" if it needs no process."""
     command, words = "".join(words[:1]), words[1:]
-    # the pipes would get the numbers of streams that are closed
+    # with a closed standard stream, the pipes would get its descriptor
     usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)
-    # where two cannot work at once it is as fast to draw where everything else is done
+    # on one core, or with many runs, drawing is as fast in the command's own process
     alone = command == "report" and (core_count() == 1 or len(words) > MAX_REPORT_WORDS)
     begins = (
         usual and command in COMMAND_JOBS and words and not alone and not _EXCLUDING_WORDS[command].intersection(words)

@@ -1,4 +1,4 @@
-"""The command `twin` and its subcommands, made of studies that are imported when they are asked for."""
+"""The command `twin` and its subcommands, generated from studies that are imported on use."""
 
 import inspect
 import os
@@ -21,14 +21,18 @@ from twin.kernel.errors import InputRefused
 from twin.studies.command import SHARED_OPTIONS, Argument, Isolation, Option
 
 COMPLETE_VARIABLE = "_TWIN_COMPLETE"
-"""By which a shell asks for completions, and a user for the script that does so."""
+"""Environment variable of the completion protocol between shell and program."""
 MAX_HELP_LENGTH = 1000
-"""Most letters of a command's first sentence in a list."""
+"""Maximum length of a command's first sentence in a list (characters)."""
 CONTEXT_SETTINGS = {"show_default": True}
+_ABOUT_TEXT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
+
+Start with: twin run experiments/fig4_force_position.toml
+"""
 
 
 class StudyCommand(click.Command):
-    """A command whose study is imported when it is made ready: to import all takes longer than most of them."""
+    """A command whose study is imported on use: importing all studies takes longer than most commands."""
 
     def __init__(self, words: str, text: CommandText):
         super().__init__(words.split()[-1], help=text.help, context_settings=CONTEXT_SETTINGS)
@@ -36,7 +40,7 @@ class StudyCommand(click.Command):
 
     @cached_property
     def function(self) -> Callable[..., Any]:
-        """The study."""
+        """The function of the study, imported on first use."""
         found: Callable[..., Any] = getattr(import_module(self._text.module), self._text.function)
         return found
 
@@ -58,7 +62,7 @@ class StudyCommand(click.Command):
 
 
 def parameters(function: Callable[..., Any]) -> list[click.Parameter]:
-    """Arguments and options of a study, and those that it shares."""
+    """Return the arguments and options of a study, including the shared ones."""
     own = inspect.signature(function).parameters
     options = {key: (found.annotation, found.default) for key, found in own.items() if key not in ("say", "reporter")}
     options |= {key: SHARED_OPTIONS[key] for key in vars(function)["study"].shared_options() if key not in own}
@@ -66,7 +70,7 @@ def parameters(function: Callable[..., Any]) -> list[click.Parameter]:
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> click.Parameter:
-    """An argument of a study as click reads it."""
+    """Convert an argument of a study to a parameter of click."""
     if typing.get_origin(annotation) is not Annotated:
         raise TypeError(f"{name}: expected Annotated[TYPE, Option(...)]")
     kind, option = typing.get_args(annotation)[:2]
@@ -83,7 +87,7 @@ def _parameter(name: str, annotation: Any, default: Any) -> click.Parameter:
         settings["shell_complete"] = lambda ctx, param, incomplete: complete(incomplete)
     if not isinstance(option, Argument):
         flags = (option.flags or f"--{name.replace('_', '-')}").split()
-        # click would take is_flag=False for an option whose value may be left out
+        # with is_flag=False click would refuse an option whose value is optional
         flag: dict[str, Any] = {"is_flag": True} if kind is bool else {}
         return click.Option([name, *flags], multiple=several, **flag, **settings)
     if settings.get("default", ()) != ():
@@ -107,7 +111,7 @@ class _IntegerRange(click.IntRange):
 
 
 class _NumberRange(click.FloatRange):
-    """A range of numbers; click's own lets NaN pass."""
+    """A range of numbers; click's own accepts NaN."""
 
     name = "number"
 
@@ -119,12 +123,12 @@ class _NumberRange(click.FloatRange):
 
 
 class CommandList(click.Group):
-    """A group of commands: its help lists them by section, each with its whole first sentence.
+    """A group of commands whose help lists them by section, each with its complete first sentence.
 
     Args:
-        name: "" of all commands of twin.
+        name: name of the group; "" for all commands of twin.
         sections: headings of the list, and the names below each.
-        default: the command that is meant where none is named.
+        default: command to use if the command line names none of the group.
     """
 
     def __init__(
@@ -158,7 +162,7 @@ class CommandList(click.Group):
 
 
 def twin_command() -> CommandList:
-    """The command `twin` with all that are declared; those that no section lists come last."""
+    """Build the command `twin` with all declared commands; commands without a section come last."""
     commands: dict[str, click.Command] = {}
     groups: dict[str, dict[str, click.Command]] = {}
     for words, text in command_texts().items():
@@ -175,24 +179,18 @@ def twin_command() -> CommandList:
     return show(twin)
 
 
-_ABOUT_TEXT = """Digital twin of a delta-like massage robot with motor drives as FMUs.
-
-Start with: twin run experiments/fig4_force_position.toml
-"""
-
-
 def run_command_line(words: list[str]) -> int:
-    """Exit code of the command line `words`.
+    """Run the command line `words` and return its exit code.
 
     Raises:
-        InputRefused: a mistake in it, in one sentence.
+        InputRefused: the command line is invalid.
     """
     twin = twin_command()
     if wanted := os.environ.get(COMPLETE_VARIABLE):
         from click.shell_completion import shell_complete
 
         return shell_complete(twin, {}, "twin", COMPLETE_VARIABLE, wanted)
-    # not needed to know what commands there are
+    # imported here: listing the commands does not need it
     from twin.studies.stale_files import remove_stale_folders
 
     remove_stale_folders()
@@ -207,8 +205,10 @@ def run_command_line(words: list[str]) -> int:
 
 
 def current_spelling(words: list[str]) -> list[str]:
-    """A command line with --isolate and --no-isolate, as some commands called them, in today's spelling; and with
-    --realtime as --realtime=1, because the word after an option is its value, whatever it is."""
+    """Translate older spellings of options: --isolate without a value and --no-isolate, and --realtime to --realtime=1.
+
+    click would otherwise take the next word as the value.
+    """
     spelt, values = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}, typing.get_args(Isolation)
     return [
         "--isolate=run" if word == "--isolate" and following not in values else spelt.get(word, word)

@@ -1,4 +1,6 @@
-"""The call of a study from a command, and the printing of its answers; a crash of an FMU ends it with a sentence."""
+"""Execution of a study for its command: calls it, prints its answers, and turns a crash of an FMU into an error
+message.
+"""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
@@ -29,18 +31,18 @@ from twin.studies.command import (
 )
 
 NoteListener = Callable[[dict[str, Any]], None]
-"""Takes a note of a job."""
+"""Callback for a note of a job."""
 RECORD_JOB = "twin.studies.command:answer_recording"
 LIMIT_OPTIONS = ("limit_step", "limit_wall")
-"""Options of `JobLimits`, in its order."""
+"""Options with the limits of a process, in the order of `JobLimits`."""
 
 
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
-    """Print what a study answers, as text or as JSON, and end with its exit code.
+    """Print the answers of a study, as text or as JSON, and end with its exit code.
 
     Raises:
         SystemExit: the exit code is not 0.
-        InputRefused: limits of a process, and none is to be made.
+        InputRefused: limits of a process were given without a process (--isolate none).
         TwinError: the study raised one, or an FMU ended its process; see `run_isolated` and `run_recording_job`.
     """
     marked: Study = vars(function)["study"]
@@ -69,8 +71,8 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
 
 
 def _add_page(answer: Answer) -> Answer:
-    """`answer`, and where the page on its recording is."""
-    # what draws it takes a while to load
+    """Write the page about the recording of `answer`, and add the page's path to `answer`."""
+    # imported here: drawing takes a while to load
     from twin.report.page.page import write_report
 
     page = write_report([Path(answer.facts["recording"])]).facts["page"]
@@ -84,7 +86,7 @@ def _answers(
     asked: dict[str, Any],
     given: Mapping[str, Any],
 ) -> Iterable[Answer]:
-    """One after the other, as the study has them; what it is doing is shown meanwhile."""
+    """Yield the answers of the study, one after the other; show its progress meanwhile."""
     shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED_OPTIONS.items()}
     name = f"{function.__module__}:{function.__name__}"
     limits = JobLimits(*(given.get(key, SHARED_OPTIONS[key][1]) for key in LIMIT_OPTIONS))
@@ -119,26 +121,27 @@ def run_recording_job(
     display: TerminalDisplay,
     isolate: Isolation,
     limits: JobLimits,
-    hear: NoteListener | None = None,
+    on_note: NoteListener | None = None,
 ) -> Any:
-    """The result of a job that records runs; where they are if one does not end well.
+    """Run a job that records runs and return its result; a failure's error message includes the state of the recording.
 
     Args:
         job, arguments, limits: see `run_guarded`.
-        isolate: none: it runs in this process.
+        isolate: "none" to run it in this process.
+        on_note: callback for its notes; None for the display's own.
 
     Raises:
         ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
-        Interrupted: Ctrl-C, after there was a folder.
+        StudyInterrupt: Ctrl-C, after the folder was created.
         TwinError: the job raised one.
     """
-    hear = hear or display.on_note
+    on_note = on_note or display.on_note
     try:
         if isolate == "none":
             from twin.kernel.process.reporter import DirectReporter
 
-            return load_function(job)(DirectReporter(hear, display.show), **arguments)
-        return run_guarded(job, arguments, limits, hear, display.show)
+            return load_function(job)(DirectReporter(on_note, display.show), **arguments)
+        return run_guarded(job, arguments, limits, on_note, display.show)
     except JobFailure as failure:
         raise ComponentFailed(f"{failure}\n{recording_status(display.folder)}") from None
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""The commands of twin by their names, found in the text of the files that hold them: nothing is imported."""
+"""Catalogue of the commands of twin, found in the text of their files without importing them."""
 
 import re
 from collections.abc import Mapping
@@ -7,12 +7,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 COMMAND_FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
-"""Packages whose files hold commands, and the `study.py` of their folders."""
+"""Packages whose files, and the `study.py` of their folders, define commands."""
 COMMAND_PATTERN = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
+HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
+    "Run": ("run", "explore", "sweep", "branch", "cosim"),
+    "Choose": ("drive", "tune", "analyse", "component"),
+    "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
+    "Beside a robot": ("replay", "identify", "shadow", "log"),
+    "Hand on": ("export", "build"),
+    "Look after": ("runs", "init", "schema", "doctor"),
+}
+"""Headings of the help, and the commands below each, the most used first."""
 
 
 class CommandText(NamedTuple):
-    """A command as the text of its file has it: module, function, and its help."""
+    """A command as found in the text of its file: module, function, help."""
 
     module: str
     function: str
@@ -20,20 +29,20 @@ class CommandText(NamedTuple):
 
 
 def command_texts() -> dict[str, CommandText]:
-    """All commands by their words, such as `drive check`."""
+    """Return all commands by their words, such as `drive check`."""
     found = {}
     for package, folder in COMMAND_FOLDERS.items():
         for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
             module = ".".join([package, *file.relative_to(folder).with_suffix("").parts])
             for words, function, text in COMMAND_PATTERN.findall(file.read_text("utf-8")):
-                # what a program can act on is not for who types the command
+                # `Raises:` is for programs, not for users of the command line
                 help_text = cleandoc(text).partition("\n\nRaises:")[0]
                 found[words or function] = CommandText(module, function, help_text)
     return found
 
 
 class CommandGroup(NamedTuple):
-    """Commands of two words that begin with the same one: their help, and the command that no second word means."""
+    """A group of commands of two words with the same first word: its help, and its default second word."""
 
     help: str
     default: str = ""
@@ -50,12 +59,3 @@ COMMAND_GROUPS: Mapping[str, CommandGroup] = {
     "component": CommandGroup("Look at and check third-party parts of the robot."),
     "log": CommandGroup("Bring in the log of a robot: which column is which signal."),
 }
-HELP_SECTIONS: Mapping[str, tuple[str, ...]] = {
-    "Run": ("run", "explore", "sweep", "branch", "cosim"),
-    "Choose": ("drive", "tune", "analyse", "component"),
-    "Judge": ("report", "compare", "check", "faults", "accuracy", "converge", "falsify", "safety"),
-    "Beside a robot": ("replay", "identify", "shadow", "log"),
-    "Hand on": ("export", "build"),
-    "Look after": ("runs", "init", "schema", "doctor"),
-}
-"""Headings of the help, and the commands below each, the most used first."""

@@ -1,4 +1,4 @@
-"""Words that a shell offers at TAB: nothing is imported but what reads TOML files."""
+"""Completions of a shell at TAB; imports only the reading of TOML files."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -8,20 +8,20 @@ from twin.kernel.errors import InputRefused
 
 
 def experiment_files(incomplete: str) -> list[str]:
-    """Experiments of this folder and of experiments/; by name, those that come with twin."""
+    """Return the experiment files of this folder and of experiments/; else the names of those shipped with twin."""
     files = [*Path().glob("*.toml"), *Path("experiments").glob("*.toml")]
     return _starting_with(incomplete, map(str, files)) or experiment_names(incomplete)
 
 
 def experiment_names(incomplete: str) -> list[str]:
-    """Experiments that come with twin, without folder and suffix."""
+    """Return the names of the experiments shipped with twin, without folder and suffix."""
     from twin.robot.experiment.experiment_files import known_experiments
 
     return _starting_with(incomplete, known_experiments())
 
 
 def drive_names(incomplete: str) -> list[str]:
-    """Drives of fmus/."""
+    """Return the names of the drives in fmus/."""
     from twin.robot.paths import locate_file
 
     shelf = locate_file("fmus", Path.cwd())
@@ -30,14 +30,14 @@ def drive_names(incomplete: str) -> list[str]:
 
 
 def role_names(incomplete: str) -> list[str]:
-    """Parts of the robot that may be third-party."""
+    """Return the names of the robot's parts that may be third-party."""
     from twin.robot.experiment.source import RETAINED_KEYS
 
     return _starting_with(incomplete, RETAINED_KEYS)
 
 
 def body_names(incomplete: str) -> list[str]:
-    """Bodies of bodies/ and experiments/bodies/."""
+    """Return the names of the bodies in bodies/ and experiments/bodies/."""
     from twin.robot.experiment.experiment_files import BODY_FOLDERS
     from twin.robot.paths import locate_file
 
@@ -46,15 +46,15 @@ def body_names(incomplete: str) -> list[str]:
 
 
 def setting_keys(incomplete: str) -> list[str]:
-    """Keys that the experiments on the line, or what they extend, already set."""
+    """Return the keys that are set by the experiments on the command line, or by those they extend."""
     from twin.robot.experiment.source import read_source
 
     keys: set[str] = set()
-    # the parser gives up on the whole line while an option lacks its value; the line itself is what shells hand over
+    # the parser rejects the whole line while an option lacks its value; shells pass the line itself
     for word in os.environ.get("COMP_WORDS", "").split():
         try:
             keys |= read_source(Path(word)).origins.keys() if word.endswith(".toml") else set()
-        # a line that is still being typed holds no mistake yet
+        # errors in an unfinished line are ignored
         except InputRefused:
             continue
     return _starting_with(incomplete, (f"{key}=" for key in keys))
@@ -72,4 +72,4 @@ COMPLETION_FUNCTIONS: Mapping[str, Callable[[str], list[str]]] = {
     "setting": setting_keys,
     "role": role_names,
 }
-"""By the name that an option's `complete` has."""
+"""Name in an option's `complete` -> completion function."""

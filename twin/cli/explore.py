@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 8766
 DEFAULT_LINGER = 60.0
-"""s; a page that is loaded anew comes back by then."""
+"""Time (s) until the explorer ends without a page; a reloaded page reconnects by then."""
 
 
 @study(json=False)
@@ -31,21 +31,21 @@ def explore(
     ] = True,
     follow: Annotated[
         str | None,
-        Option("Show a robot beside: the address that twin shadow --live prints; -: from standard input.", "ADDRESS"),
+        Option("Also show a robot: the address that twin shadow --live prints; -: from standard input.", "ADDRESS"),
     ] = None,
     port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = DEFAULT_PORT,
     linger_s: Annotated[
-        float, Option("Time to go on after the last page was closed.", "S", least=0.0)
+        float, Option("Time until it ends after the last page was closed.", "S", least=0.0)
     ] = DEFAULT_LINGER,
     limit_step: LimitStep = JobLimits.step,
 ) -> None:
-    """Change an experiment in the browser and see the whole of it follow.
+    """Change an experiment in the browser and see all its results follow.
 
     Each change runs the experiment again in memory; 'record' makes a real run.
     Only this machine can open the page, with the address that is printed. It
     ends with Ctrl-C, or a minute after its last page was closed. With --follow
-    it shows the robot of a session, and has a button for what twin proposes.
-    Read from standard input, the address is in no list of processes.
+    it shows the robot of a session, and has a button to accept twin's
+    proposals. An address read from standard input is in no list of processes.
 
     Exit code: 0 the last page was closed, 2 refused, 130 interrupted.
 
@@ -74,7 +74,7 @@ def explore(
         listening.listen()
         print(f"{shlex.quote(str(experiment))}  open  {address}\nCtrl-C ends it", flush=True)
         if browser:
-            # it may take a second to find one
+            # imported here: finding a browser may take a second
             import webbrowser
 
             webbrowser.open(address)
@@ -82,10 +82,10 @@ def explore(
 
 
 def _session(address: str | None) -> "LiveSession | None":
-    """The session at `address`; None: none is wanted."""
+    """Return the session at `address`; None without an address."""
     if address is None:
         return None
-    # takes a while to load
+    # imported here: it takes a while to load
     from twin.report.explore.session import LiveSession
 
     return LiveSession(sys.stdin.readline() if address == "-" else address)

@@ -1,6 +1,6 @@
-"""`twin doctor`: the state of this installation, and a remedy for each finding.
+"""`twin doctor`: the state of this installation, with a remedy for each finding.
 
-Packages, compiled code, unpacked FMUs, drives, processes, disk; and what they come to.
+Examines packages, compiled code, unpacked FMUs, drives, processes and disk, and gives a verdict.
 """
 
 import json
@@ -28,13 +28,27 @@ from twin.studies.command import Answer, Option, study
 from twin.studies.qualify.drive_list import listed_drives
 from twin.studies.result import wrap_text
 
-# what takes long to import is imported where it is needed: most of what is looked at is kept
+# slow modules are imported where they are needed: most checks use cached information
 State = Literal["ok", "note", "lacks", "bad"]
-"""note: only who develops twin misses it. lacks: it runs, without something. bad: it does not run."""
+"""note: missing, but only developers of twin need it. lacks: twin runs, without a feature. bad: it does not run."""
+EXTRA_PURPOSES = {
+    "dask": "twin sweep --engine dask",
+    "explore": "twin explore",
+    "live": "twin run --live",
+    "parquet": "twin export --parquet",
+    "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
+    "shadow": "twin shadow with a running robot",
+}
+"""Purpose of each extra that users need; all others are for developers of twin."""
+PRIVATE_FOLDER_TEXT = "which only you can write to"
+DEFAULT_DRIVE = "velocity_servo"
+LOW_DISK_BYTES, MIN_DISK_BYTES = 1e9, 1e8
+"""Free disk space (bytes) below which the finding is "lacks" or "bad"; a recording of 20 s takes about 6 MB."""
+SMOKE_EXPERIMENT = "fig4_force_position.toml"
 
 
 class Finding(NamedTuple):
-    """One thing that was looked at; `text` says what to do where it is not ok."""
+    """Result of one check; `text` includes a remedy if the state is not ok."""
 
     topic: str
     state: State
@@ -42,34 +56,23 @@ class Finding(NamedTuple):
 
 
 def is_ready(findings: Sequence[Finding]) -> bool:
-    """Whether experiments run."""
+    """Return whether experiments run."""
     return all(finding.state != "bad" for finding in findings)
 
 
 def lacking_topics(findings: Sequence[Finding]) -> list[str]:
-    """The topics without which it is ready."""
+    """Return the topics of missing features."""
     return [finding.topic for finding in findings if finding.state == "lacks"]
 
 
-EXTRA_PURPOSES = {
-    "dask": "twin sweep --engine dask",
-    "explore": "twin explore",
-    "live": "twin run --live",
-    "parquet": "twin export --parquet",
-    "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
-    "shadow": "twin shadow beside a robot that runs",
-}
-"""What users need an extra for; all others are for who develops twin."""
-
-
 def project_table() -> dict[str, Any]:
-    """[project] of the clone's pyproject.toml; without one, what the installed package says in its place."""
+    """Return [project] of the clone's pyproject.toml; without a clone, the installed package's metadata in its form."""
     project = PROJECT_FOLDER / "pyproject.toml"
     return read_toml(project)["project"] if project.is_file() else installed_table()
 
 
 def installed_table(package: str = "twin") -> dict[str, Any]:
-    """Python, requirements and extras of the installed `package`, as pyproject.toml has them."""
+    """Return Python version, requirements and extras of the installed `package`, in the form of pyproject.toml."""
     from importlib.metadata import metadata
 
     from packaging.requirements import Requirement
@@ -89,11 +92,11 @@ def installed_table(package: str = "twin") -> dict[str, Any]:
 
 
 def package_findings(project: dict[str, Any], clone: bool = True) -> list[Finding]:
-    """Python, the packages that are needed, and each extra.
+    """Check Python, the required packages, and each extra.
 
     Args:
-        project: as of `project_table`.
-        clone: it is installed from one, so that pip can be given it, and extras for developing are of interest.
+        project: see `project_table`.
+        clone: whether twin is installed from a clone, which pip can install again, and whose user may develop twin.
     """
     return [
         _python_finding(project["requires-python"]),
@@ -107,7 +110,7 @@ def _python_finding(wanted: str) -> Finding:
 
     here = platform.python_version()
     fits = SpecifierSet(wanted).contains(here, prereleases=True)
-    remedy = "" if fits else "; make the environment anew with another Python"
+    remedy = "" if fits else "; create the environment again with another Python"
     return Finding("python", "ok" if fits else "bad", f"{here}, needs {wanted}{remedy}")
 
 
@@ -140,18 +143,18 @@ def _install(requirements: dict[str, str]) -> str:
 
 
 def _problems(texts: list[str]) -> dict[str, str]:
-    """What is wrong, by the requirement that is not met."""
+    """Return requirement -> problem of all unmet requirements."""
     return {text: problem for text in texts if (problem := _problem(text))}
 
 
 def _problem(text: str) -> str:
-    """What is wrong with what the requirement `text` asks for; "" if nothing is."""
+    """Return the problem of the requirement `text`; "" if it is met."""
     from importlib.metadata import PackageNotFoundError, version
 
     from packaging.requirements import Requirement
 
     wanted = Requirement(text)
-    # an extra that contains another one has the project itself as a requirement
+    # an extra that contains another extra requires the project itself
     if wanted.name == "twin" or (wanted.marker and not wanted.marker.evaluate()):
         return ""
     try:
@@ -165,13 +168,10 @@ def _problem(text: str) -> str:
     )
 
 
-PRIVATE_FOLDER_TEXT = "which only you can write to"
-
-
 def compiled_finding() -> Finding:
-    """Whether what is compiled can be kept, is there already, and is as it was written."""
+    """Check whether compiled code can be cached, exists, and is unmodified."""
     if refusal():
-        return Finding("compiled", "lacks", f"every command compiles anew: {refusal()}")
+        return Finding("compiled", "lacks", f"every command compiles again: {refusal()}")
     place = (
         f"{object_folder()}, {f'as {FOLDER_VARIABLE} says' if os.environ.get(FOLDER_VARIABLE) else PRIVATE_FOLDER_TEXT}"
     )
@@ -183,17 +183,18 @@ def compiled_finding() -> Finding:
 
 
 def _size(files: Sequence[Path]) -> float:
-    """MB."""
+    """Return the total size of `files` (MB)."""
     return sum(file.stat().st_size for file in files) / 1e6
 
 
 def unpacked_finding() -> Finding:
-    """Whether FMUs can be unpacked, and whether those that are unpacked are as they were."""
+    """Check whether FMUs can be unpacked, and whether the unpacked ones are unmodified."""
     try:
         drives_folder = cache_info()
     except InputRefused as refused:
         return Finding("unpacked", "bad", f"no drive can be unpacked: {refused}")
-    place = f"{drives_folder.folder}, {PRIVATE_FOLDER_TEXT}{_damage_note(drives_folder.changed, 'taken from the FMU again')}"
+    damage = _damage_note(drives_folder.changed, "taken from the FMU again")
+    place = f"{drives_folder.folder}, {PRIVATE_FOLDER_TEXT}{damage}"
     return Finding("unpacked", "ok", f"{drives_folder.drives} FMUs, {drives_folder.size / 1e6:.0f} MB, in {place}")
 
 
@@ -203,14 +204,8 @@ def _damage_note(damaged: Sequence[Path], remedy: str) -> str:
     return f"; {len(damaged)} changed since ({damaged[0].name}), {remedy} when needed"
 
 
-DEFAULT_DRIVE = "velocity_servo"
-LOW_DISK_BYTES, MIN_DISK_BYTES = 1e9, 1e8
-"""Free bytes: a recording of 20 s takes some 6 MB."""
-SMOKE_EXPERIMENT = "fig4_force_position.toml"
-
-
 def home_finding(home: Path = PROJECT_FOLDER) -> Finding:
-    """Where twin is, and whether its experiments and drives are with it."""
+    """Check the location of twin, and that its experiments and drives exist."""
     topic, text = ("repository", str(home)) if is_clone() else ("installed", f"twin {__version__} in {PACKAGE_FOLDER}")
     missing = [name for name in ("experiments", "fmus", "tests/baselines") if not (home / name).is_dir()]
     if missing:
@@ -219,7 +214,9 @@ def home_finding(home: Path = PROJECT_FOLDER) -> Finding:
 
 
 def drives_finding(here: Path) -> Finding:
-    """Whether the drives of fmus/, as seen from `here`, fit and have a binary for this machine; none is loaded."""
+    """Check, without loading them, that the drives of fmus/, as seen from `here`, fit and have a binary for this
+    machine.
+    """
     try:
         drives = listed_drives(here)
     except InputRefused as refusal:
@@ -235,7 +232,7 @@ def drives_finding(here: Path) -> Finding:
 
 
 def isolation_finding() -> Finding:
-    """Whether a run can live in a process of its own."""
+    """Check whether a run can have its own process."""
     if os.name == "posix":
         return Finding(
             "isolation", "ok", "a run lives in a process of its own; a drive that crashes costs only its run"
@@ -244,7 +241,7 @@ def isolation_finding() -> Finding:
 
 
 def disk_finding(here: Path) -> Finding:
-    """Whether results/ in `here` has room."""
+    """Check whether results/ in `here` is writable and has free space."""
     results = here / "results" if (here / "results").is_dir() else here
     if not os.access(results, os.W_OK):
         return Finding("disk", "bad", f"{results} cannot be written; run twin in a folder of yours, or use --out")
@@ -256,13 +253,13 @@ def disk_finding(here: Path) -> Finding:
 
 
 def browser_finding() -> Finding:
-    """Whether the report page can be tested in a browser."""
+    """Check whether the report page can be tested in a browser."""
     found = shutil.which("chromium")
     return Finding("chromium", "ok", found) if found else Finding("chromium", "note", "the page's tests need it")
 
 
 def smoke_finding(home: Path) -> Finding:
-    """One second of Fig. 4, really run, as `twin run` does."""
+    """Run one second of Fig. 4 with `twin run`."""
     import subprocess
     import tempfile
     import time
@@ -283,7 +280,7 @@ def smoke_finding(home: Path) -> Finding:
 
 
 def examine(here: Path, with_run: bool) -> list[Finding]:
-    """What this installation has and lacks, for who works in the folder `here`; `with_run`: run something, too."""
+    """Examine this installation for use in the folder `here`; `with_run`: include a test run."""
     home = home_finding()
     if home.state == "bad":
         return [home]
@@ -294,7 +291,7 @@ def examine(here: Path, with_run: bool) -> list[Finding]:
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """`ready`, `ready, without: live` or `not ready: packages`."""
+    """Return the verdict: `ready`, `ready, without: live` or `not ready: packages`."""
     if not is_ready(findings):
         return "not ready: " + ", ".join(finding.topic for finding in findings if finding.state == "bad")
     without = lacking_topics(findings)
@@ -302,7 +299,7 @@ def verdict(findings: Sequence[Finding]) -> str:
 
 
 def examination_text(findings: Sequence[Finding]) -> str:
-    """The verdict, then the findings, at most 80 columns but for paths."""
+    """Format the verdict and the findings, in at most 80 columns except for paths."""
     lines = [verdict(findings)]
     for finding in findings:
         lines += wrap_text(finding.text, f"  {finding.state:6} {finding.topic:10} ", whole=True)
@@ -311,7 +308,7 @@ def examination_text(findings: Sequence[Finding]) -> str:
 
 @study()
 def doctor(with_run: Annotated[bool, Option("Also run one second of Fig. 4.", flags="--run")] = False) -> Answer:
-    """Check this installation: what is there, what is missing, and what to do.
+    """Check this installation, and report missing parts with their remedies.
 
     Exit code: 0 ready, even if something optional is missing, 2 not ready.
 

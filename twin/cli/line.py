@@ -1,4 +1,4 @@
-"""One command line from beginning to end, with one error message and exit code."""
+"""Execution of one command line, with one error message and exit code."""
 
 import sys
 
@@ -15,7 +15,7 @@ from twin.kernel.process.job import interruption
 
 
 def main() -> None:
-    """Entry point; ends the process with the exit code of what happened."""
+    """Run the command line and end the process with its exit code."""
     with standard_streams():
         guard_terminal()
         code, sentence = _run_command()
@@ -25,11 +25,11 @@ def main() -> None:
 
 
 def _run_command() -> tuple[int | str | None, str]:
-    """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been printed."""
+    """Run the command; return its exit code and an error message, "" after success or if already printed."""
     code: int | str | None
     try:
         try:
-            # here, so that errors of its imports are reported, too
+            # imported here, so that errors of its imports are reported too
             from twin.cli.app import run_command_line
 
             code, sentence = run_command_line(sys.argv[1:]), ""
@@ -38,7 +38,7 @@ def _run_command() -> tuple[int | str | None, str]:
         sys.stdout.flush()
         return code, sentence
     except KeyboardInterrupt:
-        # no command has more to say about it
+        # an interrupt that no command has handled
         return interruption()
     except NoReader:
         return READER_GONE, ""

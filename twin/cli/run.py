@@ -59,7 +59,7 @@ def run(
         Option("Run once per value, like twin sweep; writes rows, no recordings.", "KEY=FROM:TO:COUNT", "--sweep"),
     ] = (),
     start_from: Annotated[
-        str | None, Option("Go on from a state of a run; with --set, only duration_s.", "RUN[@SECONDS]", "--from")
+        str | None, Option("Continue from a state of a run; with --set, only duration_s.", "RUN[@SECONDS]", "--from")
     ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object per run instead of text.", flags="--json")] = False,
@@ -105,7 +105,9 @@ def run(
     if not experiments and start_from is None:
         raise InputRefused("twin run: missing argument 'EXPERIMENT'; see twin run --help")
     if start_from is not None and (experiments or drive is not None or body is not None):
-        raise InputRefused("--from: the run says its experiment, drive and body; leave them out, or use twin branch")
+        raise InputRefused(
+            "--from: the run determines its experiment, drive and body; leave them out, or use twin branch"
+        )
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
     if isolate != "none" and os.name != "posix":
@@ -126,9 +128,9 @@ def run(
         "start_from": start_from,
         **({"port": port, "origins": origins} if live else {}),
     }
-    # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
+    # the run itself detects its own hanging drive, and finishes more cleanly than if it is ended
     patience = limit_step + (STOP_TIMEOUT if isolate == "drive" else 0.0)
-    # a paced run lasts as long as it was asked to
+    # no expected-duration limit: a paced run lasts as long as requested
     limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG_RUN_DURATION)
     with RunPageWriter(report, as_json) as reported, TerminalDisplay(as_json) as display:
         run_recording_job(
@@ -142,7 +144,7 @@ def run(
 
 
 class RunPageWriter:
-    """Writes one page on all runs when they are over, also if one of them did not end well."""
+    """Writer of one page about all runs when they are over, even if one of them failed."""
 
     def __init__(self, wanted: bool, as_json: bool):
         self._wanted = wanted
@@ -150,14 +152,14 @@ class RunPageWriter:
         self._folders: list[Path] = []
 
     def collect_folders(self, listener: NoteListener) -> NoteListener:
-        """`listener`, and the folders of the runs are kept in mind."""
+        """Wrap `listener` to collect the folders of the runs from the notes."""
 
-        def hear(note: dict[str, Any]) -> None:
+        def on_note(note: dict[str, Any]) -> None:
             if "folder" in note:
                 self._folders.append(Path(note["folder"]))
             listener(note)
 
-        return hear
+        return on_note
 
     def __enter__(self) -> "RunPageWriter":
         return self
@@ -173,7 +175,7 @@ class RunPageWriter:
         except InputRefused as problem:
             if kind is None:
                 raise
-            # why the run itself ended is what the user has to hear last
+            # the reason why the run itself ended is printed last
             print(terminal_text(str(problem)), file=sys.stderr)
 
 
@@ -185,7 +187,7 @@ def report(
     ],
     say: Say,
     out: Annotated[
-        Path | None, Option("The page; default: report.html beside the run, or results/report for several.", "FILE")
+        Path | None, Option("The page; default: report.html in its folder, or results/report for several.", "FILE")
     ] = None,
     budget: Annotated[bool, Option("Also run without imperfections: the budget of the force error.")] = False,
 ) -> Answer:
@@ -223,9 +225,9 @@ def drive_compare(
 ) -> Answer:
     """Run the same experiments with each drive, and compare the true signals.
 
-    The answer says where each drive is better or worse than the first; the
-    numbers follow. Exit code: 0 all ran, 2 one is refused (none has run), 3
-    one failed.
+    The answer states where each drive is better or worse than the first; the
+    numbers follow. Exit code: 0 all ran, 2 a drive or experiment is refused
+    (nothing has run), 3 a run failed.
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
@@ -270,7 +272,7 @@ def sweep_show(
     from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.stored import SWEEPS_FOLDER, stored_sweep
 
-    # a sweep by its file or its name; else its folder
+    # a sweep file or name; else a sweep's folder
     if not sweep.is_dir() and os.path.isfile(file := sweep_file(sweep)):
         sweep = file
     folder = SWEEPS_FOLDER / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
@@ -278,7 +280,7 @@ def sweep_show(
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
     found = stored_sweep(folder)
-    # only for what is there: what reckons takes a second to load
+    # imported after the check of the folder: numerical packages take a second to load
     from twin.studies.figure import for_paper
     from twin.studies.sweep.parquet import write_parquet
     from twin.studies.sweep.show.parts import SweepQuery, axes_of, parts, sweep_text, worst_label
@@ -289,10 +291,10 @@ def sweep_show(
     metric = require_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     checked = require_rank("--against", against, found.metrics, claims) if against else None
     asked = SweepQuery(metric, checked or usual_against(found.columns, metric), top, worst_label(found, worst))
-    # a misspelt one is reported before anything else
+    # report a misspelt axis before anything else
     axes_of(found, x, y)
     if not as_json:
-        # pictures of a million runs take as long again
+        # text first: pictures of a million runs take as long again
         yield Answer(sweep_text(found, asked), {})
     with for_paper(formats, columns) as paper:
         files = write_pictures(found, asked, x, y, folder)

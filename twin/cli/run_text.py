@@ -1,4 +1,4 @@
-"""What `twin run` prints of a finished run: measures, outcome, events, parts, files; and the same for programs."""
+"""Output of `twin run` about a finished run: measures, outcome, events, parts, files; as text or as JSON."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -20,14 +20,14 @@ from twin.robot.run.measures import (
 from twin.studies.result import count_text, wrap_text
 
 MAX_EVENTS = 20
-"""The most events that are listed; the recording has all of them."""
+"""Maximum number of events listed; the recording has all of them."""
 
 
 def run_text(run: Mapping[str, Any]) -> str:
-    """For people, at most 80 columns but for paths.
+    """Format a run for people, in at most 80 columns except for paths.
 
     Args:
-        run: the fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
+        run: fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     values = measured_values(run["outcome"]["measures"])
@@ -40,7 +40,7 @@ def run_text(run: Mapping[str, Any]) -> str:
 
 
 def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
-    """For programs; `run` as for `run_text`."""
+    """Convert a run to JSON-serialisable values; `run` as in `run_text`."""
     return {
         "experiment": run["experiment"],
         "recording": str(run["recording"]),
@@ -62,7 +62,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _warning(values: Values) -> str:
-    """`  OVERSHOOT 34.0 %, 1.70 N` behind the first line, if it is large; else ""."""
+    """Return a warning for the first line if the overshoot is large, `  OVERSHOOT 34.0 %, 1.70 N`; else ""."""
     share = values["hold_overshoot"].value
     if share is None or share <= LARGE_OVERSHOOT:
         return ""
@@ -75,7 +75,7 @@ def _hold(values: Values) -> Iterator[str]:
     if error.value is None or begin.value is None or end.value is None:
         yield from wrap_text(f"none: {error.reason}", _row("held", ""))
     else:
-        # a remark on how they are taken stands behind the first one only
+        # the remark on how they are measured follows the first one only
         remark, values = error.reason, {key: _drop_remark(error.reason, one) for key, one in values.items()}
         first = first_measures(values)
         first[0] += f" ({remark})" if remark else ""
@@ -84,7 +84,7 @@ def _hold(values: Values) -> Iterator[str]:
         holds = values["holds"].value or 1.0
         parts = f" in {holds:.0f} parts" * (holds > 1.0)
         yield from wrap_text(f"{begin.value:.1f} to {end.value:.1f} s{parts}: {', '.join(first)}", _row("held", ""))
-    # a robot that stays on its axis has no lateral error
+    # skip zeros: a robot that stays on its axis has no lateral error
     rest = (labelled_text(key, values) for key in SECOND_KEYS if (values[key].value or 0.0) > 1e-6)
     yield from wrap_text(", ".join(rest), _row("", ""))
 
@@ -96,7 +96,7 @@ def _drop_remark(remark: str, one: MeasuredValue) -> MeasuredValue:
 def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     if outcome["peak"] > 0.0:
         peak = f"at most {outcome['peak']:.2f} N, at {outcome['peak_time']:.2f} s"
-        # at the end of its tasks a robot presses nothing
+        # after the tasks the robot does not press, so the force at the end means nothing
         yield _row("force", peak if held else f"{peak}, {outcome['end']:.2f} N in the last second")
         for one in held:
             yield from wrap_text(_held_text(one, len(held) > 1), _row("", ""))
@@ -115,7 +115,7 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
 
 
 def _held_text(one: Mapping[str, Any], several: bool) -> str:
-    """`7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
+    """Format a held force: `7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
     name = f"task {one['task']}: " if several else ""
     asked = f"{one['force']:.2f} N"
     if one["least"] is None:
@@ -136,7 +136,7 @@ def _events(run: Mapping[str, Any]) -> Iterator[str]:
 
 def _robot(run: Mapping[str, Any]) -> Iterator[str]:
     if counts := run.get("robot_values"):
-        # takes a while to load
+        # imported here: it takes a while to load
         from twin.robot.experiment.differences import robot_values_text
 
         yield _row("robot", robot_values_text(counts))
@@ -152,7 +152,7 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _comes_with_twin(name: str, digest: str) -> bool:
-    """Whether the FMU `name` is one of twin's own, unchanged; `digest` is the beginning of its SHA-256."""
+    """Return whether `name` is one of twin's own FMUs, unmodified; `digest` is the beginning of its SHA-256."""
     files = [file for file in (PROJECT_FOLDER / "fmus").glob("*/*.fmu") if file.name == name]
     return any(sha256(file).startswith(digest) for file in files)
 

@@ -1,4 +1,4 @@
-"""Files to start from: an experiment, its schema for editors, the column map of a robot's log."""
+"""Commands that write new files: an experiment, its schema for editors, the column map of a robot's log."""
 
 import os
 import shlex
@@ -19,7 +19,7 @@ def init(
     """Write an experiment to start from, with every key, its meaning, unit and default.
 
     It runs unchanged from any folder. The JSON Schema for editors is written
-    beside it if missing. No file is overwritten. Exit code: 0 written, 2
+    next to it if missing. No file is overwritten. Exit code: 0 written, 2
     refused.
 
     Example: twin init my_experiment.toml --from pressing
@@ -91,11 +91,10 @@ def drive_copy(
 
 @study("log new", json=False, before=[find_logs])
 def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> Answer:
-    """Write a column map for a robot's CSV file, beside it.
+    """Write a column map for a robot's CSV file, next to it.
 
-    Names, units and values say which column is the time, which are the
-    encoders of motors and joints, and which is the measured force. Doubtful
-    lines are comments. An existing map is never changed.
+    Names, units and values decide which columns are the time, the encoders of
+    motors and joints, and the measured force. Doubtful lines are comments. An existing map is never changed.
 
     Exit code: 0 written, 2 refused.
 
@@ -105,6 +104,6 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
 
     path, complete = propose(log)
     words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]
-    standing = "complete" if complete else "NOT complete: remove the # from what is right"
+    standing = "complete" if complete else "NOT complete: remove the # from the right lines"
     text = f"{path}\n{standing}\nthen, with the experiment that describes the robot: {shlex.join(words)}"
     return Answer(text, {"map": str(path), "complete": complete})

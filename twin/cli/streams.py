@@ -1,4 +1,4 @@
-"""Standard input, output and error of a command: closed, full, without a reader, or a terminal."""
+"""Standard streams of a command, which may be closed, full, without a reader, or a terminal."""
 
 import contextlib
 import os
@@ -15,15 +15,19 @@ if TYPE_CHECKING:
     from twin.studies.command import Answer
 
 READER_GONE = 128 + 13
-"""Exit code of a command whose output has no reader any more: what a shell shows for the signal SIGPIPE."""
+"""Exit code of a command whose output lost its reader: the shell's code for SIGPIPE."""
+_CONTROL_CHARACTERS = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
+"""Control characters except line ends, tabs and the colours of the help."""
+_NEXT_COMMAND = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
+"""Program name in the line that suggests the next command."""
 
 
 class NoReader(Exception):
-    """The reader of standard output has gone, as `head` does when it has enough."""
+    """Standard output has lost its reader, such as `head`."""
 
 
 class _Stream:
-    """Stands before a `stream`: everything but writing is that one's own."""
+    """Wrapper of a stream that forwards everything except writing."""
 
     def __init__(self, stream: TextIO):
         self._stream = stream
@@ -33,26 +37,26 @@ class _Stream:
 
 
 class Outlet(_Stream):
-    """Standard output that says in a sentence why it takes no more."""
+    """Standard output whose failures are raised with a clear error message."""
 
     def write(self, text: str) -> int:
-        """As of the stream.
+        """Write `text`; return the number of characters.
 
         Raises:
-            Unread: it has no reader any more.
-            NotWritten: it takes no more.
+            NoReader: the reader has gone.
+            NotWritten: the stream cannot be written.
         """
         with _writing_output():
             return self._stream.write(text)
 
     def flush(self) -> None:
-        """As of the stream; raises as `write` does."""
+        """Flush the stream; raises as `write` does."""
         with _writing_output():
             self._stream.flush()
 
 
 class BestEffortStderr(_Stream):
-    """Standard error, which is no reason to fail: what it does not take is lost."""
+    """Standard error that ignores failed writes."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):
@@ -66,12 +70,14 @@ class BestEffortStderr(_Stream):
 
 @contextlib.contextmanager
 def standard_streams() -> Iterator[None]:
-    """Streams that are there: those that were closed lead nowhere, and no file of ours gets their numbers."""
+    """Open all standard streams during the block; closed ones become null, so that no other file gets their
+    descriptors.
+    """
     for number in (0, 1, 2):
         try:
             os.fstat(number)
         except OSError:
-            # what is opened gets the lowest free number, which is this one
+            # open returns the lowest free descriptor, i.e. this one
             os.open(os.devnull, os.O_RDWR)
     before = sys.stdin, sys.stdout, sys.stderr
     output, errors = sys.stdout or _open_output(1), sys.stderr or _open_output(2)
@@ -99,7 +105,7 @@ def _writing_output() -> Iterator[None]:
 
 
 def _redirect_to_null(number: int) -> None:
-    """Lead a stream nowhere: Python tries once more at its end to write what is left, and would fail once more."""
+    """Redirect a stream to null: at exit Python would try once more to flush it, and fail again."""
     nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, number)
     os.close(nothing)
@@ -109,32 +115,24 @@ def _open_output(number: int) -> TextIO:
     return os.fdopen(number, "w", encoding="utf-8", closefd=False)
 
 
-_CONTROL_CHARACTERS = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
-"""Control characters, but line ends, tabs and the colours of the help."""
-
-
 class EscapingTerminal(_Stream):
-    """A terminal that writes control characters out: `\\x07` instead of a bell."""
+    """A terminal that escapes control characters: `\\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
-        """Write `text`."""
+        """Write `text` with control characters escaped."""
         return self._stream.write(_CONTROL_CHARACTERS.sub(lambda found: repr(found[0])[1:-1], text))
 
 
 def guard_terminal() -> None:
-    """From now on standard output is `EscapingTerminal`, if it is a terminal; files and pipes get what was written."""
+    """Replace standard output by `EscapingTerminal` if it is a terminal; files and pipes get the unchanged text."""
     if sys.stdout.isatty():
         sys.stdout = EscapingTerminal(sys.stdout)  # type: ignore[assignment]
 
 
-_NEXT_COMMAND = re.compile(r"^(\s*(?:next|then):? +)twin(?= )", re.MULTILINE)
-"""The program in the line of a command that follows."""
-
-
 def print_answer(answer: "Answer", as_json: bool = False) -> None:
-    """Print `answer`; commands that follow begin with the program as the shell finds it."""
+    """Print `answer`; suggested next commands begin with the program's name for the shell."""
     from twin.cli.terminal import program
 
     text = _NEXT_COMMAND.sub(lambda found: found[1] + shlex.quote(program()), answer.text)
-    # names in a recording are anybody's
+    # names in a recording are untrusted
     print(json_text(answer.facts) if as_json else escape_control_lines(text), flush=True)

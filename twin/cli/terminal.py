@@ -1,4 +1,4 @@
-"""Progress of a run, a sweep, a check or a compilation on one line of a terminal, removed at the end."""
+"""Progress of a run, sweep, check or compilation, on one line of a terminal that is erased at the end."""
 
 import os
 import shlex
@@ -16,32 +16,33 @@ from twin.kernel.process.job import duration_text, relative_path
 from twin.kernel.recording.folder import LATEST_LINK
 
 MIN_BAR_COLUMNS = 60
-"""A line of so many columns has no room for a bar."""
+"""A bar needs a terminal wider than this (columns)."""
 MIN_SHOWN_TIME = 1.0
-"""s. What is over sooner needs no estimate."""
+"""Minimum remaining time (s) that is shown."""
 MIN_SHARE = 0.01
-"""Smallest share done at which the remaining time is estimated; the first part also compiles code."""
+"""Minimum share done for an estimate of the remaining time; the first part also compiles code."""
 COMPILE_NOTICE_DELAY = 3.0
-"""s. Who waits longer for code that is compiled wants to know."""
+"""Time (s) after which a compilation is announced."""
 PRINT_INTERVAL = 60.0
-"""How often (s) progress is printed without a terminal."""
+"""Interval (s) between lines of progress without a terminal."""
 MAX_BAR_TEXT = 48
-"""Letters for which there is room beside a bar."""
+"""Maximum length of a text that fits next to a bar (characters)."""
 TYPICAL_PIECES = 18
-"""How many pieces of machine code a run of Fig. 4 needs, about; where none is there yet."""
+"""Approximate number of compiled functions that a run of Fig. 4 needs, for an empty cache."""
 WATCH_INTERVAL = 0.25
-"""Seconds between two looks at what has been compiled."""
+"""Interval (s) between checks of the cache of compiled code."""
 
 
 def compiling_text(done: int, about: int, seconds: float) -> str:
-    """`compiling, once: 12 of about 13, 9 s`; pieces of machine code."""
+    """Format the progress of a compilation: `compiling, once: 12 of about 13, 9 s`."""
     of = f" of about {about}" if about else ""
     return f"compiling, once: {done}{of}, {seconds:.0f} s"
 
 
 class PlainProgress:
-    """Where there is no terminal, or one that cannot go back on its line: only a long wait is printed, in a line of its
-    own, and a line each minute. Others show one thing after the other."""
+    """Progress without a terminal, or on one that cannot rewrite its line: one line per minute for long waits only.
+    Base class of the other displays.
+    """
 
     _printed = False
     _name, _duration = "", 0.0
@@ -52,13 +53,13 @@ class PlainProgress:
         self._next = time.monotonic() + PRINT_INTERVAL
 
     def say(self, what: str) -> None:
-        """From now on `what` is going on, `3 of 8 checks` or of unknown length."""
+        """Show the current activity, such as `3 of 8 checks`; its duration is unknown."""
         if time.monotonic() > self._next:
             self._next = time.monotonic() + PRINT_INTERVAL
             print(f"{self._name} {what}".strip(), file=sys.stderr, flush=True)
 
     def step(self, what: str, share: float | None) -> None:
-        """`what` is going on, and `share` of all is over, 0 .. 1; None: unknown."""
+        """Show the current activity and the share done, 0 .. 1; None if unknown."""
         if share is None:
             self.say(what)
             return
@@ -66,34 +67,34 @@ class PlainProgress:
         self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > MIN_SHOWN_TIME else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        """For `seconds` code has been compiled: `done` pieces of about so many, 0 if unknown."""
+        """Show a compilation that has taken `seconds`: `done` of about `about` functions, 0 if unknown."""
         if (about or seconds > COMPILE_NOTICE_DELAY) and not self._printed:
             self._printed = True
             print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
-        """The run `name` is made ready; it will simulate `duration` (s)."""
+        """Show that the run `name` is being loaded, which will simulate `duration` (s)."""
         self._name, self._duration, self._began = escape_controls(name), duration, None
 
     def move(self, share: float) -> None:
-        """So much of it has been simulated, 0 .. 1."""
+        """Show the share of the run that has been simulated, 0 .. 1."""
         clock, speed, left = self._progress_texts(share)
         self.say(
             "  ".join(filter(None, (clock, speed, f"{duration_text(left)} left" if left > PRINT_INTERVAL else "")))
         )
 
     def clear(self) -> None:
-        """Leave the line to others; whatever comes next takes it back."""
+        """Erase the line for other output; the next call shows it again."""
 
     def _progress_texts(self, share: float) -> tuple[str, str, float]:
-        """`12.3 / 20.0 s`, as wide at the beginning as at the end; `412 x real time`; the time (s) that is left."""
+        """Return simulated time, `12.3 / 20.0 s`, in constant width; speed, `412 x real time`; remaining time (s)."""
         speed, left = self._pace(share)
         total = f"{self._duration:.1f}"
         clock = f"{share * self._duration:{len(total)}.1f} / {total} s"
         return clock, f"{speed * self._duration:.3g} x real time" if speed else "", left
 
     def _pace(self, share: float) -> tuple[float, float]:
-        """(how much of all goes by in a second, wall time (s) that is left); 0 as long as it is unknown."""
+        """Return (share done per second, remaining wall time (s)); 0 while unknown."""
         now = time.monotonic()
         if self._began is None or share < self._share:
             self._began, self._first = now, share
@@ -103,7 +104,7 @@ class PlainProgress:
 
 
 class PlainLine(PlainProgress):
-    """A line of text that is written over itself; `rich` would move the cursor by escape codes."""
+    """Progress on a line of text that is rewritten with carriage returns; `rich` would need escape codes."""
 
     def say(self, what: str) -> None:
         self._write(f"{self._name}  {what}".strip())
@@ -119,13 +120,13 @@ class PlainLine(PlainProgress):
         self._write("", "\r")
 
     def _write(self, text: str, end: str = "") -> None:
-        # the last column is left free: some terminals would go on to the next line
+        # the last column stays free: some terminals would wrap the line
         width = shutil.get_terminal_size().columns - 1
         print("\r" + text[:width].ljust(width), end=end, file=sys.stderr, flush=True)
 
 
 class Bar(PlainProgress):
-    """A bar with simulated time, speed and remaining wall time, of `rich`."""
+    """Progress bar of `rich` with simulated time, speed and remaining wall time."""
 
     def __init__(self) -> None:
         from rich import progress as rich_progress
@@ -134,12 +135,12 @@ class Bar(PlainProgress):
 
         super().__init__()
         self._long: PlainLine | None = None
-        # leaves room for the ^C that a terminal echoes: on the next line it would keep this one from being erased
+        # leaves room for the ^C that a terminal echoes, which would otherwise wrap and keep the line from being erased
         console = Console(stderr=True, width=Console(stderr=True).width - 3)
         self._roomy = console.width > MIN_BAR_COLUMNS
         name = Column(no_wrap=True, overflow="ellipsis", ratio=None if self._roomy else 1)
         text = rich_progress.TextColumn
-        # a name is no markup
+        # a name must not be parsed as markup
         columns: list[Any] = [text("{task.description}", table_column=name, markup=False)]
         if self._roomy:
             columns.append(rich_progress.BarColumn(bar_width=None, table_column=Column(ratio=1, min_width=8)))
@@ -149,7 +150,7 @@ class Bar(PlainProgress):
                 text("{task.fields[speed]}", table_column=Column(no_wrap=True)),
                 rich_progress.TimeRemainingColumn(table_column=Column(no_wrap=True)),
             ]
-        # results are printed on standard output by themselves, with the bar cleared
+        # results are printed directly on standard output, with the bar cleared
         self._line = rich_progress.Progress(
             *columns, console=console, transient=True, expand=True, redirect_stdout=False, redirect_stderr=False
         )
@@ -163,7 +164,7 @@ class Bar(PlainProgress):
         if self._long is None and len(what) <= MAX_BAR_TEXT:
             self._show(clock=what)
             return
-        # a line that tells of several things has no room for a bar that counts nothing
+        # a text about several activities leaves no room for a bar
         self._line.stop()
         self._long = self._long or PlainLine()
         self._long.say(escape_controls(what))
@@ -196,17 +197,17 @@ class Bar(PlainProgress):
         self._line.start()
 
     def _count_to(self, total: float | None) -> None:
-        """What is left is estimated anew where something else is counted; None: unknown."""
+        """Restart the estimate of the remaining time if another quantity is counted; None if the total is unknown."""
         if self._line.tasks[0].total != total:
             self._line.reset(self._task)
-            # `reset` would take None for "as it was", and go on to promise an end
+            # `reset` would take None for "unchanged" and keep showing an estimate
             self._line.tasks[0].total = total
 
 
 def progress() -> PlainProgress:
-    """What suits the terminal on standard error: a bar, a plain line without escape codes under NO_COLOR, or nothing.
+    """Return the display that suits standard error: a bar, a plain line under NO_COLOR, or printed lines.
 
-    Standard output belongs to results, so that it can be piped while progress is still seen.
+    Standard output is left to results, so that it can be piped while progress is shown.
     """
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         return PlainProgress()
@@ -214,9 +215,9 @@ def progress() -> PlainProgress:
 
 
 class CompileWatch:
-    """Looks at the kept compiled code from time to time and tells `progress` when there is more, from `start` to `end`.
+    """Watcher of the cache of compiled code that shows new entries on `progress`, from `start` to `end`.
 
-    What other commands compile at the same time is counted too: it will not have to be compiled here.
+    It counts entries by other commands too: they need not be compiled again here.
     """
 
     def __init__(self, progress: PlainProgress):
@@ -226,11 +227,11 @@ class CompileWatch:
         self._thread = threading.Thread(target=self._look, daemon=True)
 
     def start(self) -> None:
-        """Look from now on."""
+        """Start watching the cache."""
         self._thread.start()
 
     def end(self) -> None:
-        """Look no more; the line belongs to others from now on. To be called as often as one likes."""
+        """Stop watching, so that the line is free for other output; may be called repeatedly."""
         self._over.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -240,20 +241,20 @@ class CompileWatch:
         while not self._over.wait(WATCH_INTERVAL):
             new = object_count() - self._before
             if new:
-                # how many are lacking of those that were there in part, or of a run that needs more, is unknown
+                # the number still missing is unknown if the cache was not empty or the run needs more
                 about = TYPICAL_PIECES if not self._before and new < TYPICAL_PIECES else 0
                 self._progress.compile(new, about, time.monotonic() - began)
 
 
 class TerminalDisplay:
-    """Progress on standard error if that is a terminal; what each run has to say, plain, on standard output.
+    """Display of a command: progress on standard error if that is a terminal, results of runs on standard output.
 
     Args:
-        as_json: what runs have to say is JSON.
-        loading: a run is loaded at once; what is compiled meanwhile is printed without a terminal, too.
+        as_json: whether results are printed as JSON.
+        loading: whether a run loads immediately; its compilation is then announced without a terminal too.
 
     Attributes:
-        folder: of the run that is on, None before the first.
+        folder: folder of the current run; None before the first.
     """
 
     def __init__(self, as_json: bool = False, loading: bool = True):
@@ -277,23 +278,23 @@ class TerminalDisplay:
             print(f"  next       {shlex.join([program(), 'report', *map(str, self._done)])}")
 
     def watch(self) -> None:
-        """Tell who sits at the terminal what is compiled from now on."""
+        """Show compilations on the terminal from now on."""
         if sys.stderr.isatty():
             self._watch.start()
 
     def say(self, what: str, share: float | None = None) -> None:
-        """As of `Say`."""
-        # from the first step that is over on there is a share to show
+        """Show the current activity and the share done; fits `Say`."""
+        # compilation is over once a step has been completed
         if share:
             self._watch.end()
         self._progress.step(what, share)
 
     def on_note(self, note: dict[str, Any]) -> None:
-        """Take a note of a job, see `recorded_runs`, `recorded` and `answered`."""
+        """Handle a note of a job, see `recorded_runs`, `recorded` and `answered`."""
         if "say" in note:
             self.say(note["say"], note["share"])
         elif "run" in note:
-            # of the robot, which commands of systems do without
+            # imported here: commands for systems without the robot do not need it
             from twin.cli.run_text import run_facts, run_text
 
             facts = {"experiment": self._name, **note["run"]}
@@ -303,7 +304,7 @@ class TerminalDisplay:
             self._done.append(_shortest(facts["recording"].parent))
         elif "serving" in note:
             self.clear()
-            # not on standard output, which --json keeps for the result
+            # on standard error: --json reserves standard output for the result
             print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
         elif "refused" in note:
             self.clear()
@@ -313,12 +314,12 @@ class TerminalDisplay:
             self._progress.begin(self._name, note["duration"])
 
     def clear(self) -> None:
-        """Leave the terminal to other output."""
+        """Clear the terminal for other output."""
         self._watch.end()
         self._progress.clear()
 
     def show(self, done: int, total: int) -> None:
-        """Move the bar; before the first step more may have to be compiled."""
+        """Move the bar to `done` of `total` ticks; before the first step nothing changes, as more may be compiled."""
         if not done:
             return
         self._watch.end()
@@ -326,7 +327,7 @@ class TerminalDisplay:
 
 
 def program() -> str:
-    """What a shell finds this program by: `twin`, or the path by which it was called, of `make run` say."""
+    """Return the command with which a shell finds this program: `twin`, or its path, as in `make run`."""
     called = sys.argv[0]
     if os.path.basename(called) != "twin" or os.sep not in called:
         return "twin"
@@ -338,6 +339,6 @@ def program() -> str:
 
 
 def _shortest(folder: Path) -> Path:
-    """results/EXPERIMENT instead of the folder of its latest run."""
+    """Return results/EXPERIMENT for the folder of its latest run; any other folder unchanged."""
     latest = folder.parent / LATEST_LINK
     return folder.parent if latest.is_symlink() and latest.resolve() == folder.resolve() else folder

@@ -1,4 +1,4 @@
-"""Options that earlier versions had: each is refused with what to type in its place."""
+"""Removed options of earlier versions, refused with their replacement."""
 
 from typing import Any
 
@@ -17,11 +17,11 @@ WITHDRAWN_OPTIONS = {
     ("cosim", "--remote"): "leave it out; all FMUs of a system run on this machine",
     ("cosim", "--tolerance"): "type --tick-ms MS, a step that is short enough",
 }
-"""(Command, option) -> what to type in its place; no command: of `twin` itself."""
+"""(command, option) -> replacement to type; the empty command is `twin` itself."""
 
 
 def withdrawn_options(command: str) -> list[click.Parameter]:
-    """Hidden options that refuse to be used, of `command`."""
+    """Return the hidden options of `command`, which refuse to be used."""
     return [_refusing_option(option, instead) for (of, option), instead in WITHDRAWN_OPTIONS.items() if of == command]
 
 
@@ -31,7 +31,7 @@ def _refusing_option(option: str, instead: str) -> click.Option:
             return
         raise InputRefused(f"{context.command_path}: {option} is no longer an option; {instead}")
 
-    # with a value or without one, before anything else that may be amiss
+    # eager, with or without a value: refused before any other error is reported
     return click.Option(
         [option], is_flag=False, flag_value="", hidden=True, expose_value=False, is_eager=True, callback=refuse
     )

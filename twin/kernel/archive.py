@@ -1,4 +1,4 @@
-"""FMU and SSP archives: zip files, checked for tricks and damage before any content is used."""
+"""FMU and SSP archives: zip files, checked for attacks and damage before any content is used."""
 
 import hashlib
 import io
@@ -17,26 +17,26 @@ from twin.kernel.files import MAX_TEXT_BYTES
 MAX_ENTRIES = 10_000
 MAX_UNPACKED_BYTES = 2 << 30
 SUSPICIOUS_RATIO = 200
-"""No honest FMU of more than a few MB shrinks to a 200th; a zip bomb does."""
+"""Compression ratio of a zip bomb; FMUs of more than a few MB do not reach it."""
 MIN_SUSPICIOUS_BYTES = 64 << 20
 ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest date that an archive can hold; the true one would make every build another file."""
+"""Earliest date of a zip entry; the actual date would make every build a different file."""
 
 
 def sha256(file: Path) -> str:
-    """Of the file's bytes, in hexadecimal."""
+    """Return the SHA-256 of a file as hex."""
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
-    """Names in the archive and their sizes unpacked, after checking that unpacking is safe and the archive whole.
+    """Check that an archive is undamaged and safe to unpack, and return its entry names and unpacked sizes (bytes).
 
     Args:
-        kind: "FMU" or "SSP", for sentences.
+        kind: "FMU" or "SSP", for error messages.
 
     Raises:
-        InputRefused: no zip, damaged, an entry that points outside or is a link, too many or too large entries.
+        InputRefused: not a zip, damaged, an entry that points outside or is a link, too many or too large entries.
     """
     try:
         with zipfile.ZipFile(file) as archive:
@@ -68,29 +68,29 @@ def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
 
 
 def entry_path(info: zipfile.ZipInfo) -> str:
-    """Where an entry belongs, below the folder it is unpacked to: some tools write Windows' separators."""
+    """Return the path of an entry below the unpacked folder; some tools write Windows separators."""
     return info.filename.replace("\\", "/")
 
 
 def entry_of(source: str, names: dict[str, int], base: str) -> str:
-    """The entry among `names` that the relative URI `source` means; "": it is none of them.
+    """Resolve the relative URI `source` to an entry among `names`; "" if it is not among them.
 
     Args:
-        base: entry in which the URI stands.
+        base: entry that contains the URI.
     """
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|/", source):
         return ""
     path = unquote(re.split(r"[?#]", source)[0])
-    # what leads out of the archive is none of its entries
+    # a path that leads out of the archive is not among its entries
     name = posixpath.normpath(posixpath.join(posixpath.dirname(base), path))
     return name if name in names else ""
 
 
 def read_entry(file: Path, entry: str, limit: int = MAX_TEXT_BYTES) -> bytes:
-    """The content of an entry of the archive `file`, which `entries` has found sound.
+    """Read an entry of the archive `file`, which `entries` must have accepted.
 
     Raises:
-        InputRefused: it has more than `limit` bytes.
+        InputRefused: the entry has more than `limit` bytes.
     """
     with zipfile.ZipFile(file) as archive:
         info = next(info for info in archive.infolist() if entry_path(info) == entry)
@@ -102,7 +102,7 @@ def read_entry(file: Path, entry: str, limit: int = MAX_TEXT_BYTES) -> bytes:
 
 
 def zip_bytes(entries: Mapping[str, bytes]) -> bytes:
-    """A zip of contents by name; the same contents give the same bytes."""
+    """Build a zip from contents by name; the same contents give the same bytes."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as packing:
         for name, content in sorted(entries.items()):

@@ -1,4 +1,4 @@
-"""Output files: written whole or not at all; the previous file stays until then."""
+"""Output files, written completely or not at all; until then the previous file stays."""
 
 import contextlib
 import errno
@@ -14,11 +14,7 @@ from twin.kernel.serialise import to_dict
 
 
 def make_folder(folder: Path) -> Path:
-    """`folder`, which is there from now on.
-
-    Raises:
-        InputRefused: it cannot be created.
-    """
+    """Create `folder` with its parents if missing, and return it."""
     with translate_disk_errors(folder, "cannot be created", InputRefused, caught=PATH_ERRORS):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -26,20 +22,20 @@ def make_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write to, which takes the place of `path` when the block is done, and not before.
+    """Yield a temporary file in the folder of `path`; rename it to `path` when the block ends without an error.
 
-    Folders that are missing are created. A link is followed: what it points to is replaced, the link stays.
+    Missing folders are created. A link is followed: its target is replaced, the link stays.
 
     Raises:
-        InputRefused: there is a folder, a pipe or a device at `path`, which a file must not replace.
-        NotWritten: the folder or the disk refuses; a file that was at `path` is what it was.
+        InputRefused: a folder, pipe or device is at `path`, which a file must not replace.
+        NotWritten: the folder or the disk refuses; an existing file at `path` is unchanged.
     """
     with translate_disk_errors(path, caught=PATH_ERRORS):
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "a pipe or device"
             raise InputRefused(f"{path}: {kind}; expected the name of a file, which is replaced if it is there")
-        # where a file has the place of the folder, mkdir would say that it exists
+        # if the parent is a file, mkdir would report "file exists"
         if target.parent.is_file():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -50,9 +46,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
         with translate_disk_errors(path):
             yield beside
             with beside.open("r+b") as file:
-                # some disks tell only here that they are full
+                # some file systems report a full disk only at fsync
                 os.fsync(file.fileno())
-            # mkstemp makes it the owner's alone; what a command writes is as readable as any other file
+            # mkstemp restricts access to the owner; use the permissions of any other new file
             beside.chmod(0o666 & ~_umask())
             beside.replace(target)
     finally:
@@ -61,10 +57,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Refuse what `atomic_write` would refuse of `path`, before there is anything to write; missing folders are created.
+    """Check that `atomic_write` would accept `path`, before there is data to write; create missing folders.
 
     Raises:
-        InputRefused: there is a folder, a pipe or a device at `path`.
+        InputRefused: a folder, pipe or device is at `path`.
         NotWritten: the folder refuses.
     """
     with contextlib.suppress(_DryRunEnd), atomic_write(path):
@@ -72,15 +68,15 @@ def refuse_unwritable(path: Path) -> None:
 
 
 class _DryRunEnd(Exception):
-    """There is nothing to write yet."""
+    """End of a check without data to write."""
 
 
 @contextlib.contextmanager
 def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
-    """A file begun anew at `path`, and what appends a text to it: whatever then ends the process, the text stays.
+    """Truncate `path` and yield an unbuffered `append(text)`; appended text survives a crash.
 
     Raises:
-        NotWritten: the folder or the disk refuses; also what appends raises that.
+        NotWritten: the folder or the disk refuses, also in `append`.
     """
 
     def append(text: str) -> None:
@@ -90,42 +86,30 @@ def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
                 rest = rest[file.write(rest) :]
 
     with translate_disk_errors(path, caught=PATH_ERRORS):
-        # unbuffered: what `append` returned from is with the operating system
+        # unbuffered: appended text is with the operating system when `append` returns
         file = path.open("wb", buffering=0)
     with file:
         yield append
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Make `content` that of the file at `path`.
-
-    Raises:
-        NotWritten: as `atomic_write`.
-    """
+    """Write `content` to the file at `path`, see `atomic_write`."""
     with atomic_write(path) as beside:
         beside.write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Make `text`, in UTF-8, the content of the file at `path`.
-
-    Raises:
-        NotWritten: as `atomic_write`.
-    """
+    """Write `text`, in UTF-8, to the file at `path`, see `atomic_write`."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_json(path: Path, facts: Any) -> None:
-    """Make `facts` the content of the JSON file at `path`, as `json_text` writes them.
-
-    Raises:
-        NotWritten: as `atomic_write`.
-    """
+    """Write `facts` to the JSON file at `path`, see `json_text`."""
     write_text(path, json_text(facts, indent=2) + "\n")
 
 
 def json_text(facts: Any, indent: int | None = None) -> str:
-    """`facts` as JSON, which knows no infinity and nothing that is not a number: both become null."""
+    """Encode `facts` as JSON; infinity and NaN, which JSON lacks, become null."""
     try:
         return json.dumps(facts, indent=indent, allow_nan=False)
     except ValueError:
@@ -133,8 +117,8 @@ def json_text(facts: Any, indent: int | None = None) -> str:
 
 
 def inline_table(facts: Mapping[str, Any]) -> Any:
-    """`facts` as a table of TOML on one line, for tomlkit to write."""
-    # takes some 30 ms to import, which commands that write no TOML need not spend
+    """Convert `facts` to an inline table of TOML, for tomlkit to write."""
+    # imported here: it takes about 30 ms, which most commands need not spend
     from tomlkit import inline_table
 
     table = inline_table()
@@ -143,7 +127,7 @@ def inline_table(facts: Mapping[str, Any]) -> Any:
 
 
 def _umask() -> int:
-    # there is no way to read it without setting it
+    # os.umask can only be read by setting it
     mask = os.umask(0o022)
     os.umask(mask)
     return mask

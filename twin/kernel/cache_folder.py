@@ -1,6 +1,6 @@
-"""The user's own cache folder: its place, its owner and its size.
+"""The user's private cache folder: location, ownership and size.
 
-What lies in it is run: libraries of FMUs, machine code, pickles. A user who can write to it runs code as its owner.
+Its content is executed: libraries of FMUs, machine code, pickles. A user who can write to it runs code as its owner.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from twin.kernel.errors import InputRefused, translate_disk_errors
 try:
     import fcntl
 except ImportError:
-    # Windows, which does not let go of a file in use anyway
+    # Windows, which refuses to delete files in use anyway
     fcntl = None  # type: ignore[assignment]
 
 
@@ -25,25 +25,25 @@ CACHE_VARIABLE = "TWIN_CACHE"
 CACHE_REMEDY = f"set {CACHE_VARIABLE} to a folder of yours"
 PRIVATE_MODE = 0o700
 _HASH_NAME = re.compile(r"[0-9a-f]{16,64}")
-"""Of a folder that is known by the hash of what it was made of."""
+"""Name of a folder that is identified by a hash of its inputs."""
 _ABANDONED_AGE = 24 * 3600.0
-"""Age (s) from which on an unfinished folder is abandoned: a process that was killed left it."""
+"""Age (s) of an unfinished folder above which it counts as abandoned by a killed process."""
 
 _locked_folders: dict[Path, tuple[int, int]] = {}
-"""Folder -> (inode, descriptor whose lock says that this process uses it)."""
+"""Folder -> (inode, descriptor that holds this process's shared lock)."""
 
 
 def cache_folder(name: str) -> Path:
-    """The folder `name` in the user's cache, which is there from now on.
+    """Create the folder `name` in the user's cache if missing, and return it.
 
     Raises:
-        InputRefused: it is not the user's own, cannot be written, or what TWIN_CACHE says is no place.
+        InputRefused: it belongs to another user or cannot be written, or TWIN_CACHE is invalid.
     """
     return private_folder(private_folder(cache_base()) / name)
 
 
 def cache_base() -> Path:
-    """Where the cache is: TWIN_CACHE, or the platform's place for what can be made again.
+    """Return the location of the cache: TWIN_CACHE, or the platform's cache folder.
 
     Raises:
         InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
@@ -55,17 +55,17 @@ def cache_base() -> Path:
         unknown = f"{CACHE_VARIABLE}={given}: no such user" if given else "no home folder is known to keep anything in"
         raise InputRefused(f"{unknown}; {CACHE_REMEDY}") from None
     if not base.is_absolute():
-        # the processes of a run are in different folders
+        # processes of one run have different current folders
         place = f"{CACHE_VARIABLE}={given}" if given else f"cache folder {base}"
         raise InputRefused(f"{place}: a relative path; expected an absolute path, or ~/...")
     return base
 
 
 def private_folder(folder: Path) -> Path:
-    """`folder`, made if need be, which only its user can write to.
+    """Check that only the user can write to `folder`, create it if missing, and return it.
 
     Raises:
-        InputRefused: it belongs to somebody else, others can write to it, or the user cannot.
+        InputRefused: it belongs to another user, others can write to it, or the user cannot.
     """
     with translate_disk_errors(folder, "cannot be made a cache folder", InputRefused, CACHE_REMEDY):
         try:
@@ -76,7 +76,7 @@ def private_folder(folder: Path) -> Path:
         link = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
         raise InputRefused(f"{folder}: not a folder; remove it, or {CACHE_REMEDY}")
-    risk = "and its content is run"
+    risk = "and its content is executed"
     if owner := _owner_problem(link, found):
         raise InputRefused(f"{folder}: {owner}, {risk}; {CACHE_REMEDY}")
     if open_ := _permission_problem(found):
@@ -87,37 +87,38 @@ def private_folder(folder: Path) -> Path:
 
 
 def discard_foreign(path: Path) -> None:
-    """Take `path`, a folder or file within a `private_folder`, away if it or anything in it is not the user's alone.
+    """Remove `path` below a `private_folder` if it, or anything in it, is accessible to other users.
 
-    Another user may have put it there when the folder above was open to others. It is said on standard error.
+    Another user may have created it while the parent folder was open to others. The removal is reported on standard
+    error.
 
     Raises:
         OSError: it cannot be renamed.
     """
     why = ownership_problem(path)
     if why:
-        # another process may be first
+        # another process may have removed it first
         with contextlib.suppress(FileNotFoundError):
             remove(path)
-        print(f"twin: {why}: removed, because what is kept there is run", file=sys.stderr)
+        print(f"twin: {why}: removed, because its content is executed", file=sys.stderr)
 
 
 def ownership_problem(path: Path) -> str:
-    """What at or below `path` is not the user's alone, and why; "" if all of it is, or nothing is there."""
+    """Return which path at or below `path` is not private to the user, and why; "" if all are, or if it is missing."""
     if not hasattr(os, "geteuid"):
         return ""
     try:
-        # first the link: what it leads to may be out of reach
+        # check the link first: its target may be inaccessible
         why = _owner_problem(path.lstat())
         if not why:
             found = path.stat()
             why = _owner_problem(found) or _permission_problem(found)
-    # nothing, or a link that leads nowhere; another process may take it away meanwhile
+    # missing, or a dangling link; another process may remove it meanwhile
     except FileNotFoundError:
         return ""
     if why:
         return f"{path}: {why}"
-    # what lies in a folder that others cannot enter may have any mode: some have what the umask leaves
+    # entries of a folder that others cannot enter may have any mode, such as the umask's
     entered = found.st_mode & (stat.S_IXGRP | stat.S_IXOTH)
     for entry in _entries_below(path) if stat.S_ISDIR(found.st_mode) else ():
         with contextlib.suppress(FileNotFoundError):
@@ -128,7 +129,7 @@ def ownership_problem(path: Path) -> str:
 
 
 def _owner_problem(*found: os.stat_result) -> str:
-    """Why what was `found` is not the user's own; "" if it is."""
+    """Return why the files `found` do not belong to the user; "" if they do."""
     if not hasattr(os, "geteuid"):
         return ""
     others = {_owner(one) for one in found} - {os.geteuid()}
@@ -140,17 +141,17 @@ def _owner(found: os.stat_result) -> int:
 
 
 def _permission_problem(found: os.stat_result) -> str:
-    """Why what was `found` may be written to by somebody else; "" if it may not. The mode of a link says nothing."""
+    """Return why other users can write to the file `found`; "" if they cannot. The mode of a link is meaningless."""
     if not hasattr(os, "geteuid") or stat.S_ISLNK(found.st_mode) or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return ""
     return f"others can write to it (mode {stat.S_IMODE(found.st_mode):o})"
 
 
 def lock_against_eviction(folder: Path) -> bool:
-    """Whether `folder` is there; it is not evicted as long as this process lives, and it counts as used now.
+    """Lock `folder` against eviction while this process lives, and mark it as used; return whether it exists.
 
     Raises:
-        OSError: it is there and cannot be used.
+        OSError: it exists and cannot be used.
     """
     try:
         os.utime(folder)
@@ -164,10 +165,10 @@ def lock_against_eviction(folder: Path) -> bool:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except (FileNotFoundError, NotADirectoryError):
         return False
-    # a file system without locks; who evicts cannot lock either
+    # without locks on this file system an evicting process cannot lock either
     with contextlib.suppress(OSError):
         fcntl.flock(descriptor, fcntl.LOCK_SH)
-    # it may have been evicted while the lock was waited for
+    # it may have been evicted while this process waited for the lock
     with contextlib.suppress(FileNotFoundError):
         if folder.stat().st_ino == inode == os.fstat(descriptor).st_ino:
             _locked_folders[folder] = inode, descriptor
@@ -177,13 +178,13 @@ def lock_against_eviction(folder: Path) -> bool:
 
 
 def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
-    """What lies in `folder` and in folders within it; a folder before what it holds.
+    """Yield all entries below `folder`, a folder before its entries.
 
     Pathlib would take ten times as long.
     """
     folders: list[str | os.PathLike[str]] = [folder]
     while folders:
-        # another process may take it away meanwhile
+        # another process may remove it meanwhile
         with contextlib.suppress(OSError), os.scandir(folders.pop()) as entries:
             for entry in entries:
                 yield entry
@@ -192,12 +193,14 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
 
 
 def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
-    """Leave in `home` the `most` folders or files that were used last, and those that a process holds.
+    """Remove the least recently used folders or files in `home` until `most` remain; locked ones stay.
+
+    Abandoned unfinished folders are removed too.
 
     Args:
         home: a `private_folder`.
-        most: how many.
-        names: of those that count; others stay.
+        most: number to keep.
+        names: names that count; other entries stay.
     """
     used: list[tuple[float, Path]] = []
     for entry in home.iterdir():
@@ -215,7 +218,7 @@ def evict(home: Path, most: int, names: re.Pattern[str] = _HASH_NAME) -> None:
 
 
 def remove(path: Path) -> None:
-    """Take the folder or file `path` away, at once for everybody who looks.
+    """Remove the folder or file `path` atomically, by renaming it before its deletion.
 
     Raises:
         OSError: it cannot be renamed.
@@ -227,10 +230,10 @@ def remove(path: Path) -> None:
 
 def _delete(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
-        # most commands delete nothing, and this imports all kinds of compression
+        # imported here: most commands delete nothing, and shutil imports compression libraries
         import shutil
 
-        # somebody else's may stay: it is out of the way
+        # another user's folder may stay: it has been renamed
         with contextlib.suppress(PermissionError):
             path.chmod(PRIVATE_MODE)
         shutil.rmtree(path, ignore_errors=True)
@@ -240,11 +243,11 @@ def _delete(path: Path) -> None:
 
 @contextlib.contextmanager
 def _exclusive_lock(folder: Path) -> Iterator[None]:
-    """No process begins to hold `folder` meanwhile; raises `OSError` if somebody does already."""
+    """Hold an exclusive lock on `folder` during the block; raise `OSError` if a process has it locked."""
     if fcntl is None:
         yield
         return
-    # a pipe in its place would be waited for
+    # non-blocking: a pipe at this path would block
     descriptor = os.open(folder, os.O_RDONLY | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -254,7 +257,7 @@ def _exclusive_lock(folder: Path) -> Iterator[None]:
 
 
 def _default_base() -> Path:
-    """The platform's convention; XDG's base directories count only if they are absolute."""
+    """Return the platform's cache folder; relative XDG base directories are ignored."""
     if sys.platform == "win32":
         local = os.environ.get("LOCALAPPDATA", "")
         return (Path(local) if local else Path.home() / "AppData" / "Local") / "twin"

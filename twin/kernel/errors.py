@@ -1,68 +1,68 @@
-"""Typed errors. Each carries the exit code of the process that ends with it."""
+"""Typed errors, each with an exit code of the process, and the formatting of error messages."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 MAX_WORD_LENGTH = 200
-"""Characters of a word that are shown whole; a value of 100 kB helps no reader of the sentence."""
+"""Maximum length of a word shown in full (characters); 100 kB values make a message unreadable."""
 
 MAX_MESSAGE_LINES = 60
-"""Of a sentence with many mistakes: more would push the first out of sight."""
+"""Maximum number of lines of an error message; more would scroll the first error out of sight."""
 
 PATH_ERRORS = (OSError, ValueError)
 
 
 class TwinError(Exception):
-    """Base of every error this product raises on purpose; its text is one clear sentence for the user."""
+    """Base of all errors that twin raises deliberately; its text is one clear sentence for the user."""
 
     exit_code = 1
 
 
 class InputRefused(TwinError):
-    """A configuration, FMU or file was refused before anything ran: where, got, expected, remedy."""
+    """Refusal of a configuration, FMU or file before the run: place, value, expected value, remedy."""
 
     exit_code = 2
 
 
 class NotWritten(TwinError):
-    """A file could not be written: read-only folder, full disk. What was there before is still there."""
+    """Failure to write a file: read-only folder, full disk. The previous file is unchanged."""
 
     exit_code = 3
 
 
 class ComponentFailed(TwinError):
-    """A component failed while the co-simulation was running."""
+    """Failure of a component during the co-simulation."""
 
     exit_code = 3
 
 
 class EndRequest(ComponentFailed):
-    """A component asked for the end of the simulation: regular, where the caller takes it as that."""
+    """A component's request to end the simulation; a regular end if the caller treats it so."""
 
 
 class SafetyTrip(TwinError):
-    """The safety monitor tripped in a run in which nothing was to go wrong."""
+    """Trip of the safety monitor in a run without intended faults."""
 
     exit_code = 4
 
 
 class InternalError(TwinError):
-    """An exception that no code foresaw, of this process or of a worker: a defect of twin."""
+    """An unexpected exception of this process or of a worker: a defect of twin."""
 
     exit_code = 70
 
 
 def internal_error() -> InternalError:
     """Return the error for the exception that is being handled, with its traceback."""
-    # most commands never need it
+    # imported here: most commands never need it
     import traceback
 
     return InternalError(f"{traceback.format_exc()}internal error of twin; please report it with the lines above")
 
 
 def os_error_message(problem: OSError) -> str:
-    """An unforeseen failure of the surroundings; a traceback would show our code, which is not to blame."""
+    """Return the message of an unexpected OSError; a traceback would point at twin's code, which is not the cause."""
     return f"{problem.filename or 'twin'}: {problem.strerror or problem}"
 
 
@@ -74,14 +74,14 @@ def translate_disk_errors(
     remedy: str = "",
     caught: type[Exception] | tuple[type[Exception], ...] = OSError,
 ) -> Iterator[None]:
-    """What the disk refuses in the block, as a sentence: `a.csv: cannot be written: No space left on device`.
+    """Raise errors of the disk in the block as `kind`, with one message: `a.csv: cannot be written: No space left`.
 
     Args:
         place: file or folder.
-        trouble: what cannot be done with it.
-        kind: of error.
-        remedy: what to do about it.
-        caught: `PATH_ERRORS` where a name may have a NUL in it.
+        trouble: predicate of the message, such as "cannot be written".
+        kind: error class to raise.
+        remedy: advice, appended to the message.
+        caught: errors to translate; `PATH_ERRORS` if a path may contain a NUL.
     """
     try:
         yield
@@ -91,14 +91,13 @@ def translate_disk_errors(
 
 
 def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
-    """Half a sentence that leads from a misspelt name to what was meant: `did you mean 'kp_per_s'?`
+    """Return a hint from a misspelt name to a known one: `did you mean 'kp_per_s'?`
 
     Args:
-        got: what was written. A name of which it is whole words is meant before one that is merely like it: a key
-            without its unit is the commonest slip.
-        known: the names there are.
-        otherwise: what is said if none of them is like it, with {} where all of them are to stand.
-        most: so many are offered.
+        got: misspelt name. A known name that contains it as whole words is preferred to a similar one: a missing unit
+            is the most common error.
+        otherwise: result if no known name is similar; {} is replaced by all of them.
+        most: maximum number of suggestions.
     """
     names = list(known)
     close = close_matches(got, names, most)
@@ -108,8 +107,8 @@ def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", mos
 
 
 def close_matches(got: str, names: Sequence[str], most: int = 1) -> list[str]:
-    """Those of `names` that may have been meant by `got`, at most so many, as `nearest` tells them."""
-    # most commands have no mistake
+    """Return at most `most` of `names` that are similar to `got`, see `nearest`."""
+    # imported here: most commands have no error
     import difflib
 
     words = re.compile(rf"(?<![^\W_]){re.escape(got)}(?![^\W_])")
@@ -118,18 +117,19 @@ def close_matches(got: str, names: Sequence[str], most: int = 1) -> list[str]:
 
 
 def escape_controls(text: str) -> str:
-    """`text` on one line, control characters written out."""
+    """Return `text` on one line, with control characters escaped."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def escape_control_lines(text: str) -> str:
-    """`text` on the lines it has, other control characters written out."""
+    """Return `text` with control characters other than line feeds escaped."""
     return "\n".join(escape_controls(line) for line in text.split("\n"))
 
 
 def terminal_text(text: str) -> str:
-    """`text` fit for a terminal: control characters written out, words of more than `MAX_WORD_LENGTH` and all lines after
-    `MAX_MESSAGE_LINES` cut short."""
+    """Make `text` safe for a terminal: escape control characters, shorten words of more than `MAX_WORD_LENGTH`
+    characters, and drop lines after `MAX_MESSAGE_LINES`.
+    """
     lines = escape_control_lines(text).split("\n")
     if len(lines) > MAX_MESSAGE_LINES:
         lines[MAX_MESSAGE_LINES:] = [f"... and {len(lines) - MAX_MESSAGE_LINES} more lines"]
@@ -137,23 +137,23 @@ def terminal_text(text: str) -> str:
 
 
 class RecordingWriteError(NotWritten):
-    """A recording could not be written: disk full, no permission; what was written stays readable."""
+    """Failure to write a recording: disk full, no permission; the data written so far stays readable."""
 
 
 class RecordingError(InputRefused):
-    """A file is not a recording that can be read: missing, empty, not MCAP, or of another layout."""
+    """Refusal of an unreadable recording: missing, empty, not MCAP, or of another layout."""
 
 
 class RecordingDamageError(RecordingError):
-    """A recording's bytes are not those that were written; `salvage=True` reads what precedes the damage."""
+    """Damage of a recording: bytes changed since they were written; `salvage=True` reads the data before the damage."""
 
 
 class UnknownSeries(RecordingError, KeyError):
-    """A recording was asked for a topic or field it does not hold.
+    """A topic or field that a recording does not have.
 
     Args:
-        sentence: for the user.
-        key: what was asked for.
+        sentence: error message.
+        key: name of the topic or field.
     """
 
     def __init__(self, sentence: str, key: str):
@@ -161,5 +161,5 @@ class UnknownSeries(RecordingError, KeyError):
         self.key = key
 
     def __str__(self) -> str:
-        # KeyError prints the repr of its argument, with quotes and escapes; the user gets the sentence
+        # KeyError would print the repr of the message
         return str(self.args[0])

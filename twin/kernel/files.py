@@ -13,10 +13,10 @@ from typing import Any, BinaryIO
 from twin.kernel.errors import PATH_ERRORS, InputRefused, close_matches, translate_disk_errors
 
 MAX_TEXT_BYTES = 10 * 2**20
-"""Bytes of the largest text file that is read: an experiment has some kilobytes."""
+"""Maximum size of a text file (bytes); an experiment has a few kilobytes."""
 
 MAX_TOML_BYTES = 2 * 2**20
-"""Bytes of the largest TOML file: its parser takes about 2 s for so many, and 50,000 way points need no more."""
+"""Maximum size of a TOML file (bytes): its parser takes about 2 s for it, and 50,000 way points need no more."""
 
 FILE_SIGNATURES = (
     (b"\x89PNG", "a PNG picture"),
@@ -27,12 +27,13 @@ FILE_SIGNATURES = (
     (b"\xfe\xff", "text in UTF-16"),
     (b"%PDF", "a PDF document"),
 )
-"""What a file begins with, and what it is then."""
+"""First bytes of a file -> its kind."""
 
 BOM = b"\xef\xbb\xbf"
 
 MAX_DEPTH = 32
-"""Tables, arrays or elements within each other, and parts of a dotted key, in a file that is read; ours have five."""
+"""Maximum nesting of tables, arrays or elements, and of parts of a dotted key, in a file; twin's own files have five.
+"""
 _TOML_TOKEN = re.compile(
     r"""[ \t]+ | \#[^\n]*
     | "{3}(?:\\.|[^\\])*?(?:"{3}|\\?\Z) | '{3}.*?(?:'{3}|\Z)
@@ -44,25 +45,24 @@ quotes end with the line or the text, so that each character is scanned once."""
 
 
 def read_bytes(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> bytes:
-    """The content of the regular file at `path`.
+    """Read the regular file at `path`.
 
     Args:
-        path: of the file.
-        limit: bytes it may have.
-        kind: of file that is expected, for sentences: "experiment file".
+        limit: maximum size (bytes).
+        kind: expected kind of file, for error messages: "experiment file".
 
     Raises:
-        InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
+        InputRefused: no such file, a folder, a pipe or a device, too large, unreadable.
     """
     with open_regular(path, limit, kind) as file, translate_disk_errors(path, "cannot be read", InputRefused):
         return file.read(limit)
 
 
 def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
-    """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
+    """Open the regular file at `path` for reading; see `read_bytes`."""
     with translate_disk_errors(path, "cannot be read", InputRefused, caught=PATH_ERRORS):
         try:
-            # a pipe without a writer would otherwise be waited for here
+            # non-blocking: opening a pipe without a writer would block
             handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
         except FileNotFoundError:
             raise InputRefused(f"{path}: no such {kind}{suggestion(path)}") from None
@@ -81,8 +81,10 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
 
 
 def suggestion(path: Path) -> str:
-    """`; did you mean 'folder/file.toml'?`, where nothing is at `path`: what stands beside it and is spelt
-    alike; "" if nothing is, or it may not be read."""
+    """Return a hint to a file with a similar name in the folder of a missing `path`, or "".
+
+    The hint is `; did you mean 'folder/file.toml'?`. Unreadable folders give "".
+    """
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
     except PATH_ERRORS:
@@ -91,15 +93,15 @@ def suggestion(path: Path) -> str:
 
 
 def foreign_kind(content: bytes) -> str:
-    """What a file with this beginning is, if it is one of `FILE_SIGNATURES`; "" if not."""
+    """Return the kind of a file with one of the `FILE_SIGNATURES`; "" for any other file."""
     return next((kind for beginning, kind in FILE_SIGNATURES if content.startswith(beginning)), "")
 
 
 def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> str:
-    """The UTF-8 text in the regular file at `path`; arguments as of `read_bytes`.
+    """Read the UTF-8 text of the regular file at `path`; arguments as in `read_bytes`.
 
     Raises:
-        InputRefused: as `read_bytes`; or no text in UTF-8: the sentence says what it is.
+        InputRefused: see `read_bytes`; or not UTF-8, with the kind of file if known.
     """
     content = read_bytes(path, limit, kind)
     if what := foreign_kind(content):
@@ -115,21 +117,22 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES, kind: str = "file") -> st
 
 
 def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
-    """The tables in the TOML file at `path`; `kind` as of `read_bytes`.
+    """Read the tables of the TOML file at `path`; `kind` as in `read_bytes`.
 
     Raises:
-        InputRefused: as `read_text`, or not TOML.
+        InputRefused: see `read_text`; or not TOML.
     """
     return parse_toml(read_text(path, MAX_TOML_BYTES, kind), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """The tables that `text` writes.
+    """Parse `text` as TOML.
 
     Raises:
-        InputRefused: not TOML; the sentence begins with `where`.
+        InputRefused: not TOML; the message begins with `where`.
     """
-    # the parser takes time with the square of a key's parts, which may be quoted and stand apart
+    # the parser's time grows with the square of the number of a key's parts, which may be quoted and separated by
+    # blanks
     bare = _TOML_TOKEN.sub(lambda token: "" if token[0].isspace() or token[0].startswith("#") else "_", text)
     if any(part.count(".") > MAX_DEPTH for part in re.split(r"[=,\[\]{}\n]", bare)):
         raise InputRefused(f"{where}: not valid TOML: a key of more than {MAX_DEPTH} parts")
@@ -137,29 +140,29 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def read_json(path: Path, limit: int = MAX_TEXT_BYTES) -> Any:
-    """What the JSON file at `path` says.
+    """Read the value in the JSON file at `path`.
 
     Raises:
-        InputRefused: as `read_text`, or not JSON.
+        InputRefused: see `read_text`; or not JSON.
     """
     return parse_json(read_text(path, limit), str(path))
 
 
 def parse_json(text: str | bytes, where: str) -> Any:
-    """What the JSON in `text` says.
+    """Parse `text` as JSON.
 
     Raises:
-        InputRefused: not JSON; the sentence begins with `where`.
+        InputRefused: not JSON; the message begins with `where`.
     """
     return _parse("JSON", json.loads, text, where)
 
 
 def parse_xml(content: bytes, where: str) -> ET.Element:
-    """The root of the XML in `content`.
+    """Parse `content` as XML and return its root element.
 
     Raises:
-        InputRefused: not XML, deeper than `MAX_DEPTH`, or with a document type, which may define entities that grow or
-            that name files; the sentence begins with `where`.
+        InputRefused: not XML, deeper than `MAX_DEPTH`, or with a document type, which may define expanding entities or
+            name files; the message begins with `where`.
     """
     parser = ET.XMLParser(target=_SafeTreeBuilder())
     try:
@@ -167,19 +170,19 @@ def parse_xml(content: bytes, where: str) -> ET.Element:
         root: ET.Element = parser.close()
     except RecursionError:
         raise InputRefused(f"{where}: not valid XML: nested too deeply") from None
-    # also what is unknown of an encoding
+    # includes unknown encodings
     except (ET.ParseError, ValueError, LookupError) as problem:
         raise InputRefused(f"{where}: not valid XML: {problem}") from None
     return root
 
 
 class _SafeTreeBuilder(ET.TreeBuilder):
-    """Builds elements, and stops at what may make more of them than the text has."""
+    """Element builder that limits the depth and refuses document types, whose entities can multiply elements."""
 
     _depth = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Called with a document type before any entity of it is used."""
+        """Refuse a document type before any of its entities is used."""
         raise ValueError("it has a document type (DOCTYPE); do not trust this file")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
@@ -204,11 +207,9 @@ def _parse(language: str, parse: Callable[[Any], Any], text: str | bytes, where:
 
 
 def _check_values(found: Any) -> Any:
-    """`found`, which has no depth and no number that later code would stumble over.
+    """Check that `found` is at most `MAX_DEPTH` deep and has only 64-bit integers, and return it.
 
-    Raises:
-        RecursionError: it is deeper than `MAX_DEPTH`.
-        ValueError: a whole number has more than 64 bits.
+    A deeper value raises RecursionError, a larger integer ValueError.
     """
     level = [found]
     for _ in range(MAX_DEPTH):

@@ -1,8 +1,8 @@
-"""Access control of the servers on this machine's own address, decided from the head of a request.
+"""Access control of the servers on this machine's loopback address, based on the headers of a request.
 
-A browser lets any page open a WebSocket to this machine, and names the page's site only in Origin; so that header is
-checked here. Host is checked because a page may resolve its own name to our address ("DNS rebinding"). A page cannot
-forge either. Programs can.
+A browser lets any page open a WebSocket to this machine, and names the page's site only in the Origin header, so Origin
+is checked here. Host is checked because a page may resolve its own name to the loopback address ("DNS rebinding").
+Pages cannot forge either header; programs can.
 
 Sources: RFC 6455, 10.2 (Origin); RFC 6454 (origins).
 """
@@ -18,24 +18,24 @@ from websockets.datastructures import Headers
 from twin.kernel.errors import InputRefused
 
 LOOPBACK_HOST = "127.0.0.1"
-"""This machine's own address: no other one reaches a server that listens there."""
+"""Loopback address: a server that listens there is unreachable from other machines."""
 LOCAL_HOST_PATTERN = r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?"
 VIEWER_ORIGINS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
-"""Origins of Foxglove's and Lichtblick's pages, and of their desktop programs, which are pages out of a file."""
+"""Origins of Foxglove's and Lichtblick's pages, and of their desktop programs, which are pages loaded from a file."""
 
 
 @dataclass(frozen=True)
 class GatePolicy:
-    """What a server lets in.
+    """Access rules of a server.
 
     Attributes:
         hosts: pattern of the Host header in lower case.
-        expected_host: end of the error message on another one.
+        expected_host: end of the error message about another host.
         origins: pattern of the Origin header in lower case.
-        expected_origin: end of the error message on another one; ORIGIN stands for it.
+        expected_origin: end of the error message about another origin; ORIGIN is replaced by it.
         own_pages_only: whether a request that does more than read needs an Origin, and pages of other sites may not
-            even load a picture or a script; False lets programs and links of other sites in.
-        cookie: name of the cookie that carries the token; "" if there is none.
+            even load a picture or a script; False admits programs and links of other sites.
+        cookie: name of the cookie that carries the token; "" if there is no cookie.
     """
 
     hosts: str
@@ -47,13 +47,11 @@ class GatePolicy:
 
 
 def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
-    """Policy of the live server: viewers, pages of this machine and programs watch; the token lets them tune.
+    """Return the policy of the live server: viewers, pages of this machine and programs watch; the token lets them
+    tune.
 
     Args:
-        origins: further allowed origins, besides `VIEWER_ORIGINS` and pages of this machine.
-
-    Raises:
-        InputRefused: one of `origins` is none.
+        origins: additional allowed origins, beyond `VIEWER_ORIGINS` and pages of this machine.
     """
     for origin in origins:
         if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^\s/?#@*]*", origin.lower()):
@@ -69,11 +67,11 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
 
 
 def own_page_policy(port: int) -> GatePolicy:
-    """Policy of a server whose own pages run native code: only its own origin and port, nothing without the token.
+    """Return the policy of a server whose own pages run native code: only its origin and port, and only with the token.
 
     A browser sends the token first in the address that the terminal shows, then in a cookie. Pages of other sites
     cannot make it send the cookie (SameSite=Strict), and scripts cannot read it (HttpOnly). Browsers share cookies
-    between the ports of a host, so its name has the port.
+    between the ports of a host, so its name contains the port.
     """
     address = f"{LOOPBACK_HOST}:{port}"
     return GatePolicy(
@@ -87,11 +85,10 @@ def own_page_policy(port: int) -> GatePolicy:
 
 
 class Gate:
-    """Checks every request to a server.
+    """Gatekeeper that checks every request to a server.
 
     Args:
-        policy: what is let in.
-        token: proves that a request comes from who has seen the terminal; a new one by default.
+        token: secret shown in the terminal, which a request must contain; None for a new one.
     """
 
     def __init__(self, policy: GatePolicy, token: str | None = None):
@@ -101,8 +98,7 @@ class Gate:
         """Return why a request with these headers is refused, or "".
 
         Args:
-            headers: of the request.
-            changes: whether it does more than read, as a WebSocket does.
+            changes: whether it does more than read, like a WebSocket.
         """
         policy, hosts, origins = self.policy, headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not re.fullmatch(policy.hosts, hosts[0].lower()):
@@ -118,7 +114,7 @@ class Gate:
         return ""
 
     def knows(self, path: str) -> bool | None:
-        """Whether the `path` of a request names the token; None if it names none at all."""
+        """Return whether the `path` of a request contains the right token; None if it contains no token."""
         try:
             named = parse_qs(urlsplit(path).query).get("token")
         # a path such as //[
@@ -127,10 +123,10 @@ class Gate:
         return None if named is None else any(map(self._is_token, named))
 
     def knows_cookie(self, headers: Headers) -> bool:
-        """Whether a cookie of the request carries the token."""
+        """Return whether a cookie of the request carries the token."""
         pairs = [pair.strip().partition("=") for line in headers.get_all("Cookie") for pair in line.split(";")]
         return any(name == self.policy.cookie and self._is_token(value) for name, _, value in pairs)
 
     def _is_token(self, given: str) -> bool:
-        """Whether `given` is the token; the time of the comparison does not depend on it."""
+        """Return whether `given` is the token, in constant time."""
         return secrets.compare_digest(given.encode(), self.token.encode())

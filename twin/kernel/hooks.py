@@ -1,4 +1,4 @@
-"""Hooks of this process: functions of higher modules that the kernel calls at certain moments."""
+"""Hooks of this process: callbacks that the kernel invokes and higher modules register."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,14 +7,14 @@ from typing import Any
 
 @dataclass
 class Hooks:
-    """The hooks that are set in this process; a guarded one sets them before its first job.
+    """The callbacks registered in this process; a guarded process registers its own before its first job.
 
     Attributes:
         before_compiling: called once each, before this process compiles for the first time.
-        compiling: called with True when this process begins to compile, and with False when it has done so, for
-            timers: no component is to be charged with that.
+        compiling: called with True when a compilation begins and with False when it ends, so that timers can exclude
+            it.
         fmi_call: called with (file, instance, function) before each FMI call, and with function "" after it. A call may
-            crash or hang; then only another process can name it. Steps are not announced: that would cost more than
+            crash or hang, and only another process can then name it. Steps are not announced: that would cost more than
             they take (see `SimulationMemory.mark`).
         memory: called with (system, last tick), returns the `SimulationMemory` of a simulation, which another process
             can read after a crash; None for private memory.

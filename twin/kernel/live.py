@@ -15,11 +15,12 @@ from twin.kernel.errors import InputRefused
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 _MESSAGE_OPCODE, _TIME_OPCODE = 1, 2
 _MESSAGE_HEAD = struct.Struct("<BIQ")
-"""Of message data: kind, subscription, time."""
+"""Front of message data: opcode, subscription, time."""
+Number = Annotated[int, Field(ge=0, lt=2**32)]
 
 
 class Level(IntEnum):
-    """Of a status."""
+    """Severity of a status message."""
 
     INFO = 0
     WARNING = 1
@@ -27,9 +28,9 @@ class Level(IntEnum):
 
 
 class Channel(NamedTuple):
-    """A topic: its number here, its name, its type, the description of that (FileDescriptorSet), what fields mean.
+    """A channel: number, topic, message type, FileDescriptorSet of the type, field -> meaning.
 
-    What is published in a `constant` one never changes: each viewer gets it once.
+    The message of a `constant` channel never changes: each viewer gets it once.
     """
 
     number: int
@@ -41,7 +42,7 @@ class Channel(NamedTuple):
 
 
 class Message(NamedTuple):
-    """Of a channel, at a simulated time (ns); protobuf."""
+    """A protobuf message of a channel, at a simulation time (ns)."""
 
     channel: int
     time: int
@@ -49,13 +50,13 @@ class Message(NamedTuple):
 
 
 def server_info(session: str) -> str:
-    """The first message: a viewer that comes back and finds another `session` forgets what it has seen."""
+    """Encode the first message to a viewer; a viewer that reconnects to another `session` clears its data."""
     capabilities = ["time", "parameters", "parametersSubscribe"]
     return _message("serverInfo", name="twin", capabilities=capabilities, metadata={}, sessionId=session)
 
 
 def advertisement(channels: Sequence[Channel]) -> str:
-    """Which channels there are."""
+    """Encode the list of channels."""
     return _message(
         "advertise",
         channels=[
@@ -74,8 +75,8 @@ def advertisement(channels: Sequence[Channel]) -> str:
 
 
 def parameter_values(values: Mapping[str, bool | float | str], request: str | None = None) -> str:
-    """Parameters, in answer to the `request` of that id."""
-    # without the type a whole number would come back as one, and then never again take a fraction
+    """Encode parameters and their values, in response to the `request` of that id."""
+    # without the type a viewer would return a whole number as an integer and then refuse fractions
     listed = [
         {"name": name, "value": value} | ({} if isinstance(value, bool | str) else {"type": "float64"})
         for name, value in values.items()
@@ -84,22 +85,22 @@ def parameter_values(values: Mapping[str, bool | float | str], request: str | No
 
 
 def status(level: Level, text: str) -> str:
-    """A sentence for the viewer's user."""
+    """Encode an error, warning or note for the viewer's user."""
     return _message("status", level=int(level), message=text)
 
 
 def time_message(time: int) -> bytes:
-    """Simulated time (ns)."""
+    """Encode the simulation time (ns)."""
     return struct.pack("<BQ", _TIME_OPCODE, time)
 
 
 def message_data(subscription: int, message: Message) -> bytes:
-    """`message` for the subscription of this number."""
+    """Encode `message` for a subscription number."""
     return _MESSAGE_HEAD.pack(_MESSAGE_OPCODE, subscription, message.time) + message.content
 
 
 def parse_message_data(frame: bytes) -> tuple[int, int, bytes] | None:
-    """`message_data` backwards: (subscription, simulated time (ns), content); None: a frame of another kind."""
+    """Decode `message_data` into (subscription, simulation time (ns), content); None for a frame of another kind."""
     if frame[:1] != bytes([_MESSAGE_OPCODE]) or len(frame) < _MESSAGE_HEAD.size:
         return None
     _, subscription, time = _MESSAGE_HEAD.unpack_from(frame)
@@ -107,16 +108,13 @@ def parse_message_data(frame: bytes) -> tuple[int, int, bytes] | None:
 
 
 class _Request(BaseModel):
-    """What a viewer says; what we have no use for is not looked at."""
+    """A viewer's request; unknown fields are ignored."""
 
     model_config = ConfigDict(strict=True, extra="ignore")
 
 
-Number = Annotated[int, Field(ge=0, lt=2**32)]
-
-
 class Subscription(_Request):
-    """A number of the viewer's choice for a channel."""
+    """A viewer's subscription to a channel, under a number that the viewer chooses."""
 
     id: Number
     channel: Number = Field(alias="channelId")
@@ -133,7 +131,7 @@ class Unsubscribe(_Request):
 
 
 class GetParameters(_Request):
-    """No names: all of them."""
+    """A request for parameters; all of them if it lists no names."""
 
     op: Literal["getParameters"]
     names: list[str] = Field(alias="parameterNames")
@@ -141,7 +139,7 @@ class GetParameters(_Request):
 
 
 class ParameterRequest(_Request):
-    """A parameter as it shall be; without a value, as it shall not be."""
+    """A new value of a parameter; None to remove it."""
 
     name: str
     value: Any = None
@@ -163,11 +161,7 @@ _REQUEST_ADAPTER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(di
 
 
 def parse_request(text: str) -> Request:
-    """What a viewer asks.
-
-    Raises:
-        InputRefused: nothing that this server knows.
-    """
+    """Parse a viewer's request; raise InputRefused if unknown or invalid."""
     try:
         return _REQUEST_ADAPTER.validate_json(text)
     except ValidationError as mistake:

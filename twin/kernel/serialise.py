@@ -1,4 +1,4 @@
-"""Records as JSON has them: one function for every dataclass and named tuple."""
+"""Conversion of dataclasses and named tuples to JSON-serialisable values."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -9,10 +9,10 @@ from typing import Any
 
 
 def to_dict(value: Any) -> Any:
-    """Return `value` as mappings, lists, texts and numbers; None for a number that is infinite or NaN.
+    """Convert `value` to mappings, lists, texts and numbers; None for a number that is infinite or NaN.
 
-    A record that has `JSON_KEYS` is written with these keys, each with the path of its value where that has another
-    name: `"F_z=point.F_z mean_W=mean stable"`. Every other record has its fields.
+    A record with `JSON_KEYS` is written with these keys, each followed by the path of its value if that has another
+    name: `"F_z=point.F_z mean_W=mean stable"`. Any other record is written with its fields.
     """
     match value:
         case float():
@@ -41,7 +41,7 @@ def to_dict(value: Any) -> Any:
 
 
 def _value_at(record: Any, path: str) -> Any:
-    """The value at `path`: attributes, keys of mappings and indices, with dots between them."""
+    """Return the value at `path`: attributes, keys of mappings and indices, separated by dots."""
     for name in path.split("."):
         if isinstance(record, Mapping):
             record = record[name]

@@ -1,10 +1,10 @@
-"""Settings: the keys of a TOML table, each declared once beside the law that uses it.
+"""Settings: the keys of a TOML table, each declared once, next to the law that uses it.
 
     class Damping(Settings):
         gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")
 
-says the key of the TOML file, `gain_rad_per_s_per_Nm`, its bounds and its meaning; `damping.gain` is the value in SI.
-`Values` are the numbers of one or several tables as compiled code takes them: the fields of a record.
+declares the key of the TOML file, `gain_rad_per_s_per_Nm`, its bounds and its meaning; `damping.gain` is the value in
+SI. `Values` are the numbers of one or several tables for compiled code: the fields of a record.
 """
 
 import math
@@ -21,22 +21,23 @@ if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
 else:
     ModelMetaclass = type(BaseModel)
+Triple = tuple[float, float, float]
 
 
 class Setting(NamedTuple):
-    """What is declared of one key of a table.
+    """Declaration of one key of a table.
 
     Attributes:
-        unit: of the number in the file, `N m/rad`; "" for what has none.
-        default: in that unit; ... if the file has to say it.
-        help: what it means, one phrase.
-        field: its name in a record of compiled code.
-        into: which of its owner's records it goes into; "" where there is only one, None: none.
-        absent: SI value in the record where the file says nothing, None.
+        unit: unit of the number in the file, `N m/rad`; "" for none.
+        default: default value in that unit; ... if the file must set it.
+        help: meaning, one phrase.
+        field: field name in a record of compiled code.
+        into: name of the compiled record that holds it; "" if the owner has one record, None if it is not compiled.
+        absent: SI value in the record if the file's value is None.
         tunable: whether it may change while the robot runs.
-        exported: whether it stays open in an exported FMU.
+        exported: whether it remains a parameter of an exported FMU.
         broken_by: kinds of faults that change it.
-        more: bounds and examples, as pydantic takes them.
+        more: bounds and examples, as keyword arguments of pydantic.
     """
 
     unit: str
@@ -51,9 +52,9 @@ class Setting(NamedTuple):
     more: Mapping[str, Any]
 
     def key(self, name: str) -> str:
-        """The key of the file: `name`, and the unit as in `kp_mm_per_N`, words joined by "_", those after "per" divide.
+        """Return the key of the file: `name` and the unit as in `kp_mm_per_N`, joined by "_"; words after "per" divide.
 
-        A unit "factor" or "share" is one of pure numbers.
+        A unit "factor" or "share" marks a pure number.
         """
         unit = self.unit.replace("N m", "Nm").translate({ord("("): None, ord(")"): None, ord(" "): "_"})
         return f"{name}_{unit.replace('1/', 'per_').replace('/', '_per_')}" if unit else name
@@ -72,17 +73,17 @@ def setting(
     broken_by: tuple[str, ...] = (),
     **more: Any,
 ) -> Any:
-    """A key of a table, see `Setting`; without `field` the record has it by its own name."""
+    """Declare a key of a table, see `Setting`; `field` defaults to the key's own name."""
     return Setting(unit, default, help, field, into, absent, tunable, exported, broken_by, more)
 
 
 def optional(unit: str = "", *, help: str, example: Any, **declared: Any) -> Any:
-    """A key that the file may leave out, which then says None; `example`: what it might say. Else as `setting`."""
+    """Declare an optional key of a table, None by default, with an `example` of its value; see `setting`."""
     return setting(unit, help=help, default=None, examples=[example], **declared)
 
 
 class _SettingsMeta(ModelMetaclass):
-    """Makes fields of pydantic of the settings in a class."""
+    """Metaclass that turns the settings of a class into fields of pydantic."""
 
     def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **more: Any) -> Any:
         own = {key: value for key, value in namespace.items() if isinstance(value, Setting)}
@@ -96,10 +97,10 @@ class _SettingsMeta(ModelMetaclass):
 
 
 class Settings(BaseModel, metaclass=_SettingsMeta):
-    """A table of the TOML file: unknown keys are mistakes, numbers are finite, types are not guessed.
+    """A table of the TOML file: unknown keys are refused, numbers are finite, types are not converted.
 
     Attributes:
-        settings: those of the class, by attribute.
+        settings: settings of the class, by attribute.
     """
 
     settings: ClassVar[dict[str, Setting]]
@@ -108,7 +109,7 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
 
     @classmethod
     def from_si(cls, **values: Any) -> Self:
-        """A table of values in SI by attribute, unchecked; the others are their defaults."""
+        """Build a table of SI values by attribute, unchecked; other attributes get their defaults."""
         return cls.model_construct(**values)
 
     @field_validator("*", mode="after")
@@ -117,7 +118,7 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
         is_quantity, unit = _unit_of(cls, info.field_name or "")
         if not is_quantity or value is None:
             return value
-        # a `share` and a `factor` have none
+        # a `share` and a `factor` have no unit
         si = value if unit is None else unit.in_si(value)
         if not _is_finite(si):
             raise ValueError("expected a number that is finite in SI units, too")
@@ -126,7 +127,7 @@ class Settings(BaseModel, metaclass=_SettingsMeta):
 
 @cache
 def _unit_of(table: type[Settings], name: str) -> tuple[bool, Unit | None]:
-    """Whether the field `name` has a unit in its key, and that unit."""
+    """Return (whether the key of the field `name` has a unit, that unit; None for a pure number)."""
     key = table.model_fields[name].alias
     return key is not None, None if key is None else known_unit(key.removeprefix(f"{name}_"))
 
@@ -136,7 +137,7 @@ def _is_finite(value: Any) -> bool:
 
 
 class FieldSource(NamedTuple):
-    """Where the number in a field of a record comes from.
+    """Source of the number in a field of a record.
 
     Attributes:
         table, name: the setting.
@@ -152,66 +153,67 @@ class FieldSource(NamedTuple):
 
     @property
     def setting(self) -> Setting:
-        """What is declared of it."""
+        """Declaration of the setting that the number comes from."""
         return self.table.settings[self.name]
 
     @property
     def form(self) -> str:
-        """`f8` a number, `3f8` three of them, `i8` a choice."""
+        """Type of the field: `f8` a number, `3f8` three numbers, `i8` a choice."""
         kind = self.table.model_fields[self.name].annotation
         return "i8" if get_origin(kind) is Literal else "3f8" if get_origin(kind) is tuple else "f8"
 
     def number(self, table: Settings) -> Any:
-        """What the record has in it if `table` is what the file says; a choice counts from 0."""
+        """Return the field's value in the record for the file's `table`; a choice is its index from 0."""
         return self.record_value(getattr(table, self.name))
 
     def record_value(self, value: Any) -> Any:
-        """What the record has of a `value`, SI."""
+        """Convert a `value` (SI) to the field's value in the record."""
         if value is None:
             return self.setting.absent
         if self.form == "i8":
             return get_args(self.table.model_fields[self.name].annotation).index(value)
-        # what is not scaled stays as it is, to the last bit
+        # skip the division if unscaled: the value stays the same to the last bit
         return value if self.times == self.divisor == 1.0 else value / self.divisor * self.times
 
 
 def fields_of_form(form: str, names: str) -> dict[str, str]:
-    """Fields of a record that are all of one form: `record(**alike("f8", "k c error"), known="i8")`."""
+    """Return record fields of one type: `record(**fields_of_form("f8", "k c error"), known="i8")`."""
     return dict.fromkeys(names.split(), form)
 
 
-Triple = tuple[float, float, float]
 Fields = Mapping[str, FieldSource | Setting]
-"""Fields of a record by name: where the number of each comes from, or what is declared of one that no file sets."""
+"""Fields of a record by name: the source of each number, or the declaration of a number that no file sets."""
 
 
 def setting_fields(table: type[Settings], *names: str, into: str = "") -> dict[str, FieldSource]:
-    """Fields of the settings `names` of `table`, or else of all its numbers and choices that go `into` a record."""
+    """Return the record fields of the settings `names` of `table`; without names, of all numbers and choices with
+    `into`.
+    """
     chosen = names or [name for name in table.settings if table.settings[name].into == into and _is_number(table, name)]
     return {table.settings[name].field: FieldSource(table, name) for name in chosen}
 
 
 def numbers(table: Settings, into: str = "") -> dict[str, Any]:
-    """What a record of the numbers of one table has in its fields; `into`: as of `setting_fields`."""
+    """Return the field values of a record of one table's numbers; `into` as in `setting_fields`."""
     return {field: source.number(table) for field, source in setting_fields(type(table), into=into).items()}
 
 
 def _is_number(table: type[Settings], name: str) -> bool:
-    """Whether compiled code has a form for it: not for text, truth values and tables."""
+    """Return whether compiled code has a type for it; false for text, booleans and tables."""
     kind = table.model_fields[name].annotation
     kinds = [part for part in (get_args(kind) or (kind,)) if part is not type(None)]
     return get_origin(kind) is Literal or all(part in (float, int) for part in kinds)
 
 
 class Values(tuple[Any, ...]):
-    """Numbers of compiled code, SI: a named tuple whose fields are declared by settings.
+    """Numbers for compiled code, SI: a named tuple whose fields are declared by settings.
 
-    A subclass names its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it.
+    A subclass lists its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it.
 
     Attributes:
-        sources: of the fields that settings decide on.
-        forms: of all fields, `f8`, `3f8` or `i8`.
-        broken_by: the field that a kind of fault changes, by the kind.
+        sources: source of each field that a setting decides.
+        forms: type of each field, `f8`, `3f8` or `i8`.
+        broken_by: kind of fault -> the field that it changes.
     """
 
     _fields: ClassVar[tuple[str, ...]]
@@ -221,11 +223,11 @@ class Values(tuple[Any, ...]):
     broken_by: ClassVar[dict[str, str]]
 
     def __init_subclass__(cls, parts: Iterable[Fields] = (), first: str = "") -> None:
-        """Declare the fields.
+        """Declare the fields of the record that the subclass represents.
 
         Args:
-            parts: of the record.
-            first: fields that stand first in memory, in this order; the others follow in the order of the parts.
+            parts: field declarations, joined in order.
+            first: fields at the beginning of the memory, in this order; the others follow in the order of the parts.
         """
         named = {name: field for part in parts for name, field in part.items()}
         fields = {name: named[name] for name in first.split()} | named
@@ -249,7 +251,7 @@ class Values(tuple[Any, ...]):
 
     @classmethod
     def from_tables(cls, *tables: Settings, **more: Any) -> Self:
-        """The numbers that `tables` say, with `more` by field."""
+        """Build the record from the values of `tables`, with the fields in `more` overridden."""
         for name, source in cls.sources.items():
             if name not in more:
                 more[name] = source.number(next(table for table in tables if isinstance(table, source.table)))
@@ -273,7 +275,7 @@ class Values(tuple[Any, ...]):
 
 
 def _start_of(field: FieldSource | Setting) -> Any:
-    """The default of a field, SI; None: a value is required."""
+    """Return the default of a field, SI; None if a value is required."""
     declared = field.setting if isinstance(field, FieldSource) else field
     if declared.default is ...:
         return None

@@ -1,6 +1,6 @@
 """Units: dimensions and conversion to SI, for TOML keys, columns of logs and variables of FMUs.
 
-Both spellings are read: that of a TOML key (`mm_per_s`, `Nm_per_rad`) and that of a table's head (`mm/s`, `N m/rad`,
+Two spellings are read: that of a TOML key (`mm_per_s`, `Nm_per_rad`) and that of a table's heading (`mm/s`, `N m/rad`,
 `m/s^2`). Factors are exact: SI Brochure, 9th edition, tables 2, 4, 7 and 8; kgf by the standard gravity of CGPM 1901.
 """
 
@@ -12,14 +12,15 @@ from typing import Any, NamedTuple
 _KGF = Fraction("9.80665")
 _PREFIXED_UNITS = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "Hz")
 MAX_UNIT_LENGTH = 40
-"""Characters of a unit; the words of a longer one would multiply to more than a float holds."""
+"""Maximum length of a unit (characters); a longer one could multiply to more than a float can represent."""
 _UNIT_WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
+_SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
 
 
 class Dimension(NamedTuple):
-    """Exponents of the base units. The radian is one of them: 1 Hz is 2 pi rad/s, and mistaking them is common.
+    """Exponents of the base units. The radian is one of them: 1 Hz is 2 pi rad/s, and confusing them is common.
 
-    Only FMUs leave it out, as tools disagree whether rad/s is 1/s (FMI 2.0, 2.2.2): see `twin.kernel.fmi.units`.
+    Only FMUs omit it, as tools disagree whether rad/s is 1/s (FMI 2.0, 2.2.2): see `twin.kernel.fmi.units`.
     """
 
     kg: int = 0
@@ -33,7 +34,7 @@ class Dimension(NamedTuple):
 
 
 class Unit(NamedTuple):
-    """SI value = value * factor * pi^pi, of a quantity of `dimension`."""
+    """A unit of `dimension`: SI value = value * factor * pi^pi."""
 
     dimension: Dimension
     factor: Fraction = Fraction(1)
@@ -41,7 +42,7 @@ class Unit(NamedTuple):
 
     @property
     def si(self) -> str:
-        """The SI unit of the same dimension as recordings write it: `N m`, `rad/s`; `1` for a number."""
+        """SI unit of the same dimension as recordings write it: `N m`, `rad/s`; `1` for a number."""
         if self.dimension in _SI_NAMES:
             return _SI_NAMES[self.dimension]
         parts = [f"{name}{power if power != 1 else ''}" for name, power in self.dimension._asdict().items() if power]
@@ -49,11 +50,11 @@ class Unit(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """The SI value of one."""
+        """SI value of one unit."""
         return math.pi**self.pi * self.factor.numerator / self.factor.denominator
 
     def in_si(self, values: Any) -> Any:
-        """`values` (a number, an array or nested tuples of numbers) in SI.
+        """Convert `values` (a number, an array or nested tuples of numbers) to SI.
 
         Powers of ten are one correctly rounded division, so that -101 mm is exactly the float -0.101.
         """
@@ -87,7 +88,6 @@ UNIT_SYMBOLS = {
     "rev": Unit(Dimension(rad=1), Fraction(2), 1),
     "rpm": Unit(Dimension(rad=1, s=-1), Fraction(2, 60), 1),
 }
-_SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
 _SI_PREFIXES |= {small: Fraction(1, 10**6) for small in ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")}
 _SI_PREFIXES["n"] = Fraction(1, 10**9)
 UNIT_SYMBOLS |= {
@@ -113,7 +113,7 @@ _SI_NAMES = {
 
 
 def known_unit(text: str) -> Unit | None:
-    """The unit that `text` spells; None if there is no such unit."""
+    """Parse the unit `text`; None if unknown."""
     if len(text) > MAX_UNIT_LENGTH:
         return None
     dimension = NUMBER
@@ -136,11 +136,12 @@ def known_unit(text: str) -> Unit | None:
 
 
 def weight_hint(got: Dimension, wanted: Dimension) -> str:
-    """`; grams are a mass: did you mean gf?` where mass was written and its weight is meant; else "".
+    """Return a hint if a mass unit was given where its weight is expected: `; grams are a mass: did you mean gf?`, or
+    "".
 
     Args:
-        got: what the unit measures that was written.
-        wanted: what is expected.
+        got: dimension of the given unit.
+        wanted: expected dimension.
     """
     if got.kg == 0 or got == wanted:
         return ""

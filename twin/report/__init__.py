@@ -1,1 +1,1 @@
-"""Pictures from recordings."""
+"""Pages from recordings: reports, comparisons and the explorer."""

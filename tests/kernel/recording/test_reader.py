@@ -108,7 +108,7 @@ def test_a_missing_recording_is_named_together_with_what_is_left_of_it(tmp_path:
     with pytest.raises(RecordingError, match=r"run\.mcap: cannot be read: No such file or directory$"):
         read(tmp_path / "run.mcap")
     (tmp_path / "run.mcap.partial").touch()
-    with pytest.raises(RecordingError, match=r"unfinished recording is beside it: run\.mcap\.partial$"):
+    with pytest.raises(RecordingError, match=r"unfinished recording exists: run\.mcap\.partial$"):
         read(tmp_path / "run.mcap")
 
 
@@ -156,7 +156,9 @@ def test_a_file_that_mcap_and_protobuf_wrote_in_this_layout_is_read_with_all_its
 def test_a_recording_of_pictures_alone_is_refused(tmp_path: Path) -> None:
     with Writer(tmp_path / "pictures.mcap", [], TICK, {}, [samples.TF]) as writer:
         writer.write("tf", 0, samples.TF_ROWS)
-    with pytest.raises(RecordingError, match=r"pictures\.mcap: not a recording that twin wrote: none of its topics"):
+    with pytest.raises(
+        RecordingError, match=r"pictures\.mcap: not a recording that twin wrote: it has no topic of twin"
+    ):
         read(tmp_path / "pictures.mcap")
 
 

@@ -157,7 +157,7 @@ def test_what_was_accepted_of_a_robot_becomes_faults_from_the_start_and_the_cont
 
 
 def test_what_cannot_be_taken_over_is_refused_in_a_sentence():
-    with pytest.raises(InputRefused, match="mass of 0: no key of an experiment and no fault stands for it"):
+    with pytest.raises(InputRefused, match="mass of 0: no key of an experiment and no fault represents it"):
         adopt_state(FIG4, {}, [accepted("mass", 0, 1.0)])
     with pytest.raises(InputRefused, match="expected a target of joint_1"):
         adopt_state(FIG4, {}, [accepted("slip", 8, 1.0)])

@@ -239,8 +239,10 @@ def test_an_experiment_that_is_none_of_the_papers_has_no_claims_and_no_layout():
     # a step of 6 s
     assert answer("describe", base={"experiment": "step_z_air"})["figure"] is None
     assert "needs" in answer("score", base={"experiment": "step_z_air"})["refused"]
-    assert "none of the paper's Fig. 4" in answer("show", base={"experiment": "step_z_air"}, layout="fig4")["refused"]
-    assert "none of the paper's Fig. 4" in answer("show", base={"experiment": "pressing"}, layout="fig4")["refused"]
+    assert (
+        "not one of the paper's Fig. 4" in answer("show", base={"experiment": "step_z_air"}, layout="fig4")["refused"]
+    )
+    assert "not one of the paper's Fig. 4" in answer("show", base={"experiment": "pressing"}, layout="fig4")["refused"]
     assert "expected fig4" in answer("show", layout="fig5")["refused"]
 
 

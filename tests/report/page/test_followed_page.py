@@ -129,12 +129,12 @@ def test_facts_that_are_damaged_are_refused_in_a_sentence(
 
     change: Callable[[str, dict[str, str]], dict[str, str]] = forged
     sealed(with_metadata(data_records(session / "run.mcap"), change), tmp_path / "run.mcap")
-    with pytest.raises(InputRefused, match=f"what it says of its session is damaged: {place}: "):
+    with pytest.raises(InputRefused, match=f"its session results are damaged: {place}: "):
         write_report([tmp_path])
 
 
 def test_a_session_is_not_judged_beside_a_run_whose_truth_is_known(session: Path):
-    with pytest.raises(InputRefused, match="records a run, and another one a session beside a robot; write a page for"):
+    with pytest.raises(InputRefused, match="records a run, and another one a session with a robot; write a page for"):
         write_report([session, ran(FIG4).path])
 
 

@@ -56,7 +56,7 @@ def test_the_page_shows_signals_by_unit_components_with_hashes_and_where_all_is_
 def test_without_what_was_kept_beside_the_recording_the_page_says_so(run: Path):
     (run / "summary.json").unlink()
     write_report([run])
-    assert "How long it took was not kept" in (run / "report.html").read_text()
+    assert "The duration was not saved" in (run / "report.html").read_text()
 
 
 def test_a_system_and_the_robot_get_no_page_together(run: Path, force_position: Recording):

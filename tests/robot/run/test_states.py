@@ -160,7 +160,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, number: int, co
     process.send_signal(number)
     _, said = process.communicate(timeout=60.0)
     assert process.returncode == code
-    assert said.strip().endswith(f"; twin run --from {tmp_path / 'first'} goes on")
+    assert said.strip().endswith(f"; continue with: twin run --from {tmp_path / 'first'}")
     done = command("run", "--from", tmp_path / "first", "--out", tmp_path / "second", cwd=tmp_path)
     assert done.returncode == 0 and "goes on from the state at " in done.stdout
     whole = made(tmp_path / "whole", "massage", ())

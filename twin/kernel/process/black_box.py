@@ -1,16 +1,15 @@
-"""Shared memory that survives a crash: which call was in progress, when, with which inputs.
+"""The black box of a job: shared memory that survives a crash, and the error message about the crashed process.
 
-A file without a name, open in two processes. The writer maps it and pays a store per value (see
-`twin.kernel.process.reporter.PipeReporter`), so the reader is not woken by what it need not know unless the
-writer dies; it asks the operating system for the bytes when it wants to know.
+It shows the call in progress, its time and its inputs. It is a nameless file that two processes open. The writer maps
+it and pays one store per value (see `twin.kernel.process.reporter.PipeReporter`); the reader is not woken, but reads
+the bytes through the operating system when it needs them.
 
-Layout, native byte order: tick int64, component int64; from byte `_COMPILED_AT` on how long the writer has compiled and
-since when it does so (ns, int64, of the system's clock; 0: it does not); from byte `_CALL_AT` on a call outside the
-steps, its number and length int64 and its text; from byte `INPUTS_AT` on the inputs of all components, float64.
-
-What a supervisor knows of a job: what the job has said, and what the black box shows.
-
-The sentence about a job whose process ended without a result.
+Layout, native byte order:
+- tick int64, component int64
+- from byte `_COMPILED_AT`: compile time so far and start of the running compilation (ns, int64, of the system's clock;
+  0 if not compiling)
+- from byte `_CALL_AT`: a call outside the steps: number and length int64, then its text
+- from byte `INPUTS_AT`: the inputs of all components, float64
 """
 
 import mmap
@@ -25,19 +24,17 @@ from typing import Any, NamedTuple
 INPUTS_AT = 1024
 _COMPILED_AT = 32
 _CALL_AT = 64
-"""A cache line of its own for the mark."""
+"""Offset of the announced call; its own cache line."""
 _MARK_STRUCT = _COMPILED_STRUCT = _CALL_STRUCT = struct.Struct("=qq")
 _TEXT_AT = _CALL_AT + _CALL_STRUCT.size
 _MAX_PART_BYTES = 255
-"""Bytes of each of the three parts of a call's text that are kept; as long as the name of a file may be."""
+"""Maximum length of each of the three parts of a call's text (bytes): the maximum length of a file name."""
 MAX_QUOTE_LENGTH = 200
-_FMU_REMEDY = (
-    "{file} is not fit to be used: tell its maker, with these facts; `--isolate none` runs it under a debugger."
-)
+_FMU_REMEDY = "{file} is unusable: report this message to its vendor; `--isolate none` runs it under a debugger."
 
 
 class Call(NamedTuple):
-    """A call into a component that has been announced and has not returned; `number` counts those of its process."""
+    """A call into a component that was announced and has not returned; `number` counts the calls of its process."""
 
     number: int
     file: str
@@ -46,14 +43,14 @@ class Call(NamedTuple):
 
 
 class BlackBox:
-    """The reader's end; a context manager that gives the memory back.
+    """The reader's end of a black box; a context manager that closes it.
 
     Attributes:
-        fd: of the nameless file, to be inherited by the writer.
+        fd: file descriptor of the nameless file, to be inherited by the writer.
     """
 
     def __init__(self) -> None:
-        # Windows has no fcntl, and no guarded processes either
+        # Windows has neither fcntl nor guarded processes
         import fcntl
 
         if hasattr(os, "memfd_create"):
@@ -61,34 +58,34 @@ class BlackBox:
         else:
             with tempfile.TemporaryFile() as file:
                 fd = os.dup(file.fileno())
-        # where a standard stream is closed it would get its number, which is another file in the child
+        # a descriptor below 3, possible if a standard stream is closed, would be another file in the child
         self.fd = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         os.close(fd)
         os.ftruncate(self.fd, INPUTS_AT)
 
     def mark(self) -> tuple[int, int]:
-        """(tick, component) of the step that is running or was the last to begin; see `SimulationMemory.mark`."""
+        """Return (tick, component) of the running or last step; see `SimulationMemory.mark`."""
         tick, component = _MARK_STRUCT.unpack(os.pread(self.fd, _MARK_STRUCT.size, 0))
         return tick, component
 
     def compile_time(self) -> float:
-        """How long the writer has compiled until now (s)."""
+        """Return the writer's compile time until now (s)."""
         done, since = _COMPILED_STRUCT.unpack(os.pread(self.fd, _COMPILED_STRUCT.size, _COMPILED_AT))
         return 1e-9 * (done + (max(time.monotonic_ns() - since, 0) if since else 0))
 
     def call(self) -> Call | None:
-        """The call that has been announced last, if it has not returned."""
+        """Return the last announced call; None if it has returned."""
         content = os.pread(self.fd, INPUTS_AT - _CALL_AT, _CALL_AT)
         number, length = _CALL_STRUCT.unpack_from(content)
         if not length:
             return None
         text = content[_CALL_STRUCT.size : _CALL_STRUCT.size + length].decode(errors="replace")
-        # a living writer may be half-way through the next one
+        # the writer may be in the middle of writing the next call
         file, instance, function, *_ = [*text.split("\0"), "", ""]
         return Call(number, file, instance, function)
 
     def inputs(self, start: int, count: int) -> tuple[float, ...]:
-        """`count` of the inputs of all components from number `start` on, as the last steps saw them."""
+        """Return the inputs number `start` to `start` + `count` of all components, at their last steps."""
         return struct.unpack(f"={count}d", os.pread(self.fd, 8 * count, INPUTS_AT + 8 * start))
 
     def close(self) -> None:
@@ -96,10 +93,10 @@ class BlackBox:
 
 
 class Announcer:
-    """The writer's end for calls, and for the time in which there are none because something is compiled.
+    """The writer's end of a black box, for calls and compile time.
 
     Args:
-        fd: of the nameless file.
+        fd: file descriptor of the nameless file.
     """
 
     def __init__(self, fd: int):
@@ -108,7 +105,7 @@ class Announcer:
         self._compiled, self._since = 0, 0
 
     def compiling(self, begins: bool) -> None:
-        """Something is being compiled from now on, or no more. Fits `Hooks.compiling`."""
+        """Note that a compilation begins or ends. Fits `Hooks.compiling`."""
         now = time.monotonic_ns()
         if not begins:
             self._compiled += now - self._since
@@ -116,25 +113,25 @@ class Announcer:
         _COMPILED_STRUCT.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def announce_call(self, file: str, instance: str, function: str) -> None:
-        """A call begins; with function "" it has returned. Fits `Hooks.fmi_call`."""
+        """Note that a call begins, or with an empty `function` that it has returned. Fits `Hooks.fmi_call`."""
         _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
             text = b"\0".join(part.encode()[:_MAX_PART_BYTES] for part in (file, instance, function))
             self._memory[_TEXT_AT : _TEXT_AT + len(text)] = text
             self._number += 1
-            # the length comes last: a process that is ended while it writes has not called yet
+            # the length is written last: a process killed before that has not called yet
             _CALL_STRUCT.pack_into(self._memory, _CALL_AT, self._number, len(text))
 
 
 @dataclass(frozen=True)
 class Participant:
-    """A component as the job described it.
+    """A component as described by the job.
 
     Attributes:
         name, label: see `twin.kernel.cosim.component.Component`.
-        function: the FMI function its step calls, or empty.
-        sampled: whether it is evaluated at a time rather than stepped over one.
-        first_input: where its inputs start in the black box.
+        function: FMI function that its step calls; empty if it is no FMU.
+        sampled: whether it is evaluated at a time rather than stepped over an interval.
+        first_input: index of its first input in the black box.
         inputs: (name, size, unit) of each input port.
     """
 
@@ -157,10 +154,12 @@ class SteppedSystem:
 
 @dataclass
 class JobAccount:
-    """Attributes:
-    stepped: None while components are being made.
-    unstepped: what to say of the time while `stepped` is None.
-    helpers: component -> the process it lives in.
+    """A supervisor's knowledge of a job, from its reports.
+
+    Attributes:
+        stepped: the system being stepped; None while components are being created.
+        unstepped: phrase for the time in error messages while `stepped` is None.
+        helpers: component -> pid of its process.
     """
 
     stepped: SteppedSystem | None = None
@@ -168,7 +167,7 @@ class JobAccount:
     helpers: dict[str, int] = field(default_factory=dict)
 
     def update(self, report: dict[str, Any]) -> None:
-        """Learn from a report of the kinds "loading", "stepping" and "helper"; others tell nothing."""
+        """Update the account from a report of the kinds "loading", "stepping" and "helper"; ignore others."""
         if "loading" in report:
             self.stepped = None
             self.helpers.clear()
@@ -184,17 +183,17 @@ class JobAccount:
             self.stepped = SteppedSystem(facts["tick"], facts["last_tick"], components)
 
     def stepping(self, box: BlackBox) -> Participant | None:
-        """The component whose step is running, or was when the process ended."""
+        """Return the component whose step is running, or was when the process ended; None between steps."""
         component = box.mark()[1]
         return self.stepped.components[component] if self.stepped and component >= 0 else None
 
     def is_busy(self, box: BlackBox) -> bool:
-        """Whether a call into a component is running."""
+        """Return whether a call into a component is running."""
         return box.call() is not None or self.stepping(box) is not None
 
 
 def exit_phrase(status: int) -> str:
-    """How a process ended by itself, as the verb phrase of a sentence.
+    """Return a verb phrase for the end of a process that was not ended by its supervisor.
 
     Args:
         status: exit status, negative for a signal.
@@ -212,14 +211,13 @@ def exit_phrase(status: int) -> str:
 def failure_message(
     account: JobAccount, box: BlackBox, manner: str, remedy: str | None, printed: str, culprit: str | None = None
 ) -> str:
-    """Who ended the job: file, instance, function, simulated time, last inputs, remedy.
+    """Compose the error message about a failed job: file, instance, function, simulated time, last inputs, remedy.
 
     Args:
-        account, box: what is known.
-        manner: verb phrase, see `manner`.
-        remedy: a sentence; None: the one for an FMU that is broken.
-        printed: what the job wrote at last.
-        culprit: the component to blame; None: the one at work.
+        manner: verb phrase for the end, see `exit_phrase`.
+        remedy: advice as a sentence; None for the advice about a broken FMU.
+        printed: last output of the job.
+        culprit: name of the component to blame; None for the one at work.
     """
     participant = _find_participant(account.stepped, culprit) if culprit else account.stepping(box)
     if (call := box.call()) and not culprit:
@@ -259,7 +257,9 @@ def _time_text(stepped: SteppedSystem, box: BlackBox) -> str:
 
 
 def _last_inputs(participant: Participant, box: BlackBox) -> str:
-    """As `twin.kernel.cosim.component.named_values`, without numpy, which a supervisor does not load."""
+    """Format the last inputs like `twin.kernel.cosim.component.named_values`, without NumPy, which a supervisor does
+    not load.
+    """
     values = list(box.inputs(participant.first_input, sum(size for _, size, _ in participant.inputs)))
     texts = []
     for name, size, unit in participant.inputs:

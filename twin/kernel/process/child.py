@@ -1,7 +1,7 @@
-"""`python -m twin.kernel.process.child BOX PARENT`: the guarded process.
+"""The guarded process: `python -m twin.kernel.process.child BOX PARENT`.
 
-Standard input brings the job's name, then its arguments, a line for each time that it is to be done, and orders;
-standard output takes the reports, so whatever is printed by FMUs or anybody else is sent to standard error first.
+Standard input carries the job's name, then one line of arguments per call, and orders. Standard output carries the
+reports, so the output of FMUs and other code is redirected to standard error first.
 """
 
 import contextlib
@@ -21,15 +21,15 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Do the one job of this process as often as is asked, until the parent has gone or it could not be begun."""
+    """Run the job of this process once per request, until the parent has gone or the job fails."""
     box, parent = map(int, sys.argv[1:])
     orders, reports = os.dup(0), os.fdopen(os.dup(1), "w", encoding="utf-8")
     with open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)
-    # the parent may have had it ignored
+    # the parent may ignore SIGINT
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    # a service that ends all its processes ends this one as its parent would
+    # a service manager that terminates all its processes must end this one in the same way as its parent
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     retry_lost_interrupts()
     _exit_with_parent(parent)
@@ -41,7 +41,7 @@ def main() -> None:
         try:
             if reporter is None:
                 job = load_function(name)
-                # after the job's own imports: what it needs of them is loaded while the arguments are still being made
+                # imported after the job, so that its own imports load while the parent still prepares the arguments
                 from twin.kernel.hooks import HOOKS
                 from twin.kernel.process.reporter import PipeReporter
 
@@ -59,22 +59,22 @@ def main() -> None:
         with contextlib.suppress(BrokenPipeError):
             reports.write(json.dumps(last) + "\n")
             reports.flush()
-        # without cleaning up, because nothing of value is left to clean
+        # without clean-up, because no unsaved data is left
         if "finished" not in last:
             os._exit(0)
 
 
 def _exit_with_parent(parent: int) -> None:
-    """On Linux the kernel ends this process with `parent`, also one that hangs; elsewhere the closed pipe has to do."""
+    """Make the Linux kernel end this process with `parent`, even if it hangs; elsewhere the closed pipe ends it."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    # it may have died before that was in force
+    # the parent may have died before the prctl took effect
     if os.getppid() != parent:
         os._exit(1)
 
 
 def _lines(fd: int) -> Iterator[str]:
-    """Lines that arrive at `fd`; the end of the process if no writer is left."""
+    """Yield the lines read from `fd`; end the process when all writers have closed it."""
     rest = b""
     while True:
         line, found, rest = rest.partition(b"\n")

@@ -19,19 +19,19 @@ from twin.kernel.process.job import (
 from twin.kernel.process.process import GuardedProcess, process_for, resident_memory
 
 POLL_INTERVAL = 0.05
-"""How often (s) limits are looked at and progress is shown."""
+"""Interval (s) between checks of the limits and updates of the progress."""
 STOP_TIMEOUT = 5.0
-"""How long (s) a job that steps a system may take to stop by itself when asked to: it ends its recording."""
+"""Timeout (s) for a job that steps a system to stop by itself on request and to finish its recording."""
 UNSTEPPED_STOP_TIMEOUT = 0.5
-"""The same (s) before its first step. What is compiled cannot be interrupted, and there is nothing to lose."""
+"""The same timeout (s) before the first step. Compilation cannot be interrupted, and no data would be lost."""
 
 
 class JobFailure(ComponentFailed):
-    """The job's process crashed, ended itself or was ended for a limit, after stepping had begun."""
+    """Failure of a job after stepping had begun: its process crashed, exited or was ended for a limit."""
 
 
 class JobLoadFailure(InputRefused):
-    """The same before the first step: a component could not even be made."""
+    """Failure of a job before its first step: a component could not be created."""
 
 
 def run_guarded(
@@ -41,22 +41,22 @@ def run_guarded(
     listen: Callable[[dict[str, Any]], None] = lambda note: None,
     show: Callable[[int, int], None] = lambda done, total: None,
 ) -> Any:
-    """The result of `job`, run in a process of its own.
+    """Run `job` in a guarded process and return its result.
 
     Args:
-        job: see `function_called`; it is called as `job(reporter, **arguments)`, see `Reporter`.
-        arguments: what can be pickled.
-        limits: the job is ended if it exceeds one.
-        listen: called with every note of the job.
-        show: called with (ticks done, ticks in all) while a system is being stepped.
+        job: function name, see `load_function`; called as `job(reporter, **arguments)`, see `Reporter`.
+        arguments: picklable arguments.
+        limits: limits; a job that exceeds one is ended.
+        listen: callback for each note of the job.
+        show: callback for progress, (ticks done, total ticks), while a system is being stepped.
 
     Returns:
-        What the function returned, through JSON. An end without this is a failure, whatever the exit status.
+        Return value of the function, through JSON. An end without it is a failure, whatever the exit status.
 
     Raises:
-        JobEnded, JobEndedLoading: in one sentence who, how, where, when, with which inputs, and what to do.
-        TwinError: the job raised one: class, text and exit code are those.
-        KeyboardInterrupt: Ctrl-C; the job has been asked to stop, and ended if it did not.
+        JobFailure, JobLoadFailure: names the component, function, time, inputs and remedy in one message.
+        TwinError: the job raised one; class, text and exit code are the same.
+        KeyboardInterrupt: Ctrl-C; the job was asked to stop, and ended after a timeout.
     """
     with process_for(job) as process:
         process.start(arguments)
@@ -85,7 +85,7 @@ def _follow(
                 listen(report["note"])
             elif "finished" in report:
                 process.end()
-                # whatever an FMU has printed is shown, and never obeyed
+                # show the output of FMUs, with control characters escaped
                 sys.stderr.write("".join(f"{line}\n" for line in _printed_lines(process.output_tail)))
                 return report["finished"]
         stepped = watch.account.stepped
@@ -95,17 +95,17 @@ def _follow(
 
 
 def _printed_lines(printed: str) -> Iterator[str]:
-    """The lines of it; one that comes several times in a row, as from each instance of an FMU, once."""
+    """Yield the lines of `printed`; merge repeated lines, as from each instance of an FMU, into one."""
     for line, same in groupby(printed.splitlines()):
         count = len(list(same))
         yield escape_controls(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")
 
 
 def raise_failure(report: dict[str, Any]) -> None:
-    """Raise what ended a job, if `report` says so.
+    """Raise the error or interrupt in `report`, if there is one.
 
     Raises:
-        TwinError: of the class, text and exit code of the one that the job raised.
+        TwinError: with the class, text and exit code of the job's error.
         KeyboardInterrupt: the job was interrupted.
     """
     if "failed" in report:
@@ -115,11 +115,11 @@ def raise_failure(report: dict[str, Any]) -> None:
 
 
 class Watchdog:
-    """Knows what a process is doing and for how long, and ends it at its limits.
+    """Supervisor of a process: tracks the running call and its duration, and ends the process at its limits.
 
     Attributes:
-        account: the notes and progress of the job; the reader of the reports hands them to it.
-        process, limits: what is watched.
+        account: notes and progress of the job; the reader of the reports must update it.
+        process, limits: the supervised process and its limits.
     """
 
     def __init__(self, process: GuardedProcess, limits: JobLimits):
@@ -130,15 +130,15 @@ class Watchdog:
         self._stepped: object = None
 
     def raise_if_over(self) -> None:
-        """Look once.
+        """Check all limits once; end the process and raise if it exceeds one.
 
         Raises:
-            JobEnded, JobEndedLoading: the process has ended without a word, or exceeded a limit and has been ended.
+            JobFailure, JobLoadFailure: the process has ended without a result, or exceeded a limit and was ended.
         """
         limits, process = self.limits, self.process
         if process.gone:
             raise self._failure(exit_phrase(process.end()))
-        # what is compiled meanwhile gives a call its whole time again
+        # a compilation in between restarts the time of the call
         compiled = process.box.compile_time()
         doing = (process.box.mark(), process.box.call(), compiled)
         if doing != self._doing or not self.account.is_busy(process.box):
@@ -158,7 +158,7 @@ class Watchdog:
             if resident_memory(pid) > limits.memory:
                 raise self._failure(
                     f"grew to the limit of {limits.memory / 1e6:g} MB of memory",
-                    "It leaks: tell its maker; --limit-memory sets the limit.",
+                    "It leaks memory: report it to its vendor; --limit-memory sets the limit.",
                     name,
                 )
         if process.memory > limits.memory:
@@ -173,12 +173,12 @@ class Watchdog:
             )
 
     def _begin(self) -> None:
-        """What is going on now has just begun."""
+        """Restart the timer of the running call."""
         self._since = self._looked = time.monotonic()
         self._used, self._waited = self.process.processor_time, 0.0
 
     def _is_over(self) -> bool:
-        """Whether what is going on takes longer than a call may."""
+        """Return whether the running call exceeds the time limit of a call."""
         now, limit = time.monotonic(), self.limits.step
         if self.process.is_waiting:
             self._waited += now - self._looked
@@ -186,23 +186,23 @@ class Watchdog:
         if now - self._since <= limit:
             return False
         used = self.process.processor_time - self._used
-        # nothing is known of the processor: the difference is no number
+        # negated, so that it is true where the processor time is unknown (NaN)
         return not used <= limit or self._waited > MAX_WAIT_RATIO * limit
 
     def _expected_duration(self) -> float:
-        """How long the simulation takes as a whole (s), from what its ticks have taken; 0 if nothing can be said."""
+        """Estimate the duration of the whole simulation (s) from its ticks so far; 0 if unknown."""
         stepped, now = self.account.stepped, time.monotonic()
         if stepped is None:
             return 0.0
         tick = self.process.box.mark()[0]
-        # what is compiled or loaded before the first step is no part of it
+        # time for compiling or loading before the first step does not count
         if stepped is not self._stepped or tick == 0:
             self._stepped, self._first = stepped, now
         taken = now - self._first
         return taken * stepped.last_tick / tick if tick and taken > MIN_ESTIMATE_TIME else 0.0
 
     def _failure(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
-        """The error that tells of the end of the process; ends it first, so that nothing changes any more."""
+        """End the process, so that its state is final, and return the error about its end."""
         self.process.end()
         text = failure_message(self.account, self.process.box, manner, remedy, self.process.output_tail, culprit)
         return JobFailure(text) if self.account.stepped else JobLoadFailure(text)

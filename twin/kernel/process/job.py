@@ -1,6 +1,6 @@
 """Jobs: functions that another process calls by name, their limits and their outcomes.
 
-It is named, because what it imports is loaded there.
+The name, rather than the function, is passed, because the other process then loads only the job's own imports.
 """
 
 import _thread
@@ -19,21 +19,25 @@ from typing import Any
 from twin.kernel.errors import NotWritten, TwinError, internal_error, os_error_message
 
 STOP_ORDER = "stop"
-"""Order to a job's process: interrupt it."""
+"""Order that interrupts a job's process."""
 LONG_RUN_DURATION = 3600.0
-"""Time (s) beyond which a run starts only after a question."""
+"""Expected duration (s) above which a run asks for confirmation before it starts."""
 MIN_ESTIMATE_TIME = 10.0
-"""How long (s) what is stepped is watched before anything is said of how long it will take."""
+"""Observation time (s) before the duration of a simulation is estimated."""
 MAX_WAIT_RATIO = 4.0
-"""How many times longer than on a processor a call may wait for something else, which may want a processor itself."""
+"""Maximum ratio of a call's waiting time to its limit of processor time; the call may wait for another process that
+needs the processor itself."""
 INTERRUPT_EXIT_CODE, TERMINATE_EXIT_CODE = 130, 143
-"""Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
+"""Exit codes of a command ended by Ctrl-C, or by SIGTERM."""
 INTERRUPT_RETRY_DELAY = 0.01
-"""s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
+"""Delay (s) until a lost interrupt is repeated. The finaliser is over by then; a second interrupt in it would be lost
+too."""
+_termination_signals: list[int] = []
+"""Termination signals (SIGTERM, SIGHUP) that this process has received."""
 
 
 def load_function(name: str) -> Callable[..., Any]:
-    """The function "module:function"."""
+    """Load a function by its name "module:function"."""
     module, _, function = name.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return found
@@ -41,15 +45,15 @@ def load_function(name: str) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class JobLimits:
-    """Limits that the supervisor enforces by ending the job.
+    """Limits of a job, enforced by its supervisor.
 
     Attributes:
-        step: longest time of one call into a component (s): on the clock, and of that much on a processor, so that a
-            busy machine makes no call look slow; a call that waits for something else may take `MAX_WAIT_RATIO` times as
-            long. Code that calls no FMU, a compilation say, has no such limit.
-        wall: longest time of the whole job (s), less that in which it compiles.
-        memory: most resident memory (bytes); watched where the system has /proc, so on Linux.
-        expected: longest time that all ticks of one simulation may be expected to take (s), from what they have taken.
+        step: maximum time of one call into a component (s), in wall time and in processor time, so that a busy machine
+            makes no call look slow; a call that waits may take `MAX_WAIT_RATIO` times as long. Code outside FMU calls,
+            such as a compilation, has no such limit.
+        wall: maximum time of the whole job (s), excluding compilation.
+        memory: maximum resident memory (bytes); checked where the system has /proc, i.e. on Linux.
+        expected: maximum expected duration of all ticks of one simulation (s), extrapolated from the ticks so far.
     """
 
     step: float = 10.0
@@ -59,12 +63,12 @@ class JobLimits:
 
 
 def core_count() -> int:
-    """Processors this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def duration_text(seconds: float) -> str:
-    """`14 minutes`, `2.3 days`."""
+    """Format a duration: `14 minutes`, `2.3 days`."""
     for name, length in (("years", 365.25 * 86400.0), ("days", 86400.0), ("hours", 3600.0)):
         if seconds >= 2.0 * length:
             return f"{seconds / length:.2g} {name}"
@@ -72,7 +76,7 @@ def duration_text(seconds: float) -> str:
 
 
 def failure_report(problem: Exception) -> list[Any]:
-    """What `rebuild_error` makes an error of again: module and class, text, exit code."""
+    """Serialise an exception for `rebuild_error`: module, class, text, exit code."""
     if isinstance(problem, OSError):
         return failure_report(NotWritten(os_error_message(problem)))
     if not isinstance(problem, TwinError):
@@ -82,27 +86,23 @@ def failure_report(problem: Exception) -> list[Any]:
 
 
 def rebuild_error(report: list[Any]) -> TwinError:
-    """The error of a `failure_report`: of the same class, with the same text and exit code.
+    """Restore the error of a `failure_report`, with the same class, text and exit code.
 
-    What else the error carried is left out: code that needs it runs in the process itself.
+    Other attributes of the error are lost: code that needs them runs in the process itself.
     """
     module, name, text, exit_code = report
     kind = getattr(importlib.import_module(module), name, TwinError) if module.startswith("twin.") else TwinError
-    # not called: what its __init__ wants is in the text already
+    # bypass __init__, whose arguments are already part of the text
     error: TwinError = kind.__new__(kind, text)
     error.exit_code = exit_code
     return error
 
 
-_termination_signals: list[int] = []
-"""Signals of the kind SIGTERM that this process got."""
-
-
 @contextlib.contextmanager
 def handle_termination() -> Iterator[None]:
-    """Within the block SIGTERM and SIGHUP end this process as Ctrl-C does, with another exit code; for a main thread.
+    """Make SIGTERM and SIGHUP end the block like Ctrl-C, with another exit code; in the main thread only.
 
-    A SIGHUP that is ignored stays so: `nohup`.
+    An ignored SIGHUP (`nohup`) stays ignored.
     """
 
     def end(number: int, frame: object) -> None:
@@ -123,18 +123,18 @@ def handle_termination() -> Iterator[None]:
 
 
 def interruption() -> tuple[int, str]:
-    """Exit code of, and word for, what has interrupted this process: Ctrl-C, or SIGTERM."""
+    """Return exit code and participle for the signal that ended this process: Ctrl-C or SIGTERM."""
     return (TERMINATE_EXIT_CODE, "terminated") if _termination_signals else (INTERRUPT_EXIT_CODE, "interrupted")
 
 
 def retry_lost_interrupts() -> None:
-    """From now on an interrupt that cannot be caught where it arrives comes again a moment later.
+    """Repeat interrupts that arrive where they cannot be caught, from now on, after a short delay.
 
-    Compiling is full of such places: each piece of machine code is kept and let go by finalisers and callbacks.
+    Compiling has many such places: finalisers and callbacks manage each piece of machine code.
     """
     before = sys.unraisablehook
 
-    def hear(lost: "sys.UnraisableHookArgs") -> None:
+    def on_unraisable(lost: "sys.UnraisableHookArgs") -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
             again = threading.Timer(INTERRUPT_RETRY_DELAY, interrupt_main)
             again.daemon = True
@@ -142,21 +142,21 @@ def retry_lost_interrupts() -> None:
         else:
             before(lost)
 
-    sys.unraisablehook = hear
+    sys.unraisablehook = on_unraisable
 
 
 def interrupt_main() -> None:
-    """Raise KeyboardInterrupt in the main thread; to be called by another one."""
+    """Raise KeyboardInterrupt in the main thread, from another thread."""
     if sys.platform == "win32":
         _thread.interrupt_main()
     else:
-        # a real signal, because it also ends a system call that waits
+        # a real signal, because it also interrupts a blocking system call
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def recording_status(folder: Path | None) -> str:
-    """A sentence about the recording in `folder` (None: there is no folder yet)."""
-    # the supervisor loads no numerics unless something goes wrong
+    """Describe the recording in `folder` in one sentence (None if there is no folder yet)."""
+    # imported here: the supervisor loads no numerical packages unless something fails
     from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
     from twin.kernel.recording.reader import last_time
 
@@ -168,21 +168,21 @@ def recording_status(folder: Path | None) -> str:
 
 
 def interrupt_message(folder: Path) -> str:
-    """What Ctrl-C has left in the `folder` of a run; it goes if that is nothing."""
+    """Return the message after Ctrl-C about the recording in the `folder` of a run; remove an empty folder."""
     from twin.kernel.recording.folder import PARTIAL_SUFFIX, RECORDING_FILE
 
     whole, partial = folder / RECORDING_FILE, folder / f"{RECORDING_FILE}{PARTIAL_SUFFIX}"
     if partial.exists():
-        go_on = f"twin run --from {relative_path(folder)} goes on"
-        return f"interrupted; recorded until then: {relative_path(partial)}; {go_on}"
+        command = f"twin run --from {relative_path(folder)}"
+        return f"interrupted; recorded until then: {relative_path(partial)}; continue with: {command}"
     if whole.exists():
         return f"interrupted; the recording is complete: {relative_path(whole)}"
-    # whatever else is in it stays
+    # other files in the folder stay
     with contextlib.suppress(OSError):
         folder.rmdir()
     return "interrupted before the first step; nothing is recorded"
 
 
 def relative_path(path: Path) -> Path:
-    """`path` relative to the current folder, if it lies below."""
+    """Return `path` relative to the current folder if it is below that folder, else unchanged."""
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

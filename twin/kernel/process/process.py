@@ -1,6 +1,6 @@
-"""The parent's side of a guarded process: orders, reports, end.
+"""A guarded process, seen from its parent: start, orders, reports, end.
 
-A Python of our own: it finds this package and nothing that happens to lie in the folder where it is started.
+Its Python interpreter finds this package, and does not import modules from the folder where it is started.
 """
 
 import contextlib
@@ -20,17 +20,24 @@ from typing import Any
 import twin
 from twin.kernel.process.black_box import BlackBox
 
+TAIL_BYTES = 8192
+"""Number of bytes kept of the output of the process."""
+THREAD_LIMITS = {"OPENBLAS_NUM_THREADS": "1"}
+"""Environment defaults of the process. Parallel processes would otherwise start a thread per core each, and the last
+bit of sums over long vectors would depend on the number of cores."""
+_READ_BYTES = 65536
+
 
 def module_command(module: str, *arguments: str) -> list[str]:
-    """The command that runs `module` of this package, with `environment`."""
-    # -P: the folder where a user happens to be is no place to import from
+    """Return the command line that runs `module` of this package, with `environment`."""
+    # -P: do not import from the current folder
     return [sys.executable, "-P", "-m", module, *arguments]
 
 
 def environment() -> dict[str, str]:
-    """This process's environment, by which another Python finds the package that this one uses.
+    """Return this process's environment, extended so that another Python finds this package.
 
-    What a drive starts there, scripts of its own perhaps, searches folders as Python does by itself.
+    Scripts started by a drive otherwise search Python's default folders.
     """
     home = str(Path(twin.__file__).parents[1])
     inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
@@ -39,26 +46,16 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
-TAIL_BYTES = 8192
-"""Bytes kept of what the process printed."""
-THREAD_LIMITS = {"OPENBLAS_NUM_THREADS": "1"}
-"""Environment of the process, where the user does not say otherwise. Processes that run side by side would start a
-thread per core each; and sums would depend on how many cores there are, in the last bit of long vectors."""
-_READ_BYTES = 65536
-
-
 class GuardedProcess:
-    """A process of its own group that runs one job; a context manager at whose exit nothing of it is left.
+    """A process in its own process group that runs one job; a context manager that ends the whole group.
 
     Args:
-        job: see `function_called`; imported at once by the process, it begins when `start` brings its arguments.
-        helper: of a guarded process, that is this one: belongs to its group and prints where it prints.
+        job: function name, see `load_function`; the process imports it immediately and calls it after `start`.
+        helper: whether it belongs to a guarded process, the current one, and so shares its group and output.
 
     Attributes:
-        pid: of the process.
-        box: what it was doing.
-        gone: it will report no more.
-        ended: it has been ended.
+        box: black box of the process.
+        gone: whether it will send no more reports.
     """
 
     def __init__(self, job: str, helper: bool = False):
@@ -90,7 +87,7 @@ class GuardedProcess:
         self.close()
 
     def close(self) -> None:
-        """End it, if it has not ended, and give back what it needed here."""
+        """End the process and release its pipes and black box."""
         self.end()
         self._selector.close()
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -101,19 +98,19 @@ class GuardedProcess:
 
     @property
     def age(self) -> float:
-        """Time since it was started (s)."""
+        """Time since the start of the process (s)."""
         return time.monotonic() - self._began
 
     @property
     def processor_time(self) -> float:
-        """How long it has been on a processor (s); infinity where the system does not tell."""
+        """Processor time of the process (s); infinity where the system does not report it."""
         return processor_time(self.pid)
 
     @property
     def is_waiting(self) -> bool:
-        """Whether it is not even ready for a processor; so it is where the system does not tell."""
+        """Whether the process is neither running nor ready to run; true where the system does not report it."""
         try:
-            # pid (name) state ..; a name may have brackets
+            # the format is "pid (name) state ..", and a name may contain brackets
             with open(f"/proc/{self.pid}/stat", "rb", buffering=0) as file:
                 return not file.read().rpartition(b")")[2].lstrip().startswith(b"R")
         except OSError:
@@ -121,12 +118,12 @@ class GuardedProcess:
 
     @property
     def output_tail(self) -> str:
-        """The last kilobytes of what it wrote to standard output and standard error."""
+        """The last kilobytes that the process wrote to standard output and standard error."""
         return self._tail.decode(errors="replace")
 
     @property
     def memory(self) -> int:
-        """Resident memory (bytes); 0 where the system does not tell."""
+        """Resident memory of the process (bytes); 0 where the system does not report it."""
         return resident_memory(self.pid)
 
     @property
@@ -134,17 +131,17 @@ class GuardedProcess:
         return self._process.returncode is not None
 
     def start(self, arguments: dict[str, Any]) -> None:
-        """Let the job begin."""
-        # every type arrives as it was; what comes back is JSON, because FMUs live there
+        """Begin the job of the process with `arguments`."""
+        # pickle preserves all types on the way in; results return as JSON, because FMUs run there and are not trusted
         self.order(pickle.dumps(arguments).hex())
 
     def order(self, line: str) -> None:
-        """Send a line; harmless if the reader has gone."""
+        """Send a line to the process; no effect if it has gone."""
         with contextlib.suppress(BrokenPipeError):
             os.write(_fd(self._process.stdin), line.encode() + b"\n")
 
     def reports(self, timeout: float) -> list[dict[str, Any]]:
-        """What it has reported since the last call, waiting at most `timeout` (s) for something to happen."""
+        """Return the process's reports since the last call, after waiting at most `timeout` (s) for news."""
         lines: list[bytes] = []
         ready = self._selector.select(timeout)
         if not ready and not self.has_exit_status:
@@ -161,22 +158,22 @@ class GuardedProcess:
         return [json.loads(line) for line in lines]
 
     def _is_zombie(self) -> bool:
-        """Whether it has ended, which its closed pipe does not tell while something it started holds that open.
+        """Return whether the process has ended, even while a process that it started keeps its pipe open.
 
-        It is not waited for: until then its number, which is also that of its group, stays its own.
+        Does not reap it, so that its pid, which is also the id of its group, is not reused.
         """
-        # macOS has it from Python 3.13 on; before, the limit on a step's time ends such a process
+        # macOS has waitid from Python 3.13 on; before, the limit on a step's time ends such a process
         if not hasattr(os, "waitid"):
             return False
         return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> int:
-        """End it and everything it started; return its exit status, negative for a signal.
+        """End the process and all processes it started; return its exit status, negative for a signal.
 
-        A process that has ended by itself keeps the status it ended with.
+        A process that has ended by itself keeps its exit status.
         """
         if not self.has_exit_status:
-            # not waited for yet, so its number cannot have gone to anybody else
+            # not reaped yet, so its pid cannot have been reused
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 (os.kill if self._helper else os.killpg)(self.pid, signal.SIGKILL)
             self._process.wait()
@@ -186,9 +183,9 @@ class GuardedProcess:
 
 
 def resident_memory(pid: int) -> int:
-    """Of the process `pid` (bytes); 0 if it has ended or the system does not tell."""
+    """Return the resident memory of the process `pid` (bytes); 0 if it has ended or the system does not report it."""
     try:
-        # asked several times a run; pathlib takes longer than the rest
+        # called several times a run; pathlib would take longer than the rest
         with open(f"/proc/{pid}/statm", "rb", buffering=0) as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -196,16 +193,16 @@ def resident_memory(pid: int) -> int:
 
 
 def processor_time(pid: int) -> float:
-    """How long the process `pid` has been on a processor (s); infinity where the system does not tell."""
+    """Return the processor time of the process `pid` (s); infinity where the system does not report it."""
     try:
-        # Linux: the clock of a process is named after it (clock_getcpuclockid)
+        # Linux: the id of the clock follows from the pid (clock_getcpuclockid)
         return time.clock_gettime(cpu_clock(pid)) if sys.platform == "linux" else math.inf
     except OSError:
         return math.inf
 
 
 def cpu_clock(pid: int) -> int:
-    """The clock of the time that the process `pid` has been on a processor (linux/posix-timers.h: CPUCLOCK_SCHED)."""
+    """Return the id of the processor-time clock of the process `pid` (linux/posix-timers.h: CPUCLOCK_SCHED)."""
     return ~pid << 3 | 2
 
 
@@ -217,23 +214,23 @@ _waiting: dict[str, GuardedProcess] = {}
 
 
 def start_ahead(job: str) -> None:
-    """Start a process that will be asked for `job`, if somebody asks."""
+    """Start a process for `job` in advance, before it is known whether it will be needed."""
     _waiting[job] = GuardedProcess(job)
 
 
 def claim_process(job: str) -> GuardedProcess | None:
-    """The process that was started ahead for `job`, if one was; none waits any more."""
+    """Return the process started in advance for `job`, or None; end all other waiting processes."""
     found = _waiting.pop(job, None)
     end_waiting()
     return found
 
 
 def process_for(job: str) -> GuardedProcess:
-    """The process that was started ahead for `job`, or a new one; none waits any more."""
+    """Return the process started in advance for `job`, or a new one; end all other waiting processes."""
     return claim_process(job) or GuardedProcess(job)
 
 
 def end_waiting() -> None:
-    """End the processes that no job has asked for."""
+    """End all processes started in advance that were not claimed."""
     while _waiting:
         _waiting.popitem()[1].close()

@@ -1,4 +1,4 @@
-"""A process that the operating system lets go first, as far as it is allowed to."""
+"""Real-time scheduling of this process, as far as the operating system permits it."""
 
 import ctypes
 import errno
@@ -10,32 +10,32 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 RECEIVER_PRIORITY, WORKER_PRIORITY = 20, 10
-"""Priorities under SCHED_FIFO of who waits for messages, and of who works on them."""
+"""SCHED_FIFO priorities of threads that receive messages, and of threads that process them."""
 SWITCH_INTERVAL = 2e-5
-"""s after which a thread that waits for the interpreter gets it, of two on one processor; Python's own is 5 ms."""
+"""Interpreter switch interval (s) of two threads on one processor; Python's default is 5 ms."""
 PARALLEL_SWITCH_INTERVAL = 1e-4
-"""Of two that may run at the same time, and so interrupt each other."""
+"""Interpreter switch interval (s) of two threads that run in parallel and so interrupt each other."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
-"""Of mlockall(2). What has been used once stays in memory; what is only reserved takes none."""
+"""Flags of mlockall(2). Pages stay in memory once they have been used; reserved ones take no memory."""
 
 
 @contextmanager
 def real_time(first: int | None = None) -> Iterator[str]:
-    """Within the block this process goes before others, its memory stays where it is, and its threads take turns soon.
+    """Run the block with real-time priority, locked memory and a short interpreter switch interval.
 
-    All threads that there are now go first, the one that calls this second, and those that begin later last. The thread
-    `first` has the processor of the one that calls: as long as it has work the other one does not run, and so does not
-    ask for the interpreter either.
+    Existing threads get SCHED_FIFO priority RECEIVER_PRIORITY, the calling thread WORKER_PRIORITY; threads started
+    later stay SCHED_OTHER. The thread `first` shares the caller's processor: while `first` has work the caller does not
+    run, and so does not compete for the GIL.
 
     Args:
-        first: number of a thread of Python's that is not to wait for the one that calls.
+        first: native id of the Python thread that must not wait for the caller; None for no such thread.
 
     Yields:
-        What is not allowed here, as a sentence; "" if all is.
+        Reasons why real time is not permitted, as a sentence; "" if it is.
     """
     turns = sys.getswitchinterval()
     refused = [why for why in (_raise_priority(), _lock_memory()) if why]
-    # what there is by now stays: a search through all of it takes tens of milliseconds
+    # freeze existing objects: a collection through all of them takes tens of milliseconds
     gc.collect()
     gc.freeze()
     processors = _share_processor(first) if first and not refused else set()
@@ -53,12 +53,12 @@ def real_time(first: int | None = None) -> Iterator[str]:
 
 
 def _share_processor(first: int) -> set[int]:
-    """Let the thread `first` and this one have a processor; those that this one had."""
+    """Pin the thread `first` and this one to one processor; return the processors this thread had before."""
     processors = os.sched_getaffinity(0)
     for thread in (first, 0):
-        # it may be over
+        # the thread may have ended
         with suppress(ProcessLookupError):
-            # the first processor has most interrupts
+            # not the first processor, which handles most interrupts
             os.sched_setaffinity(thread, {max(processors)})
     return processors
 

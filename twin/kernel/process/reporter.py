@@ -1,7 +1,4 @@
-"""What a job reports to its parent, from a process of its own or from the same one.
-
-What a job in a guarded process says to its supervisor.
-"""
+"""Reports of a job to its parent, from a guarded process or from the parent's own process."""
 
 import json
 import mmap
@@ -19,13 +16,16 @@ from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.hooks import HOOKS
 from twin.kernel.process.black_box import INPUTS_AT, Announcer
 
+Listen = Callable[[dict[str, Any]], None]
+Show = Callable[[int, int], None]
+
 
 class ProcessProxy(Component):
-    """A component that stands for one in another process.
+    """A component that represents a component in another process.
 
     Attributes:
-        function: what `called_function` says of that one.
-        code: names of twin's own compiled functions in it.
+        function: its `called_function`.
+        code: names of its compiled functions that are part of twin.
     """
 
     function: str
@@ -33,7 +33,7 @@ class ProcessProxy(Component):
 
 
 def called_function(component: Component) -> str:
-    """The FMI function that a step of `component` calls, empty if it calls none."""
+    """Return the FMI function that a step of `component` calls; empty if it calls no FMU."""
     if isinstance(component, FmuComponent):
         return component.step_call
     if isinstance(component, Subsystem):
@@ -41,31 +41,27 @@ def called_function(component: Component) -> str:
     return component.function if isinstance(component, ProcessProxy) else ""
 
 
-Listen = Callable[[dict[str, Any]], None]
-Show = Callable[[int, int], None]
-
-
 class Reporter(Protocol):
-    """How a job speaks.
+    """Interface through which a job reports to its parent.
 
-    A job is a function `job(reporter, **arguments)`; its notes and its result are what JSON can hold.
+    A job is a function `job(reporter, **arguments)`; its notes and its result must be JSON-serialisable.
     """
 
     def note(self, **facts: Any) -> None:
-        """Tell the one who listens to this job whatever the two have agreed on."""
+        """Send `facts` to the listener of this job."""
 
     def loading(self) -> None:
-        """From now on components are made; a failure is one of the input."""
+        """Report that components are being created from now on; a failure is then an input error."""
 
     def progress(self, done: int, total: int) -> None:
-        """`done` of `total` ticks are over. Fits `twin.robot.run.execute(progress=...)`."""
+        """Report that `done` of `total` ticks are complete. Fits `twin.robot.run.execute(progress=...)`."""
 
     def helper(self, name: str, pid: int) -> None:
-        """The component `name` lives in the process `pid`."""
+        """Report that the component `name` runs in the process `pid`."""
 
 
 class DirectReporter:
-    """For a job in the same process: without a supervisor, so only notes and progress are passed on."""
+    """Reporter of a job in its parent's process, without a supervisor; passes on notes and progress only."""
 
     def __init__(self, listen: Listen, show: Show = lambda done, total: None):
         self._listen, self.progress = listen, show
@@ -74,26 +70,26 @@ class DirectReporter:
         self._listen(facts)
 
     def loading(self) -> None:
-        """Nothing to say: errors are raised."""
+        """Ignored: errors are raised directly."""
 
     def helper(self, name: str, pid: int) -> None:
-        """Nothing to say: its memory is not limited."""
+        """Ignored: the memory of the process is not limited."""
 
 
 def own_reporter() -> Reporter:
-    """That of this process, for what no job hands on; without a listener, one that drops everything."""
+    """Return the reporter of this process, or without a supervisor one that drops all reports."""
     return HOOKS.reporter or DirectReporter(lambda note: None)
 
 
 class PipeReporter:
-    """For a job in a guarded process: a JSON object per line, and the black box.
+    """Reporter of a job in a guarded process: writes a JSON object per line, and the black box.
 
     Args:
-        pipe: where the supervisor reads.
-        box: file descriptor of its `BlackBox`.
+        pipe: pipe to the supervisor.
+        box: file descriptor of the supervisor's `BlackBox`.
 
     Attributes:
-        announcer: says which call is about to be made; there are dozens in a run, too many to wake the supervisor for.
+        announcer: writer of calls to the black box; dozens per run are too many to wake the supervisor for.
     """
 
     def __init__(self, pipe: TextIO, box: int):
@@ -101,7 +97,7 @@ class PipeReporter:
         self.announcer = Announcer(box)
 
     def report(self, kind: str, content: Any) -> None:
-        """Send one line."""
+        """Send one report to the supervisor, as a line of JSON."""
         self._pipe.write(json.dumps({kind: content}) + "\n")
         self._pipe.flush()
 
@@ -112,11 +108,11 @@ class PipeReporter:
         self.report("loading", None)
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
-        """From now on `system` is stepped, in the memory returned. Fits `Hooks.memory`."""
-        # never shorter: simulations before this one, which somebody may go back to, still look into it
+        """Report that `system` is being stepped, and return its memory in the black box. Fits `Hooks.memory`."""
+        # never shrink: earlier simulations, which may be resumed, still map it
         size = max(os.fstat(self.box).st_size, INPUTS_AT + 8 * max(1, system.inputs_width))
         os.ftruncate(self.box, size)
-        # numpy keeps the mapping alive as long as an array looks into it
+        # numpy keeps the mapping alive as long as an array refers to it
         mapped = mmap.mmap(self.box, size)
         memory = SimulationMemory(
             np.frombuffer(mapped, dtype=np.int64, count=2),
@@ -138,7 +134,7 @@ class PipeReporter:
         return memory
 
     def progress(self, done: int, total: int) -> None:
-        """Nothing to say: the black box shows the tick."""
+        """Ignored: the black box shows the tick."""
 
     def helper(self, name: str, pid: int) -> None:
         self.report("helper", [name, pid])

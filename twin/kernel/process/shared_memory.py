@@ -1,15 +1,14 @@
-"""A component stepped in another process: inputs and outputs in shared memory, one word to ask, one to answer.
+"""Stepping of a component in another process, through shared memory.
 
-The page stands in the black box of the process that has the component, where inputs stand in that of a run: four words
-and the status, a cache line for each side; then t and h, the inputs, the outputs.
+The page follows the black box of the component's process, at the offset where a run has its inputs: four words and the
+status, one cache line for each side; then t and h, the inputs, the outputs. One word signals a request, one the answer.
 
-A word in shared memory that one process sets and another waits for, from compiled code. The waiter sleeps in the kernel
-(futex(2)); the setter wakes it only if it sleeps. A side that is about to sleep marks this before its last look,
-and the setter looks for sleepers after it has set the word; both orders are sequentially consistent, so one of the two
-sees the other.
+A waiter sleeps in the kernel (futex(2)), and the setter of a word wakes it only if it sleeps. A side marks that it is
+about to sleep before its last check of the word, and the setter checks for sleepers after setting the word; both orders
+are sequentially consistent, so at least one side sees the other.
 
-Neither side looks twice before sleeping: the two take turns on one processor (see `isolated_drive.py`), where looking
-would only keep the other from running.
+Neither side spins before sleeping: both share one processor (see `isolated_drive.py`), where spinning would only keep
+the other from running.
 """
 
 import ctypes
@@ -29,7 +28,7 @@ from twin.kernel.process.black_box import INPUTS_AT
 from twin.kernel.process.job import MAX_WAIT_RATIO
 
 _SYSCALL_NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
-"""By processor: numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""
+"""Processor -> numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""
 _FUTEX_WAIT, _FUTEX_WAKE = 0, 1
 _P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
 _integers = pointer_to(np.int64)
@@ -37,33 +36,33 @@ ASKED_OFFSET, HOST_ASLEEP_OFFSET, CLOSED_OFFSET = INPUTS_AT, INPUTS_AT + 4, INPU
 ANSWERED_OFFSET, CALLER_ASLEEP_OFFSET, STATUS_OFFSET = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
 _TIME_OFFSET, _INPUTS_OFFSET = INPUTS_AT + 128, INPUTS_AT + 144
 SLEEP_INTERVAL = 0.02
-"""How long (s) either side sleeps before it looks whether the other still lives."""
+"""Maximum time (s) that either side sleeps before it checks whether the other is alive."""
 HOST_DIED, HOST_STUCK = 1 << 20, 1 << 21
-"""Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
+"""Statuses of the caller's step: the host has ended, or did not answer in time. No component returns them."""
 SERVE_IDLE, SERVE_STOPPED, SERVE_ORDERED = 1 << 22, 1 << 23, 1 << 24
-"""What `serve` returns besides statuses: no question for a while, no more questions at all, or an order, which is a
-question with a step of `NO_STEP` and the order's number for its time."""
+"""Return values of `serve` besides statuses: no request for a while, page closed, or an order, i.e. a request with
+`NO_STEP` as the step and the order's number as the time."""
 NO_STEP = -1.0
 CALLER_TYPE = np.dtype(
     [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
     align=True,
 )
-"""Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
-until the host is taken for stuck, if it has been on a processor for as long, else `MAX_WAIT_RATIO` times as many; address of
-their length; see `futex.kernel` and `futex.is_zombie`; the host, and the clock of its time on a processor."""
+"""Memory of the caller's step: address of the page; numbers of inputs and outputs; number of the last request; maximum
+sleeps until the host counts as stuck, if it was on a processor for as long, else `MAX_WAIT_RATIO` times as many;
+address of their duration; see `syscall_numbers` and `is_zombie`; pid of the host, and its processor-time clock."""
+_i32 = pointer_to(np.int32)
 
 
 def syscall_numbers() -> np.ndarray:
-    """How compiled code reaches the kernel: address of libc's `syscall`, numbers of futex, waitid and clock_gettime,
-    (4,) int64.
+    """Return the address of libc's `syscall` and the numbers of futex, waitid and clock_gettime, (4,) int64.
 
     Raises:
-        InputRefused: this system has none.
+        InputRefused: unsupported system.
     """
     if sys.platform != "linux" or platform.machine() not in _SYSCALL_NUMBERS:
         raise InputRefused(
-            f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} on "
-            f"{platform.machine()}; use --isolate run, and drives that allow three instances per process"
+            f"drives in processes of their own need Linux on {' or '.join(_SYSCALL_NUMBERS)}, this is {sys.platform} "
+            f"on {platform.machine()}; use --isolate run, and drives that allow three instances per process"
         )
     syscall = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
     return np.array([syscall, *_SYSCALL_NUMBERS[platform.machine()]], dtype=np.int64)
@@ -71,7 +70,7 @@ def syscall_numbers() -> np.ndarray:
 
 @intrinsic
 def load(typingctx, address):
-    """The int32 at `address`, sequentially consistent."""
+    """Load the int32 at `address`, sequentially consistent."""
 
     def codegen(context, builder, signature, arguments):
         return builder.load_atomic(builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
@@ -81,7 +80,7 @@ def load(typingctx, address):
 
 @intrinsic
 def store(typingctx, address, value):
-    """Set the int32 at `address`, sequentially consistent."""
+    """Store the int32 at `address`, sequentially consistent."""
 
     def codegen(context, builder, signature, arguments):
         builder.store_atomic(arguments[1], builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
@@ -92,7 +91,7 @@ def store(typingctx, address, value):
 
 @intrinsic
 def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
-    """`long syscall(long number, ...)` with five arguments."""
+    """Call `long syscall(long number, ...)` with five arguments."""
 
     def codegen(context, builder, signature, arguments):
         kind = ir.FunctionType(c.i64, [c.i64] * 6)
@@ -103,11 +102,11 @@ def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
 
 @njit(cache=True, nogil=True)
 def set_and_wake(kernel, word, asleep, value):
-    """Set `word` to `value` and wake who waits for it.
+    """Set `word` to `value` and wake a process that waits for it.
 
     Args:
-        kernel: address of what `kernel` returns.
-        word, asleep: addresses of int32: what is set, and whether somebody sleeps on it.
+        kernel: address of the result of `syscall_numbers`.
+        word, asleep: addresses of int32: the word, and whether a process sleeps on it.
     """
     store(word, value)
     if load(asleep) != 0:
@@ -118,10 +117,11 @@ def set_and_wake(kernel, word, asleep, value):
 
 @njit(cache=True, nogil=True)
 def wait_once(kernel, word, asleep, value, patience):
-    """Whether `word` is `value`, or became it while this slept once.
+    """Return whether `word` is `value`, after sleeping at most once until it changes.
 
     Args:
-        patience: address of a `struct timespec`, how long to sleep. The rest as for `set_and_wake`.
+        patience: address of a `struct timespec`, the maximum time to sleep.
+        kernel, word, asleep: see `set_and_wake`.
     """
     present = load(word)
     if present == value:
@@ -136,10 +136,10 @@ def wait_once(kernel, word, asleep, value, patience):
 
 @njit(cache=True, nogil=True)
 def is_zombie(kernel, pid, info):
-    """Whether the child process `pid` has ended; it can still be waited for.
+    """Return whether the child process `pid` has ended, without reaping it.
 
     Args:
-        info: address of 128 bytes for a `siginfo_t`, whose first int is the signal if there was news.
+        info: address of 128 bytes for a `siginfo_t`; its first int is the signal number if the child has ended.
     """
     call = carray(_integers(kernel), 4)
     carray(_integers(info), 1)[0] = 0
@@ -149,7 +149,7 @@ def is_zombie(kernel, pid, info):
 
 @njit(cache=True, nogil=True)
 def clock_time(kernel, clock, info):
-    """Of a clock (s); 0 if there is no such clock.
+    """Return the time of a clock (s); 0 if the clock does not exist.
 
     Args:
         info: address of 16 bytes for a `struct timespec`.
@@ -161,23 +161,20 @@ def clock_time(kernel, clock, info):
 
 
 def timespec(seconds: float) -> np.ndarray:
-    """`struct timespec` of a 64-bit system: (2,) int64, seconds and nanoseconds."""
+    """Return a `struct timespec` of a 64-bit system, (2,) int64: seconds and nanoseconds."""
     return np.array([int(seconds), round(1e9 * (seconds % 1.0))], dtype=np.int64)
 
 
-_i32 = pointer_to(np.int32)
-
-
 class SharedPage:
-    """The page in this process.
+    """This process's mapping of the page shared with another process.
 
     Args:
-        fd: of the black box.
+        fd: file descriptor of the black box.
         inputs, outputs: numbers of doubles.
 
     Attributes:
-        address: of byte 0.
-        number: of the next question, for the host (1,).
+        address: address of byte 0.
+        number: number of the next request, for the host (1,).
     """
 
     def __init__(self, fd: int, inputs: int, outputs: int):
@@ -192,41 +189,41 @@ class SharedPage:
         self.number = np.ones(1, dtype=np.int64)
 
     def clear(self) -> None:
-        """Forget what another drive left; for the host, before anybody asks."""
+        """Clear the state of a previous drive; call in the host, before the first request."""
         self._bytes[INPUTS_AT:] = 0
 
     @property
     def order(self) -> int:
-        """The number of the order that `serve` returned for."""
+        """Number of the order that `serve` returned for."""
         return int(self._bytes[_TIME_OFFSET : _TIME_OFFSET + 8].view(np.float64)[0])
 
     def write_content(self, content: bytes) -> None:
-        """Leave `content` behind the page, for the other side to `read_content`; instead of what was left before."""
+        """Store `content` after the page, for the other side's `read_content`; replaces earlier content."""
         os.pwrite(self._fd, struct.pack("<Q", len(content)) + content, self._end)
 
     def read_content(self) -> bytes:
-        """What the other side has left."""
+        """Read the content stored by the other side."""
         (length,) = struct.unpack("<Q", os.pread(self._fd, 8, self._end))
         return os.pread(self._fd, length, self._end + 8)
 
     def answer(self, status: int) -> None:
-        """Let the caller of an order go on; for the host."""
+        """Answer an order with `status`; call in the host."""
         answer(self.address, status, self.number, self.kernel.ctypes.data)
 
     def close(self) -> None:
-        """Let the host's `serve` return STOPPED."""
+        """Close the page, so that the host's `serve` returns SERVE_STOPPED."""
         self._bytes[CLOSED_OFFSET] = 1
 
 
 @njit(cache=True, inline="always")
 def next_number(number):
-    # a word has 31 bits for it
+    # a word has 31 bits for the number
     return (number + 1) & 0x7FFFFFFF
 
 
 @step_function(CALLER_TYPE)
 def ask(m, t, h, u, y):
-    """A component's step: let the host do it."""
+    """Step a component in the host and wait for its outputs."""
     page = m.page
     times, there = (
         carray(doubles_at(page + _TIME_OFFSET), 2),
@@ -245,7 +242,7 @@ def ask(m, t, h, u, y):
             return HOST_DIED
         if naps == 1:
             used = clock_time(m.kernel, m.clock, m.info)
-        # the first nap is not counted
+        # the first sleep is not counted
         if naps > m.naps and (
             naps > MAX_WAIT_RATIO * m.naps
             or clock_time(m.kernel, m.clock, m.info) - used > SLEEP_INTERVAL * (m.naps - 1)
@@ -258,16 +255,17 @@ def ask(m, t, h, u, y):
 
 @entry("int", "int", "int", "int", "int", "integers", "int", "int")
 def serve(page, inputs, step, memory, numbers, kernel, nap):
-    """Answer questions from `numbers[0]` on, until one gives a bad status or no more come.
+    """Serve requests from `numbers[0]` on, until a step returns a bad status, an order arrives, or no request comes.
 
     Args:
-        page: address.
-        inputs: their number.
+        page: address of the page.
+        inputs: number of inputs.
         step, memory: addresses of the component's step and memory.
-        kernel, nap: addresses of what `futex.kernel` and `futex.timespec` return.
+        kernel, nap: addresses of the results of `syscall_numbers` and `timespec`.
 
     Returns:
-        Status, or IDLE, STOPPED or ORDERED, with `numbers[0]` the next question's, or the order's to be answered.
+        Status, or SERVE_IDLE, SERVE_STOPPED or SERVE_ORDERED; `numbers[0]` is then the number of the next request, or
+            of the order to be answered.
     """
     number = carray(numbers, 1)
     times = carray(doubles_at(page + _TIME_OFFSET), 2)
@@ -287,7 +285,7 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
 
 @entry("nothing", "int", "int", "integers", "int")
 def answer(page, status, numbers, kernel):
-    """Answer the question of `numbers[0]` with `status`; arguments as those of `serve`."""
+    """Answer the request `numbers[0]` with `status`; arguments as in `serve`."""
     number = carray(numbers, 1)
     carray(_i32(page + STATUS_OFFSET), 1)[0] = status
     set_and_wake(kernel, page + ANSWERED_OFFSET, page + CALLER_ASLEEP_OFFSET, number[0])

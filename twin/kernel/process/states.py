@@ -1,8 +1,8 @@
-"""States of a run in its recording, and runs that go on from one.
+"""Saved states of a run in its recording, and runs restored from one.
 
-A state is an attachment of the recording, written while the run goes on; a run that was interrupted, or whose machine
-lost its power, goes on from the last one. It holds what steps have changed, what observers have found out, and of whom
-it is: experiment, FMUs, code, processor. What differs in one of these would go on to other bits, and is refused.
+A state is an attachment of the recording, written during the run; a run that was interrupted, or whose machine lost
+power, is restored from the last one. It contains everything that steps have changed, the state of observers, and the
+run's identity: experiment, FMUs, code, processor. A state whose identity differs would give other bits and is refused.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ from twin.kernel.recording.reader import CONTINUES_KEY, attachments
 from twin.kernel.recording.recorder import Recorder
 
 RUN_FUNCTIONS = (master.advance.native, cosim_step.step, cosim_step.plain_step, cosim_step.event_step)
-"""What steps a system, and FMUs in it."""
+"""Compiled functions that step a system and the FMUs in it."""
 MISMATCH_REASONS = {
     "experiment": "of another experiment",
     "files": "of another FMU",
@@ -43,27 +43,26 @@ MISMATCH_REASONS = {
     "versions": "of other versions of packages",
     "processor": "of another kind of processor",
 }
-"""What a state is, where the part of its identity is not that of the run."""
+"""Part of the identity -> how a state with another one differs from the run."""
 
 
 def identity(system: System, packages: Mapping[str, str], files: Mapping[str, str], made_of: Any) -> dict[str, Any]:
-    """Of whom a state is: what the bits of a run depend on.
+    """Return the identity of a run for its states: everything that the bits of its signals depend on.
 
     Args:
-        system: that is run.
-        packages: and their versions.
-        files: SHA-256 of FMUs and others by name.
-        made_of: what the system was made of; what JSON can say.
+        packages: package -> version.
+        files: name -> SHA-256 of FMUs and other files.
+        made_of: JSON-serialisable definition of the system.
     """
     digest = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
-    # the name of a compiled function has a digest of all the source that it reaches
+    # the name of a compiled function contains a digest of all the source that it reaches
     names = sorted({*compiled_names(system.components), *(native.name for native in RUN_FUNCTIONS)})
     code = hashlib.sha256(" ".join(names).encode()).hexdigest()
     return {"experiment": digest, "files": dict(files), "code": code} | machine_identity(packages)
 
 
 def compiled_names(components: Iterable[Component]) -> Iterator[str]:
-    """Names of compiled functions that step `components`, wherever these live."""
+    """Yield the names of the compiled functions that step `components`, in any process."""
     for component in components:
         if isinstance(component, Subsystem):
             yield from compiled_names(component.system.components)
@@ -74,7 +73,7 @@ def compiled_names(components: Iterable[Component]) -> Iterator[str]:
 
 
 def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
-    """The part of an identity that no experiment decides: versions of `packages`, and the processor."""
+    """Return the part of an identity that is independent of the experiment: package versions and processor."""
     return {
         "versions": {name: number for name, number in packages.items() if name != "twin"},
         "processor": chosen_form().name,
@@ -82,20 +81,20 @@ def machine_identity(packages: Mapping[str, str]) -> dict[str, Any]:
 
 
 def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> None:
-    """Refuse a state that is not of the run that `own`, its `identity` or a part of it, says.
+    """Refuse a state of another run than `own`, an `identity` or a part of it.
 
     Raises:
-        InputRefused: it says what differs, and that the run can be made again.
+        InputRefused: names the difference, and advises to run the experiment again.
     """
     its = saved.about.get("of")
     if not isinstance(its, dict):
-        raise InputRefused(f"{where}: the state does not say of whom it is")
+        raise InputRefused(f"{where}: the state does not identify its run")
     for part, reason in MISMATCH_REASONS.items():
         if part in own and its.get(part) != own[part]:
             both = isinstance(its.get(part), dict) and isinstance(own[part], dict)
             detail = f": {_difference_text(its[part], own[part])}" if both else ""
             raise InputRefused(
-                f"{where}: the state at {_time_text(saved)} is {reason}{detail}; it cannot be gone on from here, run "
+                f"{where}: the state at {_time_text(saved)} is {reason}{detail}; it cannot be continued here; run "
                 "the experiment again"
             )
 
@@ -111,17 +110,17 @@ def _time_text(saved: SavedState) -> str:
 
 
 class RunStates(Observer):
-    """Saves states of a run to its recording.
+    """Observer that saves states of a run to its recording.
 
     Args:
-        ticks: at which it is asked for.
-        last_tick: of the run.
+        ticks: ticks of the states to save.
+        last_tick: last tick of the run.
         tick: duration of a tick (s).
         about: `identity` of the run.
-        lasting: the observers that go on, by name; the recorder is one of them.
+        lasting: observers whose state is saved too, by name; the recorder is one of them.
 
     Attributes:
-        lacking: why there are no states, as a sentence; "" if there are.
+        lacking: why no states are saved, as a sentence; "" if they are.
     """
 
     def __init__(
@@ -142,7 +141,7 @@ class RunStates(Observer):
     def begin(self, simulation: Simulation) -> None:
         self._simulation, self._first = simulation, simulation.next_tick
         self.lacking = "; ".join(stateless_reasons(simulation.system.components))
-        # after a halt at which nothing is written a recorder's block would have no room for the next slice
+        # a halt without a write would leave the recorder's block no room for the next slice
         self.halts = [self._last_tick] if self.lacking else self.halts
 
     def ready(self, tick: int) -> None:
@@ -161,12 +160,12 @@ class RunStates(Observer):
             events.sort(key=lambda event: event.tick)
 
     def save_on_interrupt(self) -> None:
-        """The run ends here, before its time: save the state."""
+        """Save the state of an interrupted run."""
         if not self.lacking and not self._simulation.failure and 0 < self._simulation.next_tick <= self._last_tick:
             self._write(self._simulation.next_tick, self._content())
 
     def finish(self) -> None:
-        """The run has come to its end: what was saved just before it is recorded."""
+        """Record the state saved at the end of the run."""
         if self._end:
             self._write(self._last_tick, self._end)
 
@@ -186,13 +185,12 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Ticks within a run at which a state is asked for.
+    """Return the ticks of the states to save in a run.
 
     Args:
-        times: (s).
-        every: time from one to the next (s); None: none.
+        times: times of states (s).
+        every: interval of further states (s); None for no more.
         tick: duration of a tick (s).
-        last: tick of the run.
     """
     ticks = {round(t / tick) for t in times}
     if every is not None:
@@ -202,17 +200,17 @@ def state_ticks(times: Iterable[float], every: float | None, tick: float, last: 
 
 
 class Interrupts(Observer):
-    """Ends a run between two slices when Ctrl-C or SIGTERM asks for it; the second time at once.
+    """Observer that ends a run between two slices on Ctrl-C or SIGTERM; the second signal ends it immediately.
 
     Attributes:
-        enough: whether it was asked for.
+        enough: whether the run was interrupted.
     """
 
     enough = False
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Within the block, in the main thread of a process; elsewhere nothing changes."""
+        """Handle the signals within the block; no effect outside the main thread."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -233,7 +231,7 @@ class Interrupts(Observer):
         self.enough = True
 
     def end(self, frame: Any = None) -> None:
-        """Raise what the signal would have raised."""
+        """Call the handler that the signal would have called."""
         self._before[self._asked](self._asked, frame)
 
 
@@ -248,12 +246,12 @@ def simulate_saving(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     timed: bool = True,
 ) -> SimulationResult:
-    """`simulate` a system that is recorded: `states` are saved, the last one also where an interrupt ends it.
+    """Simulate a recorded system with `states` saved, the last one even if the run is interrupted.
 
     Args:
         assembly, last_tick, observers, slice_ticks, lasting, adopt, timed: see `simulate`.
-        states: what saves them; the last of a run is written by this.
-        saved: the state to go on from; None: from tick 0.
+        states: observer that saves states; this function writes the last one.
+        saved: state to restore; None to begin at tick 0.
 
     Raises:
         InputRefused: the state is of another system.
@@ -261,7 +259,7 @@ def simulate_saving(
     """
     interrupts = Interrupts()
     with interrupts.listening():
-        # states first: what others change at the beginning of a tick is not in its state
+        # states first: changes by other observers at the beginning of a tick are not part of its state
         watching = [states, *observers, interrupts]
         done = simulate(assembly, last_tick, watching, slice_ticks, timed, saved, lasting, adopt)
         if interrupts.enough and not done.simulation.is_over:
@@ -274,14 +272,14 @@ def simulate_saving(
 
 @dataclass(frozen=True)
 class StoredState:
-    """A state that was found in a recording.
+    """A state found in a recording.
 
     Attributes:
-        recording: the file.
-        time: when it was taken (s).
-        content: its bytes.
-        branch: whether the experiment that goes on from it may be another one.
-        alive: components of that experiment which the state does not hold, by their names; they are at its tick.
+        recording: path of the recording.
+        time: simulation time of the state (s).
+        content: encoded state.
+        branch: whether the restored run may have another experiment.
+        alive: components of that experiment that are missing in the state, by name; they are at its tick.
     """
 
     recording: Path
@@ -292,19 +290,15 @@ class StoredState:
 
     @property
     def saved_state(self) -> SavedState:
-        """The state.
-
-        Raises:
-            InputRefused: the bytes are none.
-        """
+        """The state decoded from `content`."""
         return SavedState.from_bytes(self.content, str(self.recording))
 
 
 def split_time(text: str) -> tuple[str, float | None]:
-    """`results/NAME/latest@31.5` as the path and the time (s), None where none is given.
+    """Split `results/NAME/latest@31.5` into the path and the time (s); the time is None without an @.
 
     Raises:
-        InputRefused: what stands behind the @ is no time.
+        InputRefused: the text after the @ is no time.
     """
     path, at, time = text.rpartition("@")
     if not at:
@@ -319,11 +313,7 @@ def split_time(text: str) -> tuple[str, float | None]:
 
 
 def stored_state(recording: Path, until: float | None) -> StoredState | None:
-    """The last state in `recording` that was taken no later than `until` (s; None: the last one); None: there is none.
-
-    Raises:
-        RecordingRefused: it cannot be read.
-    """
+    """Find the last state in `recording` no later than `until` (s; None for the end); None if not found."""
     found = None
     for time, content in attachments(recording, MEDIA_TYPE):
         if until is None or time <= until + 1e-9:
@@ -332,8 +322,8 @@ def stored_state(recording: Path, until: float | None) -> StoredState | None:
 
 
 def continuation_metadata(state: StoredState) -> dict[str, dict[str, str]]:
-    """What the recording that goes on from `state` says of it."""
+    """Return the metadata record that names `state` as the origin of a run."""
     folder = state.recording.resolve().parent
-    # where a folder lies that its user has named is private
+    # the parent folder of a user-named run is private
     run = f"{folder.parent.name}/{folder.name}" if FOLDER_STAMP.fullmatch(folder.name) else folder.name
     return {CONTINUES_KEY: {"run": run, "time_s": f"{state.time:.9g}"}}

@@ -1,4 +1,4 @@
-"""Warm processes: what one answer has imported, compiled and unpacked is there for the next one."""
+"""Warm processes, which keep imports, compiled code and unpacked FMUs from one answer to the next."""
 
 import queue
 import threading
@@ -12,8 +12,8 @@ from twin.kernel.process.process import GuardedProcess, process_for
 BATCH_TIMEOUT = 0.1
 """Maximum time (s) that `Pool.answers` waits for a batch."""
 MEMORY_SHARE = 0.5
-"""Maximum share of the memory limit at the end of an answer: beyond it the next answer gets a fresh process, and is not
-charged with what others left behind."""
+"""Maximum share of the memory limit at the end of an answer. Above it the next answer gets a fresh process, so that it
+is not charged for memory used before."""
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -25,8 +25,7 @@ class WarmProcess:
     A crash, a hang or a limit costs the answer in progress and nothing else: the next one gets a fresh process.
 
     Args:
-        job: see `function_called`.
-        limits: of the process.
+        job: function name, see `load_function`.
         check: called at least every `POLL_INTERVAL` s during an answer; an exception gives the answer up.
     """
 
@@ -60,7 +59,7 @@ class WarmProcess:
         """Return the result of the job, called with `arguments`, through JSON.
 
         Raises:
-            JobEnded, JobEndedLoading: the process ended, or exceeded a limit.
+            JobFailure, JobLoadFailure: the process ended, or exceeded a limit.
             TwinError: the job raised one, or `check` did.
         """
         if self._process is None:
@@ -89,12 +88,12 @@ class _PoolShutdown(Exception):
 
 
 class Pool(Generic[Task, Answer]):
-    """Warm processes, a thread each; a context manager that ends them, whatever they are doing.
+    """Warm processes with one thread each; a context manager that ends them, busy or not.
 
     Args:
-        count: of processes; each starts with its first task.
+        count: number of processes; each starts with its first task.
         job, limits: see `WarmProcess`.
-        ask: returns the answer to a task, made by a process.
+        ask: function of a process and a task that returns the answer.
     """
 
     def __init__(self, count: int, job: str, limits: JobLimits, ask: Callable[[WarmProcess, Task], Answer]):
@@ -119,7 +118,7 @@ class Pool(Generic[Task, Answer]):
         """Yield each task once, with its answer, in batches as they come; an empty batch after `BATCH_TIMEOUT`.
 
         Raises:
-            Exception: `ask` raised it; answers that came before are yielded first.
+            Exception: `ask` raised it; earlier answers are yielded first.
         """
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         for task in tasks:
@@ -135,7 +134,7 @@ class Pool(Generic[Task, Answer]):
             raise _PoolShutdown
 
     def _serve(self) -> None:
-        """Work of a thread. It starts its process itself, because a process dies with the thread that started it."""
+        """Answer tasks in one thread, which starts its process itself: a process dies with its starter thread."""
         with WarmProcess(self._job, self._limits, self._raise_if_stopping) as process:
             while (item := self._waiting.get()) is not None and not self._stopping.is_set():
                 task, done = item
@@ -143,7 +142,7 @@ class Pool(Generic[Task, Answer]):
                     done.put((task, self._ask(process, task)))
                 except _PoolShutdown:
                     return
-                # also an interrupt of the process, which would else be lost with this thread
+                # includes an interrupt of the process, which would be lost with this thread
                 except BaseException as problem:
                     done.put(problem)
                     return

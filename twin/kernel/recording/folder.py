@@ -1,6 +1,6 @@
-"""The folders of runs: results/<experiment>/<run>/run.mcap, and the search for one.
+"""Folders of runs, results/<experiment>/<run>/run.mcap, and the growing file of a recording.
 
-The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end.
+The file is `NAME.mcap.partial` until it is finished, and never ends in half a record.
 """
 
 import contextlib
@@ -20,18 +20,14 @@ RESULTS_FOLDER = Path("results")
 RECORDING_FILE = "run.mcap"
 LATEST_LINK = "latest"
 FOLDER_STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
-"""What `create_run_folder` calls the folder of a run."""
+"""Names that `create_run_folder` gives to the folders of runs."""
 NAMED_NOTE_FILE = "named.txt"
-"""In a folder that its user has called as `create_run_folder` might have done."""
+"""Marker file in a folder whose user-chosen name looks like one from `create_run_folder`."""
 PARTIAL_SUFFIX = ".partial"
 
 
 def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
-    """A new folder results/<experiment>/<time>/, and results/<experiment>/latest pointing to it.
-
-    Raises:
-        InputRefused: it cannot be created.
-    """
+    """Create a new folder results/<experiment>/<time>/ and link results/<experiment>/latest to it."""
     home = make_folder(results / experiment)
     stamp = now.strftime("%Y-%m-%d_%H%M%S")
     for attempt in range(1, 1000):
@@ -45,18 +41,18 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
 
 
 def discard_run_folder(folder: Path) -> None:
-    """Remove a `folder` of `create_run_folder` in which nothing was written; `latest` is the run before it again."""
+    """Remove an empty `folder` of `create_run_folder` and link `latest` to the previous run again."""
     try:
         folder.rmdir()
     except OSError:
         return
     before = [one.name for one in folder.parent.iterdir() if one.is_dir() and FOLDER_STAMP.fullmatch(one.name)]
-    # a tenth run within a second sorts before the second one, and is later
+    # the tenth run within a second, _10, sorts before _2 but is later
     _link_latest(folder.parent / LATEST_LINK, max(before, key=lambda name: (name[:17], len(name), name), default=None))
 
 
 def _link_latest(latest: Path, run: str | None) -> None:
-    # Windows grants links to administrators only; `recording_in` then takes the newest folder
+    # Windows restricts links to administrators; `recording_in` then uses the newest folder
     with contextlib.suppress(OSError):
         latest.unlink(missing_ok=True)
         if run is not None:
@@ -64,9 +60,10 @@ def _link_latest(latest: Path, run: str | None) -> None:
 
 
 def claim_run_folder(folder: Path) -> Path:
-    """`folder` itself, created, as the folder of one run.
+    """Create `folder` itself as the folder of one run, and return it.
 
-    One that is called like those of `create_run_folder` gets a note: it is the user's, and no command removes it.
+    A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
+    it.
 
     Raises:
         InputRefused: it exists and is not empty, or cannot be created.
@@ -81,16 +78,16 @@ def claim_run_folder(folder: Path) -> Path:
 
 
 def recording_in(path: Path) -> Path:
-    """The recording meant by `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
+    """Find the recording meant by `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
 
     Raises:
-        RecordingRefused: there is none.
+        RecordingError: no recording found.
     """
-    # not Path.is_file, which raises for a name that is too long
+    # Path.is_file raises for a name that is too long
     if os.path.isfile(path):
         return path
     latest = path / LATEST_LINK
-    # a path that was printed means another run after the next one, unless it names the run
+    # resolve the link: a printed path with `latest` in it would mean another run after the next one
     runs = [path, path / os.readlink(latest) if os.path.islink(latest) else latest]
     if os.path.isdir(path):
         runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
@@ -107,38 +104,34 @@ class Output:
     """Append-only file that is renamed to `path` when it is complete.
 
     Attributes:
-        path: where the finished file will be.
-        partial: where it grows.
+        path: path of the finished file.
+        partial: path of the growing file.
         size: bytes appended.
-        crc: CRC-32 of all of them.
+        crc: CRC-32 of all appended bytes.
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the partial file, replacing one of that name.
-
-        Raises:
-            RecordingFailed: it cannot be created.
-        """
+        """Create the partial file, replacing an existing one."""
         self.path = path
         self.partial = path.with_name(path.name + PARTIAL_SUFFIX)
         self.size = 0
         self.crc = 0
         with translate_disk_errors(self.partial, "cannot be created", RecordingWriteError):
-            # unbuffered: what `append` returned from is with the operating system and survives this process
+            # unbuffered: appended bytes are with the operating system and survive the end of this process
             self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
 
     @property
     def closed(self) -> bool:
-        """Whether nothing can be appended any more."""
+        """Whether the file is closed, so that nothing can be appended."""
         return self._file is None
 
     def append(self, data: bytes | Iterable[bytes]) -> int:
         """Append all of `data`, in one piece or several, or nothing; return the offset at which it starts.
 
-        After a failure, or an interrupt halfway, the file ends where `data` would have begun and is closed.
+        After a failure or an interrupt, the file is truncated to its size before `data` and closed.
 
         Raises:
-            RecordingFailed: the operating system refuses: disk full, file too large, closed file.
+            RecordingWriteError: disk full, file too large, or file closed.
         """
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")
@@ -160,16 +153,16 @@ class Output:
         return start
 
     def close(self) -> None:
-        """Close the file and leave it as it is."""
+        """Close the file under its partial name."""
         if self._file is not None:
             self._file.close()
             self._file = None
 
     def publish(self) -> None:
-        """Force the file to the disk, close it and give it its final name, replacing a file of that name.
+        """Sync the file to disk, close it and rename it to its final name, replacing a file of that name.
 
         Raises:
-            RecordingFailed: the disk or the folder refuses; the partial file stays.
+            RecordingWriteError: the disk or the folder refuses; the partial file stays.
         """
         if self._file is None:
             raise RecordingWriteError(f"{self.partial}: the recording is closed")

@@ -1,19 +1,16 @@
-"""Encoding and decoding of whole series of protobuf messages, as numpy records of one stride.
+"""Encoding and decoding of series of protobuf messages as MCAP Message records of one length.
 
 Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and sfixed64 are 8
-bytes, bool is 1 as it is 0 or 1) and is written even where it is zero. So the messages of a topic have one length, and
-the MCAP Message records (https://mcap.dev/spec#message-op0x05) around them too. A series is then a template repeated n
-times with columns of numbers put into it; no message is encoded or decoded on its own.
+bytes, bool is 1 as it is 0 or 1) and is written even where it is zero. So all Message records of a topic
+(https://mcap.dev/spec#message-op0x05) have one length (stride), and a series is a template repeated n times into which
+compiled code copies times and numbers; no message is encoded or decoded individually.
 
-Messages of any protobuf type as a filled-in form: an example, with blanks where numbers and times go. A viewer's types
-nest messages whose lengths depend on what is in them. Protobuf leaves that to the writer: a zero may be written out,
-and an integer may take more bytes than it needs (its conformance tests ask every reader to take both). So all messages
-of a form can have one length, and like those of `messages.py` a series of them is one record repeated, with columns of
-numbers put into it.
+A table of places, (k, 3) int64, states where the numbers of a row go: kind, column of the rows, offset in the record.
+Times are stored as seconds and nanoseconds.
 
-Message records of one stride: a template repeated, with times and numbers put where they go, by compiled code. Where
-the numbers of a row go is a table of places, (k, 3) int64: kind, column of the rows, offset in the record. Times are
-those of the messages, in seconds and nanoseconds as a form has them.
+`MessageForm` does the same for any other protobuf type, such as the viewers': an example message with blanks for
+numbers and times. Protobuf lets the writer write out a zero and use more bytes for an integer than needed (its
+conformance tests ask every reader to accept both), so all messages of a form have one length too.
 """
 
 import re
@@ -39,6 +36,51 @@ Kind = Literal["double", "int", "bool"]
 # field names become protobuf identifiers; topic names become `/name` with slashes inside
 FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 TOPIC_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*")
+PROTO_PACKAGE = "twin"
+# sfixed64 rather than int64: every count takes 8 bytes, so messages have one length
+PROTOBUF_TYPES: dict[Kind, FieldDescriptorProto.Type.ValueType] = {
+    "double": FieldDescriptorProto.TYPE_DOUBLE,
+    "int": FieldDescriptorProto.TYPE_SFIXED64,
+    "bool": FieldDescriptorProto.TYPE_BOOL,
+}
+FIELD_KINDS: dict[int, Kind] = {number: kind for kind, number in PROTOBUF_TYPES.items()}
+CONTROL_CHARACTERS = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+"""Control characters, which a terminal may obey."""
+MAX_FIELD_SIZE = 10_000
+"""Maximum number of values of a field; it limits the memory that a schema can demand."""
+# field numbers of `message_type` in FileDescriptorProto and of `field` in DescriptorProto, for source paths
+MESSAGE_TYPE_NUMBER, FIELD_NUMBER = 4, 2
+DOUBLE_PLACE, INTEGER_PLACE, BOOL_PLACE, SECONDS_PLACE, NANOS_PLACE = range(5)
+"""Kinds of places: a double, a 64-bit integer, a byte that is 0 or 1, and a time in groups of 7 bits."""
+SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
+"""Offsets of the varying fields in an MCAP Message record (https://mcap.dev/spec#message-op0x05)."""
+TIME_GROUPS = 5
+"""Number of 7-bit groups of the varints that store seconds and nanoseconds in a form."""
+NS_PER_S = 10**9
+FLOAT_TYPE = np.dtype(np.float64)
+FLOAT_BYTES = FLOAT_TYPE.itemsize
+NO_PLACES = np.empty((0, 3), dtype=np.int64)
+# the fixed front of an MCAP Message record, little endian and unpadded
+HEAD_NAMES = ["opcode", "length", "channel", "sequence", "log_time", "publish_time"]
+HEAD_FORMATS = [np.dtype(code) for code in ("u1", "<u8", "<u2", "<u4", "<u8", "<u8")]
+HEAD_OFFSETS = [0, 1, 9, SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT]
+HEAD_SIZE = 31
+# opcode, length and channel; sequence and times differ from message to message
+CONSTANT_HEAD = slice(0, 11)
+# opcode and length are not counted in the length of a record
+RECORD_PREFIX = 9
+VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
+PLACE_KINDS: dict[Kind, int] = {"double": DOUBLE_PLACE, "int": INTEGER_PLACE, "bool": BOOL_PLACE}
+# wire types of protobuf
+VARINT, I64, LEN = 0, 1, 2
+# seconds and nanoseconds as integers of `TIME_GROUPS` groups of 7 bits; both of these values need all five
+BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
+"""Placeholder of the message's own time in an example message."""
+TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
+# offsets in the encoded time, after a tag of one byte each
+SECONDS_AT, NANOS_AT = 1, 1 + TIME_GROUPS + 1
+# the upper half of a double of about 1e307, an implausible value; the lower half is the column
+BLANK_BITS = 0x7FC0_7749
 
 
 @dataclass(frozen=True)
@@ -47,13 +89,13 @@ class Field:
 
     Attributes:
         name: a letter, then letters, digits and underscores: `tip_speed`.
-        size: number of values in every message; 1 is a scalar.
+        size: number of values in every message; 1 for a scalar.
         kind: `double`, `int` (64 bit, for counts) or `bool`.
-        unit: SI unit, `1` where there is none.
-        meaning: one sentence for a reader of the file, with frame and sign.
+        unit: SI unit, `1` for pure numbers.
+        meaning: one-sentence description for readers of the file, with frame and sign.
 
     Raises:
-        ValueError: a name, size or kind that no message can have.
+        ValueError: invalid name, size or kind.
     """
 
     name: str
@@ -73,15 +115,15 @@ class Field:
 
 @dataclass(frozen=True)
 class Topic:
-    """A stream of messages of one shape at one period.
+    """A stream of messages of one type at one period.
 
     Attributes:
-        name: without the leading slash that it has in the file: `plant`, `drive/1`.
-        fields: in the order of the columns of the rows handed to `Writer.write`.
+        name: topic name without the leading slash that it has in the file: `plant`, `drive/1`.
+        fields: fields in the order of the columns of the rows passed to `Writer.write`.
         period: ticks from one message to the next; 1 is every tick.
 
     Raises:
-        ValueError: a name, period or list of fields that no topic can have.
+        ValueError: invalid name or period, no fields, or two fields of one name.
     """
 
     name: str
@@ -96,37 +138,17 @@ class Topic:
 
 
 def check_stream(name: str, period: int) -> None:
-    """Refuse what no stream of messages can be: a `name` that is none, a `period` (ticks) of less than 1.
-
-    Raises:
-        ValueError: it is that.
-    """
+    """Check the name and the period (ticks, 1 or more) of a stream of messages."""
     if not TOPIC_NAME.fullmatch(name):
         raise ValueError(f"topic name {name!r}: expected words joined by slashes, such as drive/1")
     if period < 1:
         raise ValueError(f"topic {name}: period is {period} ticks, expected 1 or more")
 
 
-PROTO_PACKAGE = "twin"
-# sfixed64 rather than int64: counts of any value take 8 bytes, so messages have one length
-PROTOBUF_TYPES: dict[Kind, FieldDescriptorProto.Type.ValueType] = {
-    "double": FieldDescriptorProto.TYPE_DOUBLE,
-    "int": FieldDescriptorProto.TYPE_SFIXED64,
-    "bool": FieldDescriptorProto.TYPE_BOOL,
-}
-FIELD_KINDS: dict[int, Kind] = {number: kind for kind, number in PROTOBUF_TYPES.items()}
-CONTROL_CHARACTERS = re.compile(r"[\x00-\x1f\x7f-\x9f]")
-"""Characters that a terminal may obey."""
-MAX_FIELD_SIZE = 10_000
-"""Values of a field; a schema must not ask for any amount of memory."""
-# field numbers of `message_type` in FileDescriptorProto and of `field` in DescriptorProto, for source paths
-MESSAGE_TYPE_NUMBER, FIELD_NUMBER = 4, 2
-
-
 def message_names(topics: Sequence[Topic]) -> list[str]:
-    """Full names of the message types of `topics`, in their order; topics with the same fields share one.
+    """Return the full names of the message types of `topics`, in their order; topics with the same fields share one.
 
-    `drive/1` to `drive/3` become `twin.Drive`; one of them with other fields becomes `twin.Drive2`.
+    `drive/1` to `drive/3` become `twin.Drive`; a drive with other fields becomes `twin.Drive2`.
 
     Raises:
         ValueError: two topics of different fields have names that differ only in case or slashes.
@@ -144,13 +166,13 @@ def message_names(topics: Sequence[Topic]) -> list[str]:
 
 
 def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
-    """Serialised FileDescriptorSet of the message type `message_name` with `fields`, numbered from 1."""
+    """Return the serialised FileDescriptorSet of the message type `message_name`; `fields` are numbered from 1."""
     simple_name = message_name.removeprefix(f"{PROTO_PACKAGE}.")
     file = FileDescriptorProto(name=f"{PROTO_PACKAGE}/{simple_name}.proto", package=PROTO_PACKAGE, syntax="proto3")
     message = file.message_type.add(name=simple_name)
     known = Counter(_json_name(field.name) for field in fields)
     for index, field in enumerate(fields):
-        # no two fields may have one name in JSON, which by default is that without underscores
+        # JSON names must be unique; protobuf's default is the field name without underscores
         own = {"json_name": field.name} if known[_json_name(field.name)] > 1 else {}
         repeated = field.size > 1
         label = FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL
@@ -165,17 +187,17 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
 
 
 def _json_name(name: str) -> str:
-    """What protobuf calls the field `name` in JSON unless another name is given: `tipSpeed` for `tip_speed`."""
+    """Return protobuf's default JSON name of the field `name`: `tipSpeed` for `tip_speed`."""
     first, *others = name.split("_")
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 
 
 def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
-    """Fields of the message type `message_name`: `descriptor_set` backwards.
+    """Return the fields of the message type `message_name`; inverse of `descriptor_set`.
 
     Raises:
-        ValueError: not a message type of numeric fields with units, meanings and sizes as described above.
-            google.protobuf's DecodeError is not a ValueError and is passed on.
+        ValueError: not a message type of numeric fields with units, meanings and sizes. google.protobuf's DecodeError
+            is not a ValueError and is passed on.
     """
     files = FileDescriptorSet.FromString(descriptors).file
     messages = {f"{f.package}.{m.name}": (f, i, m) for f in files for i, m in enumerate(f.message_type)}
@@ -188,7 +210,7 @@ def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...
         comment = comments.get((MESSAGE_TYPE_NUMBER, position, FIELD_NUMBER, index))
         if comment is None or field.number != index + 1 or field.type not in FIELD_KINDS:
             raise ValueError(f"field {field.name} of {message_name} is not one that twin writes")
-        # protobuf hands out what is not UTF-8 as bytes
+        # protobuf returns strings that are not UTF-8 as bytes
         if not all(isinstance(text, str) for text in (field.name, comment.leading_comments, comment.trailing_comments)):
             raise ValueError(f"a field of {message_name} has a name or comment that is not UTF-8")
         unit, _, meaning = comment.leading_comments.partition(": ")
@@ -201,18 +223,14 @@ def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...
 
 
 def log_message(time: int, level: str, text: str, name: str) -> bytes:
-    """A `foxglove.Log`, the type of `/events`, at `time` (ns); `level`, `text` and `name` as of `Event`.
-
-    Raises:
-        ValueError: an unknown level.
-    """
+    """Encode a `foxglove.Log`, the message type of `/events`, at `time` (ns); `level`, `text`, `name`: see `Event`."""
     log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
     log.timestamp.FromNanoseconds(time)
     return log.SerializeToString(deterministic=True)
 
 
 def descriptors_of(message_type: Descriptor) -> bytes:
-    """Serialised FileDescriptorSet of a message type that exists, with the files it depends on before its own."""
+    """Return the serialised FileDescriptorSet of an existing message type, preceded by the files it depends on."""
     files: dict[str, FileDescriptor] = {}
 
     def collect(file: FileDescriptor) -> None:
@@ -225,18 +243,6 @@ def descriptors_of(message_type: Descriptor) -> bytes:
     for file in files.values():
         file.CopyToProto(found.file.add())
     return found.SerializeToString(deterministic=True)
-
-
-DOUBLE_PLACE, INTEGER_PLACE, BOOL_PLACE, SECONDS_PLACE, NANOS_PLACE = range(5)
-"""Kinds of places: a double, a 64-bit integer, a byte that is 0 or 1, and a time in groups of 7 bits."""
-SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
-"""Where an MCAP Message record (https://mcap.dev/spec#message-op0x05) has what differs from one to the next."""
-TIME_GROUPS = 5
-"""Of 7 bits, in which a form has seconds and nanoseconds."""
-NS_PER_S = 10**9
-FLOAT_TYPE = np.dtype(np.float64)
-FLOAT_BYTES = FLOAT_TYPE.itemsize
-NO_PLACES = np.empty((0, 3), dtype=np.int64)
 
 
 @entry("int", "int", "int", "int", "int", "integers", "int", "doubles", "int", "integers", "int")
@@ -256,7 +262,7 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
                 store_number(where, np.uint8(row[i * step + column] != 0.0))
             elif kind == INTEGER_PLACE:
                 value = row[i * step + column]
-                # what is beyond the integers, and NaN, has none to be compared with
+                # integers beyond int64, and NaN, cannot be stored
                 if not -(2.0**63) <= value < 2.0**63 or value != np.floor(value):
                     return 0
                 store_number(where, np.int64(value))
@@ -269,11 +275,11 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
 
 
 class Filling:
-    """Makes records of rows.
+    """A template record and the places of its numbers; copies rows into records.
 
     Args:
         template: one record, (stride,) uint8, without sequence number, times and numbers.
-        places: see above.
+        places: table of places, see the module's docstring.
     """
 
     def __init__(self, template: np.ndarray, places: np.ndarray):
@@ -281,17 +287,17 @@ class Filling:
         self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
     def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
-        """Write `count` records at address `to`; whether there is an integer wherever one goes.
+        """Write `count` records at address `to`; return whether all values for integer fields are integers.
 
         Args:
-            times: address of theirs, ns, (count,) int64.
-            first_sequence: number of the first record.
+            times: address of the log times, ns, (count,) int64.
+            first_sequence: sequence number of the first record.
             rows: (count, columns) float64.
         """
         if rows.dtype != FLOAT_TYPE or rows.strides[1] != FLOAT_BYTES or rows.strides[0] % FLOAT_BYTES:
             rows = np.ascontiguousarray(rows, dtype=FLOAT_TYPE)
         stride, step = len(self.template), rows.strides[0] // FLOAT_BYTES
-        # addresses all of them: an entry would look for arrays among its arguments
+        # pass addresses only: the entry would check every argument for arrays
         whole: int = _fill.native.c_function(
             to, count, stride, self._template_at, times, first_sequence, address_of(rows[:1]), step,
             self._places_at, len(self._places),
@@ -299,11 +305,11 @@ class Filling:
         return whole != 0
 
     def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray]]:
-        """Of a recording that another process gets: addresses are others there."""
+        """Pickle without addresses, which differ in another process."""
         return Filling, (self.template, self._places)
 
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
-        """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
+        """Return one record per element of `times`, (n, stride) uint8; None if a value for an integer field is not one.
 
         Args:
             times: ns, (n,) integer.
@@ -315,28 +321,13 @@ class Filling:
         return records if whole else None
 
 
-# the fixed front of an MCAP Message record, little endian and unpadded
-HEAD_NAMES = ["opcode", "length", "channel", "sequence", "log_time", "publish_time"]
-HEAD_FORMATS = [np.dtype(code) for code in ("u1", "<u8", "<u2", "<u4", "<u8", "<u8")]
-HEAD_OFFSETS = [0, 1, 9, SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT]
-HEAD_SIZE = 31
-# opcode, length and channel; sequence and times differ from message to message
-CONSTANT_HEAD = slice(0, 11)
-# opcode and length are not counted in the length of a record
-RECORD_PREFIX = 9
-VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
-PLACE_KINDS: dict[Kind, int] = {"double": DOUBLE_PLACE, "int": INTEGER_PLACE, "bool": BOOL_PLACE}
-# wire types of protobuf
-VARINT, I64, LEN = 0, 1, 2
-
-
 @dataclass(frozen=True)
 class MessageLayout:
-    """Where the bytes of one topic's Message records are.
+    """Layout of the bytes of one topic's Message records.
 
     Attributes:
-        filling: of a record with every number zero: tags, lengths and channel only.
-        framing: slices of the record that hold no number and are equal in every message of the topic.
+        filling: record with every number zero: tags, lengths and channel only.
+        framing: slices of the record without numbers, equal in every message of the topic.
         head: structured dtype of the record's front, itemsize = stride.
         values: structured dtype of the record's numbers, one name per field, itemsize = stride.
     """
@@ -348,12 +339,12 @@ class MessageLayout:
 
     @property
     def stride(self) -> int:
-        """Bytes from one record to the next."""
+        """Number of bytes from one record to the next."""
         return self.values.itemsize
 
 
 def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
-    """Layout of the Message records of channel number `channel` with `fields` numbered from 1."""
+    """Return the layout of the Message records of channel number `channel`; `fields` are numbered from 1."""
     record = bytearray(HEAD_SIZE)
     framing = [CONSTANT_HEAD]
     formats: list[np.dtype] = []
@@ -382,12 +373,12 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
 
 
 def head_dtype(stride: int) -> np.dtype:
-    """Structured dtype of the front of a Message record of `stride` bytes."""
+    """Return the structured dtype of the front of a Message record of `stride` bytes."""
     return np.dtype({"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": stride})
 
 
 def record_template(channel: int, body: bytes) -> np.ndarray:
-    """Message record of `body` on channel number `channel`, (stride,) uint8, with no sequence number or time yet."""
+    """Return a Message record of `body` on `channel`, (stride,) uint8, without sequence number and times."""
     template = np.frombuffer(bytearray(HEAD_SIZE) + body, dtype=np.uint8)
     front = template.view(head_dtype(len(template)))
     front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(template) - RECORD_PREFIX, channel
@@ -397,15 +388,15 @@ def record_template(channel: int, body: bytes) -> np.ndarray:
 def message_records(
     layout: MessageLayout, fields: Sequence[Field], times: np.ndarray, first_sequence: int, rows: np.ndarray
 ) -> np.ndarray:
-    """Message records of `rows`, (n, stride) uint8.
+    """Encode `rows` as Message records, (n, stride) uint8.
 
     Args:
-        fields: of the topic, in the order of the columns.
+        fields: fields of the topic, in the order of the columns.
         times: log and publish times, ns, (n,) integer.
-        rows: (n, sum of sizes) float64; a bool is what is not zero.
+        rows: (n, sum of sizes) float64; a bool is true if not zero.
 
     Raises:
-        ValueError: an `int` field holds something other than whole numbers (nan included).
+        ValueError: a value of an `int` field is no integer (NaN included).
     """
     records = layout.filling.records(times, first_sequence, rows)
     if records is None:
@@ -414,11 +405,11 @@ def message_records(
 
 
 def no_integer_message(fields: Sequence[Field], rows: np.ndarray) -> str:
-    """A sentence about the first of `rows` that has none where `fields` want one."""
+    """Return an error message about the first value of `rows` in an `int` field that is no integer."""
     start = 0
     for field in fields:
         values = rows[:, start : start + field.size]
-        # one beyond 2^63 is whole, but no integer
+        # values beyond 2^63 are whole but do not fit an int64
         wrong = values[~((values == np.floor(values)) & (values >= -(2.0**63)) & (values < 2.0**63))]
         if field.kind == "int" and wrong.size:
             return f"field {field.name} holds whole numbers, got {wrong[0]}"
@@ -427,7 +418,7 @@ def no_integer_message(fields: Sequence[Field], rows: np.ndarray) -> str:
 
 
 def varint(number: int) -> bytes:
-    """`number` as protobuf's base-128 variable-length integer, least significant group first."""
+    """Encode `number` as protobuf's base-128 variable-length integer, least significant group first."""
     groups = []
     while number > 0x7F:
         groups.append(number & 0x7F | 0x80)
@@ -435,18 +426,8 @@ def varint(number: int) -> bytes:
     return bytes([*groups, number])
 
 
-# seconds and nanoseconds as integers of five groups of 7 bits, `filling.TIME_GROUPS`; both of these need all five
-BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
-"""Stands in an example where the message's own time goes."""
-TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
-# behind their tags of one byte each
-SECONDS_AT, NANOS_AT = 1, 1 + TIME_GROUPS + 1
-# the upper half of a double of about 1e307 that no program writes on purpose; the lower half is the column
-BLANK_BITS = 0x7FC0_7749
-
-
 def blank_value(column: int) -> float:
-    """Stands in an example where the numbers of `column` of the rows go."""
+    """Return the placeholder, in an example message, of the numbers of `column` of the rows."""
     return struct.unpack("<d", struct.pack("<II", column, BLANK_BITS))[0]
 
 
@@ -455,13 +436,11 @@ class MessageForm:
     """A stream of messages that differ only in times and numbers.
 
     Attributes:
-        name: without the leading slash that it has in the file: `tf`.
-        example: with `blank(0)`, `blank(1)`, ... in fields of type double, each somewhere, and `BLANK_TIME`.
-        width: number of columns of the rows handed to `Writer.write`.
+        name: topic name without the leading slash that it has in the file: `tf`.
+        example: message with `blank_value(0)`, `blank_value(1)`, ... in fields of type double, each at least once, and
+            `BLANK_TIME`.
+        width: number of columns of the rows passed to `Writer.write`.
         period: ticks from one message to the next.
-
-    Raises:
-        ValueError: a name or period that no stream can have.
     """
 
     name: str
@@ -474,7 +453,7 @@ class MessageForm:
 
 
 def form_filling(channel: int, form: MessageForm) -> Filling:
-    """Filling of the Message records of channel number `channel`.
+    """Return the record template of a message form on channel number `channel`, with the places of its numbers.
 
     Raises:
         ValueError: a column has no blank in the example.
@@ -493,10 +472,10 @@ def form_filling(channel: int, form: MessageForm) -> Filling:
 
 
 def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
-    """Message records of `rows`, (n, stride) uint8.
+    """Encode `rows` as Message records of a form, (n, stride) uint8.
 
     Args:
-        times: of the messages, ns, (n,) integer, from 0 to 2^34 s.
+        times: log times, ns, (n,) integer, from 0 to 2^34 s.
         rows: (n, width) float64.
     """
     records = filling.records(times, first_sequence, rows)
@@ -505,7 +484,7 @@ def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows:
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:
-    """Offsets of `wanted` in `body`, ascending."""
+    """Yield the offsets of `wanted` in `body`, ascending."""
     place = body.find(wanted)
     while place >= 0:
         yield place

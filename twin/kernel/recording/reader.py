@@ -1,7 +1,4 @@
-"""Recordings read back: whole, unfinished or damaged.
-
-What a recording says of its origin, read without its samples.
-"""
+"""Reading of recordings: finished, unfinished or damaged, with their samples or only their metadata and attachments."""
 
 import os
 import struct
@@ -34,14 +31,18 @@ from twin.kernel.recording.messages import RECORD_PREFIX, Field, MessageLayout
 from twin.kernel.recording.scan import NS_PER_S, Contents, Damage, Event, Scan
 from twin.kernel.recording.summary import encode_record
 
+CONTINUES_KEY = "continues"
+"""Metadata record of a run that started from a saved state: the original run, and the start time (`time_s`)."""
+TIME_ROUNDING = 2
+"""Tolerance of sample times (ns); times are rounded to whole nanoseconds."""
+
 
 @dataclass(frozen=True, repr=False)
 class Stream:
     """All messages of one numeric topic.
 
     Attributes:
-        fields: in the order of the file's schema.
-        layout: of one record.
+        fields: fields in the order of the file's schema.
         records: (n, layout.stride) uint8.
     """
 
@@ -62,15 +63,13 @@ class Stream:
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """What a file holds: `recording["arm.tip"]`, `recording.time("arm")`.
+    """Contents of a recording's file: `recording["arm.tip"]`, `recording.time("arm")`.
 
     Attributes:
-        path: of the file.
         streams: numeric topics by name, without the leading slash.
-        events: in the order of the file.
-        metadata: name -> key -> text; records of one name are joined, later keys win.
+        metadata: name -> key -> text; records of one name are merged, later keys win.
         complete: whether the file was finished and is undamaged.
-        note: one sentence that says why not and how far it was read; empty if complete.
+        note: why the recording is incomplete and how far it was read; empty if complete.
     """
 
     path: Path
@@ -81,10 +80,10 @@ class Recording:
     note: str
 
     def __getitem__(self, key: str) -> np.ndarray:
-        """Values of `topic.field`: (n,) or, for a field of several values, (n, size); float64, int64 or bool.
+        """Return the values of `topic.field`: (n,), or (n, size) for a vector field; float64, int64 or bool.
 
         Raises:
-            UnknownSeries: no such topic or field; it names the nearest ones.
+            UnknownSeries: unknown topic or field; the error message suggests the nearest names.
         """
         if key not in self.fields():
             hint = nearest(str(key), self.fields(), "it holds {}", 3)
@@ -93,22 +92,22 @@ class Recording:
         return np.ascontiguousarray(self.streams[topic].values[name])
 
     def __contains__(self, key: object) -> bool:
-        """Whether there is a series `topic.field`."""
+        """Return whether the series `topic.field` exists."""
         return key in self.fields()
 
     def __iter__(self) -> Iterator[str]:
-        """Names of the series, `topic.field`, in the order of the file."""
+        """Iterate over the names of the series, `topic.field`, in the order of the file."""
         return iter(self.fields())
 
     def keys(self) -> KeysView[str]:
-        """Names of the series, so that `dict(recording)` has the values of all."""
+        """Return the names of the series; makes `dict(recording)` work."""
         return self.fields().keys()
 
     def time(self, topic: str) -> np.ndarray:
-        """Simulation times of the messages of `topic`, s, (n,).
+        """Return the simulation times of the messages of `topic`, s, (n,).
 
         Raises:
-            UnknownSeries: no such topic; it names the nearest ones.
+            UnknownSeries: unknown topic; the error message suggests the nearest names.
         """
         if topic not in self.streams:
             raise UnknownSeries(
@@ -118,7 +117,7 @@ class Recording:
 
     @property
     def deviations(self) -> tuple[str, ...]:
-        """Sentences on what makes this run another one than that of its experiment alone; empty if nothing does."""
+        """Reasons why the experiment alone does not reproduce this run, as sentences; empty if it does."""
         stated = [
             f"{name} was substituted by {kind}: the experiment alone does not repeat this run"
             for name, kind in self.metadata.get("substituted", {}).items()
@@ -129,21 +128,21 @@ class Recording:
 
     @property
     def other_parts(self) -> tuple[str, ...]:
-        """Sentences on third-party parts of the robot."""
+        """Descriptions of third-party parts of the robot."""
         return tuple(escape_controls(text) for text in self.metadata.get("part", {}).values())
 
     def fields(self) -> dict[str, Field]:
-        """`topic.field` -> the field with its unit and meaning, in the order of the file."""
+        """Return `topic.field` -> the field with its unit and meaning, in the order of the file."""
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:
-    """The metadata of the recording's file `path`, finished or not: name -> key -> text.
+    """Read the metadata of the recording's file `path`, finished or not: name -> key -> text.
 
-    Goes from record to record; samples are passed over. Nothing is checked: `reader.read` does that.
+    Skips samples and checks nothing, unlike `read`.
 
     Raises:
-        RecordingRefused: it cannot be read, or is no MCAP file.
+        RecordingError: it cannot be read, or is no MCAP file.
     """
     found: dict[str, dict[str, str]] = {}
     for body in _record_bodies(path, Opcode.METADATA):
@@ -156,12 +155,12 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
 
 
 def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
-    """(simulation time in s, content) of each whole attachment of that type in the recording's file, finished or not.
+    """Yield (simulation time in s, content) of each complete attachment of `media_type` in the recording's file.
 
-    Goes from record to record; samples are passed over. What an attachment's own CRC refuses is passed over, too.
+    The file may be unfinished. Skips samples, and attachments that fail their CRC.
 
     Raises:
-        RecordingRefused: it cannot be read, or is no MCAP file.
+        RecordingError: it cannot be read, or is no MCAP file.
     """
     for body in _record_bodies(path, Opcode.ATTACHMENT):
         try:
@@ -173,7 +172,7 @@ def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
 
 
 def _record_bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
-    """Of each whole record of that kind outside chunks; raises as `read_metadata`."""
+    """Yield the body of each complete record of type `opcode` outside chunks; raises as `read_metadata`."""
     with translate_disk_errors(path, "cannot be read", RecordingError), path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise RecordingError(f"{path}: not an MCAP file, expected a recording of twin")
@@ -185,7 +184,7 @@ def _record_bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
-    """(opcode, length) of each complete record after the magic of a `file`, which stands behind both then."""
+    """Yield (opcode, length) of each complete record after the magic, with `file` at the beginning of its body."""
     size, position = os.fstat(file.fileno()).st_size, len(MCAP0_MAGIC)
     while position + RECORD_PREFIX <= size:
         file.seek(position)
@@ -196,24 +195,18 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
         yield opcode, length
 
 
-CONTINUES_KEY = "continues"
-"""Metadata of a recording that goes on from the state of a run: which run, and from when on (`time_s`)."""
-TIME_ROUNDING = 2
-"""ns; times are rounded to whole ones."""
-
-
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
-    """The recording in `path`, finished or not.
+    """Read the recording at `path`, finished or not.
 
-    An unfinished file is read up to its last complete chunk; `complete` and `note` of the result say so.
+    An unfinished file is read up to its last complete chunk, and `complete` and `note` of the result report it.
 
     Args:
-        path: `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment>: its latest run.
-        salvage: return what precedes damage instead of raising.
+        path: `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment> for its latest run.
+        salvage: return the data before the damage instead of raising.
 
     Raises:
-        RecordingRefused: missing, empty, not MCAP or not of the layout that `Writer` gives.
-        RecordingDamaged: bytes have changed since they were written (unless salvage).
+        RecordingError: missing, empty, not MCAP or not in the layout of `Writer`.
+        RecordingDamageError: bytes have changed since they were written (unless salvage).
     """
     path = Path(path)
     if path.is_dir():
@@ -223,7 +216,7 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
             return _read_file(path, file, salvage)
     except OSError as error:
         partial = path.with_name(path.name + PARTIAL_SUFFIX)
-        hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
+        hint = f"; an unfinished recording exists: {partial.name}" if partial.exists() else ""
         raise RecordingError(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
         reason = error.args[0] if isinstance(error, LookupError) and error.args else error
@@ -231,10 +224,10 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
 
 
 def last_time(path: Path) -> float | None:
-    """Simulation time (s) of the last message in a complete chunk of `path`, finished or not; None if it has no chunk.
+    """Read the simulation time (s) of the last message in a complete chunk of `path`; None without a complete chunk.
 
-    Goes from record to record; a chunk starts with the times of its first and last message
-    (https://mcap.dev/spec#chunk-op0x06). Nothing is checked: `reader.read` does that.
+    The file may be unfinished. Reads only the front of each chunk, where the times of its first and last message are
+    (https://mcap.dev/spec#chunk-op0x06), and checks nothing, unlike `read`.
     """
     last = None
     with path.open("rb") as file:
@@ -262,14 +255,14 @@ def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
         if scan.complete:
             stated, there = scan.statistics, sum(contents.counts.values())
             if stated is None:
-                raise Damage(scan.position, "its index does not say how many messages there are")
+                raise Damage(scan.position, "its index lacks the message counts")
             counts = {channel: count for channel, count in stated.channel_message_counts.items() if count}
             if counts != contents.counts or stated.message_count != sum(counts.values()):
-                raise Damage(scan.position, f"{there} messages are there where its index counts {stated.message_count}")
+                raise Damage(scan.position, f"it has {there} messages, its index counts {stated.message_count}")
     except Damage as error:
         damage = error
     if contents.foreign and not contents.series:
-        raise RecordingError(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
+        raise RecordingError(f"{path}: not a recording that twin wrote: it has no topic of twin")
     streams = {
         contents.topics[channel]: Stream(series.fields, series.layout, series.all_records())
         for channel, series in contents.series.items()
@@ -288,7 +281,7 @@ def _read_file(path: Path, file: BinaryIO, salvage: bool) -> Recording:
 
 
 def _reach_text(streams: dict[str, Stream]) -> str:
-    """How far the messages of `streams` reach, as half a sentence."""
+    """Return how far the messages of `streams` reach, as half a sentence."""
     ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
     if not ends:
         return "up to its metadata, no chunk is complete"
@@ -296,10 +289,10 @@ def _reach_text(streams: dict[str, Stream]) -> str:
 
 
 def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str, str]]) -> str:
-    """One sentence on what is missing of the run; "" if nothing is, or if it does not say how long it was to be.
+    """Describe missing samples of the run; "" if it is complete or its intended duration is unknown.
 
-    Chunks can be taken out of a file and the rest be sealed again, index and all. What then still tells is that a run
-    is recorded tick by tick, from 0 to the duration of its experiment.
+    Chunks can be removed from a file and the rest resealed, index included. Missing samples remain detectable because a
+    run is recorded tick by tick, from 0 to the duration of its experiment.
     """
     duration, began = _duration(metadata), _start_time(metadata)
     times = {topic: stream.head["log_time"].astype(np.int64) for topic, stream in streams.items()}
@@ -308,9 +301,9 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
     end = max(int(t[-1]) for t in times.values() if len(t))
     for topic, t in times.items():
         steps = np.diff(t)
-        # every step is the topic's period; the last sample is less than one before the end
+        # every step is the topic's period; the last sample is less than one period before the end
         period = int(np.median(steps)) if len(steps) else 0
-        # what goes on from a state begins where that was taken
+        # a run restored from a state begins at the time of that state
         if not len(t) or t[0] > (began + period - 1 if began else 0) + TIME_ROUNDING:
             return f"the first samples of {topic} are missing"
         uneven = np.flatnonzero(np.abs(steps - period) > TIME_ROUNDING)
@@ -329,7 +322,7 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
 
 
 def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
-    """When a run begins that goes on from another one's state (ns); 0: it does not."""
+    """Return the start time (ns) of a run that was restored from another run's state; 0 for any other run."""
     try:
         return max(0, round(float(metadata[CONTINUES_KEY]["time_s"]) * NS_PER_S))
     except (KeyError, ValueError, OverflowError):
@@ -337,7 +330,7 @@ def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
 
 
 def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
-    """Of the run (s), as its experiment says; None: it does not."""
+    """Return the duration of the run (s) according to its experiment; None if it is missing or invalid."""
     try:
         values = parse_json(metadata["experiment"]["values"], "")
         duration = float(values["duration_s"])

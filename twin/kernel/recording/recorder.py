@@ -1,7 +1,7 @@
 """An observer that records a simulation.
 
-Rows and events of several slices are put together again before they are recorded. A recording's chunks end where its
-blocks do. A paced run is sliced finer than one that runs freely; in blocks of one size both give the same bytes.
+Rows and events of several slices are joined into blocks of one size before they are recorded, because a recording's
+chunks end at its blocks: so a paced run, whose slices are finer, gives the same bytes as a free-running one.
 """
 
 import platform
@@ -23,33 +23,33 @@ from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
 
 Drawings = Callable[[int, np.ndarray], Iterable[tuple[Any, ...]]]
+BLOCK_TICKS = 100
 
 
 @dataclass(frozen=True)
 class RowStream:
-    """A topic, and the columns of a row that it is made of."""
+    """A topic of a recording, and the columns of a row with its values."""
 
     topic: Topic
     columns: slice
 
 
 def versions() -> dict[str, str]:
-    """The versions of Python and of the packages that a recording depends on."""
+    """Return the versions of Python and of the packages that a recording depends on."""
     packages = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
 class RowBlock:
-    """Rows of consecutive ticks, and what happened in them.
+    """Rows of consecutive ticks and the events during them.
 
     Args:
-        size: most rows.
-        width: of a row.
+        size: maximum number of rows.
+        width: numbers in a row.
         first: tick of the first row.
 
     Attributes:
-        first: the same of the present block.
-        events: in the order in which they were added.
+        first: tick of the first row of the current block.
     """
 
     def __init__(self, size: int, width: int, first: int = 0):
@@ -60,7 +60,7 @@ class RowBlock:
 
     @property
     def rows(self) -> np.ndarray:
-        """(n, width), a view that `clear` gives up."""
+        """Rows of the block, (n, width); a view that `clear` invalidates."""
         return self._memory[: self._count]
 
     @property
@@ -68,7 +68,7 @@ class RowBlock:
         return self._count == len(self._memory)
 
     def add(self, rows: np.ndarray, events: list[TickEvent]) -> None:
-        """Append the `rows` of one slice, no more than there is room for, and its `events`."""
+        """Append the `rows` of one slice, at most the remaining room, and its `events`."""
         self._memory[self._count : self._count + len(rows)] = rows
         self._count += len(rows)
         self.events += events
@@ -80,20 +80,13 @@ class RowBlock:
         self.events = []
 
 
-BLOCK_TICKS = 100
-
-
 def port_fields(ports: Iterable[Port]) -> tuple[Field, ...]:
     """Return the fields of a message with the values of `ports`."""
     return tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in ports)
 
 
 class EventLog(Observer):
-    """Remembers events.
-
-    Attributes:
-        events: all of them.
-    """
+    """Observer that collects all events of a run in `events`."""
 
     def __init__(self) -> None:
         self.events: list[TickEvent] = []
@@ -112,15 +105,15 @@ class EventLog(Observer):
 
 
 class Recorder(EventLog):
-    """Hands rows, drawings and events to `writer`, a block at a time.
+    """Observer that passes rows, drawings and events to `writer`, block by block.
 
     Args:
-        streams: of topics that `writer` has.
-        drawings: (topic, times, forms) of a block, from the tick of its first row and its rows; topics likewise.
-        changed: the first change that was made by hand while it ran, "" until then, which the metadata name.
+        streams: topics of `writer` with their columns.
+        drawings: function of the tick of a block's first row and its rows; returns (topic, tick, rows) of each drawing.
+        changed: function that returns the first manual change during the run, "" before it; recorded as metadata.
 
     Attributes:
-        writing: wall time spent in here (s).
+        writing: wall time spent recording (s).
     """
 
     def __init__(
@@ -141,7 +134,7 @@ class Recorder(EventLog):
 
     def ready(self, tick: int) -> None:
         if not self._marked and (first := self._changed()):
-            # the experiment alone does not give this run again
+            # the experiment alone does not reproduce this run
             self._writer.write_metadata("changed", {"first": first, "all": "the events of 'tuning'"})
             self._marked = True
 
@@ -154,31 +147,27 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
 
     def attach(self, tick: int, content: bytes, media_type: str) -> None:
-        """Write what belongs to the beginning of `tick`, behind all that was recorded before."""
+        """Write an attachment of the beginning of `tick`, after all rows recorded before."""
         began = time.perf_counter()
         self._write_block()
         self._writer.write_attachment(f"state_{tick}", tick, media_type, content)
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
-        """The finished recording.
-
-        Raises:
-            RecordingFailed: the disk is full.
-        """
+        """Finish the recording and return its path."""
         began = time.perf_counter()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began
         return recording
 
     def end(self, request: EndRequest) -> None:
-        """A component's request for the end, which becomes an event; the recording is to be finished."""
+        """Record a component's request to end the run as an event."""
         event = TickEvent(max(0, self._simulation.next_tick - 1), "INFO", str(request), self._simulation.culprit)
         self.events.append(event)
         self._writer.write_event(event.tick, event.level, event.text, event.source)
 
     def abandon(self, failure: ComponentFailed) -> str:
-        """`failure`, which becomes the last event of the recording, and how far that goes."""
+        """Record `failure` as the last event, abandon the recording, and return a message about both."""
         end = self._simulation.next_tick
         self._writer.write_event(end, "ERROR", str(failure), "cosim")
         until = max(0, end - 1) * self._simulation.system.tick
@@ -196,6 +185,6 @@ class Recorder(EventLog):
             self._writer.write(*drawing)
         for event in block.events:
             self._writer.write_event(event.tick, event.level, event.text, event.source)
-        # a component may take this process with it in the next slice
+        # write now: the next slice may crash this process
         self._writer.end_slice()
         block.clear()

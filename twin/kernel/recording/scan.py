@@ -1,11 +1,11 @@
-"""The records of an MCAP file, each checked before it is used, and the series and events in its chunks.
+"""Checked reading of the records of an MCAP file, and of the series and events in its chunks.
 
-A finished file ends in two CRCs which together cover every byte but those of the closing magic. A file whose writer was
-stopped has only the CRC of each chunk; what keeps its other bytes honest is that a chunk that went missing leaves a gap
-in the sequence numbers. Its metadata is then the one thing under no check.
+A finished file ends in two CRCs which together cover every byte but the closing magic. A file whose writer was stopped
+has only the CRC of each chunk; a missing chunk leaves a gap in the sequence numbers, and only the metadata is then
+unchecked.
 
-From record to record through the content of a chunk, and what a topic has of them, by compiled code. Layout of the
-records: https://mcap.dev/spec#records, of messages: `messages.py`.
+Compiled code walks from record to record through the content of a chunk and collects the messages of each topic. Layout
+of the records: https://mcap.dev/spec#records, of messages: `messages.py`.
 """
 
 import os
@@ -45,10 +45,10 @@ PLACE_COLUMN, OPCODE_COLUMN, LENGTH_COLUMN, CHANNEL_COLUMN, SEQUENCE_COLUMN = ra
 """Columns of a table of records."""
 LENGTH_AT, CHANNEL_AT = HEAD_OFFSETS[1:3]
 MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
-"""Channel, sequence number and two times: no message is shorter."""
+"""Bytes of channel, sequence number and two times, the minimum length of a message."""
 MESSAGE_OPCODE = int(Opcode.MESSAGE)
 OTHER_LENGTH, OTHER_SEQUENCE = 1, 2
-# by opcode, all that `Writer` puts between the magics outside chunks, except indexes
+# by opcode, all record types that `Writer` writes between the magics outside chunks, except indexes
 RECORD_READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | Attachment | DataEnd]] = {
     Opcode.HEADER: Header.read,
     Opcode.CHUNK: Chunk.read,
@@ -57,19 +57,19 @@ RECORD_READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata |
     Opcode.DATA_END: DataEnd.read,
 }
 MAX_RECORD_BYTES = 64 * 2**20
-"""Bytes, packed and unpacked; the largest that twin writes, a chunk, has a few hundred thousand. To go through the
-records of a chunk takes five times as many."""
+"""Maximum size of a record (bytes), compressed and decompressed; twin's largest, a chunk, has a few hundred thousand.
+Walking the records of a chunk takes five times as much memory."""
 # CRC of the summary and closing magic, the last bytes of a finished file
 CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
 NS_PER_S = 1e9
-# message types for viewers, which hold no numbers that are not in the series too
+# message types for viewers, whose numbers are all in the series too
 FOREIGN_PREFIX = "foxglove."
 MISSING_MESSAGES = "a chunk before which messages are missing"
 
 
 @njit(cache=True)
 def _little_endian(content, at, size):
-    """Of `size` bytes, the least significant first."""
+    """Read an integer of `size` bytes, least significant byte first."""
     number = np.int64(0)
     for k in range(size):
         number |= np.int64(content[at + k]) << 8 * k
@@ -85,7 +85,7 @@ def _walk(content, size, table):
         if size - place < RECORD_PREFIX:
             return -1
         opcode, length = np.int64(byte[place]), _little_endian(byte, place + LENGTH_AT, 8)
-        # one beyond the integers is negative here
+        # a length of 2^63 or more is negative as int64
         if not 0 <= length <= size - place - RECORD_PREFIX:
             return -1
         whole = opcode == MESSAGE_OPCODE and length >= MESSAGE_FRONT
@@ -115,20 +115,20 @@ class Records:
     """The records in the content of a chunk.
 
     Args:
-        content: bytes, which have to outlive this.
+        content: bytes of the chunk, which must outlive this object.
 
     Attributes:
-        table: where they are, (n, 5) int64: place, opcode, length of what follows, and of messages channel and sequence
-            number; -1 where there is none.
+        table: (n, 5) int64: offset, opcode, length of the body, and channel and sequence number of messages; -1 for
+            other records.
 
     Raises:
-        ValueError: the last record is longer than what is there.
+        ValueError: the last record is longer than the remaining bytes.
     """
 
     def __init__(self, content: bytes):
         self._content = np.frombuffer(content, dtype=np.uint8)
         room = np.empty((len(content) // RECORD_PREFIX + 1, 5), dtype=np.int64)
-        # numpy takes as long to tell an address as it takes to gather
+        # stored because numpy's `ctypes.data` takes as long as the gathering itself
         self._addresses = self._content.ctypes.data, room.ctypes.data
         count = _walk(self._addresses[0], len(content), self._addresses[1])
         if count < 0:
@@ -136,16 +136,14 @@ class Records:
         self.table = room[:count]
 
     def channel_records(self, channel: int, count: int, first_sequence: int, stride: int) -> np.ndarray | None:
-        """The `count` records of `channel`, of `stride` bytes each, (count, stride) uint8.
+        """Return the `count` records of `channel`, (count, stride) uint8; None if their sequence numbers are wrong.
 
         Args:
-            first_sequence: sequence number from which they have to count.
-
-        Returns:
-            None: they do not.
+            first_sequence: expected sequence number of the first record; the rest must count up from it.
+            stride: bytes of each record.
 
         Raises:
-            ValueError: they have another length.
+            ValueError: a record has another length.
         """
         content, table = self._addresses
         records = np.empty((count, stride), dtype=np.uint8)
@@ -157,11 +155,11 @@ class Records:
 
 @dataclass(eq=False)
 class Damage(Exception):
-    """Bytes that are not what was written.
+    """Bytes that differ from those written.
 
     Attributes:
-        position: offset in the file of the record that holds them.
-        reason: half a sentence.
+        position: offset in the file of the damaged record.
+        reason: reason as half a sentence.
     """
 
     position: int
@@ -170,13 +168,13 @@ class Damage(Exception):
 
 @dataclass
 class Scan:
-    """Reads the records of a file in their order.
+    """Sequential reader of the records of a file.
 
     Attributes:
-        complete: after `contents` is exhausted, whether the file ended as a finished one does.
+        complete: after `contents` is exhausted, whether the file has the ending of a finished one.
         rest: bytes at the end that make no complete record.
-        statistics: what the file says at its end that it holds; None: it does not, or is not complete.
-        position: offset of the end of what has been read.
+        statistics: statistics record of the file; None if missing or if the file is not complete.
+        position: offset of the end of the records read so far.
     """
 
     file: BinaryIO
@@ -186,7 +184,7 @@ class Scan:
     position: int = 0
 
     def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
-        """Checked contents of the chunks and metadata records, each after its record's offset in the file.
+        """Yield the checked contents of chunks and the metadata records, each with its record's offset in the file.
 
         Ends where an unfinished file ends.
 
@@ -195,7 +193,7 @@ class Scan:
         """
         size = self.file.seek(0, os.SEEK_END)
         self.file.seek(max(0, size - len(MCAP0_MAGIC)))
-        # of a file that ends with its first bytes these are no last ones
+        # in a file of 8 bytes the opening magic is no closing magic
         finished = self.file.read() == MCAP0_MAGIC and size > len(MCAP0_MAGIC)
         self.file.seek(0)
         crc = zlib.crc32(self.file.read(len(MCAP0_MAGIC)))
@@ -212,7 +210,7 @@ class Scan:
                 self.rest = size - position
                 return
             if length > MAX_RECORD_BYTES:
-                raise Damage(position, f"a record of {length / 1e6:.0f} MB where twin writes none of that size")
+                raise Damage(position, f"a record of {length / 1e6:.0f} MB; twin writes smaller ones only")
             body = self.file.read(length)
             if opcode == Opcode.DATA_END:
                 if _parse_record(position, opcode, body) != DataEnd(crc):
@@ -250,22 +248,22 @@ class Scan:
 
 
 def _parse_record(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | Attachment | DataEnd:
-    """The record in `body`, which it fills exactly."""
+    """Parse `body`, which the record must fill exactly."""
     if opcode not in RECORD_READERS:
-        raise Damage(position, f"a record of kind {opcode} where twin writes none")
+        raise Damage(position, f"an unexpected record of kind {opcode}")
     try:
         record = RECORD_READERS[opcode](ReadDataStream(BytesIO(body)))
-    # a damaged length inside may be beyond what an index can hold
+    # a damaged length inside may exceed the range of an index
     except (McapError, struct.error, ValueError, OverflowError) as error:
         raise Damage(position, "a record that does not parse") from error
-    # mcap's readers return what there is where a length inside points beyond the record
+    # mcap's readers return truncated data if a length inside points beyond the record
     if encode_record(record)[RECORD_PREFIX:] != body:
         raise Damage(position, "a record that does not parse")
     return record
 
 
 def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
-    """Decompressed content of `chunk`, of at most so many bytes, with the CRC it was written with."""
+    """Decompress `chunk` to at most `most` bytes and check its CRC."""
     try:
         if chunk.compression != "zstd":
             raise ValueError("a chunk that is not compressed by zstd")
@@ -279,13 +277,13 @@ def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """An event of a recording.
 
     Attributes:
         time: simulation time, s.
         level: `debug`, `info`, `warning`, `error` or `fatal`.
-        text: one sentence.
-        name: the component it happened in.
+        text: description in one sentence.
+        name: component in which the event happened.
     """
 
     time: float
@@ -296,11 +294,10 @@ class Event:
 
 @dataclass
 class TopicSeries:
-    """The messages of one numeric topic as they lie in the file.
+    """The messages of one numeric topic in the order of the file.
 
     Attributes:
-        fields: from the file's schema.
-        layout: of one record.
+        fields: fields of the file's schema.
         parts: records of each chunk, (n, layout.stride) uint8.
     """
 
@@ -309,11 +306,7 @@ class TopicSeries:
     parts: list[np.ndarray] = field(default_factory=list)
 
     def all_records(self) -> np.ndarray:
-        """All records, (n, stride) uint8.
-
-        Raises:
-            ValueError: bytes between the numbers are not what the schema asks for.
-        """
+        """Concatenate all records, (n, stride) uint8, and check the bytes between the numbers."""
         records = np.concatenate([np.empty((0, self.layout.stride), np.uint8), *self.parts])
         for part in self.layout.framing:
             if np.any(records[:, part] != self.layout.filling.template[part]):
@@ -323,14 +316,13 @@ class TopicSeries:
 
 @dataclass
 class Contents:
-    """Everything found in a recording's chunks so far.
+    """Contents of a recording's chunks read so far.
 
     Attributes:
         series: numeric topics by channel number.
-        topics: their names, without the leading slash, by channel number.
-        events: in the order of the file.
-        foreign: channel numbers of topics for viewers, whose messages are passed over.
-        counts: messages so far by channel number, which is the sequence number expected next.
+        topics: topic names, without the leading slash, by channel number.
+        foreign: channel numbers of topics for viewers and other senders, whose messages are skipped.
+        counts: messages so far by channel number, i.e. the next expected sequence number.
     """
 
     series: dict[int, TopicSeries] = field(default_factory=dict)
@@ -342,11 +334,11 @@ class Contents:
     _channels: dict[int, Channel] = field(default_factory=dict)
 
     def add(self, position: int, content: bytes) -> None:
-        """Add all messages of the chunk at `position` in the file, or none.
+        """Add all messages of the chunk at `position` in the file; add nothing if a check fails.
 
         Raises:
-            Damage: messages that precede the chunk's are not there.
-            ValueError, KeyError, struct.error, McapError, DecodeError: not what twin writes.
+            Damage: messages that precede the chunk's are missing.
+            ValueError, KeyError, struct.error, McapError, DecodeError: not in the layout of `Writer`.
         """
         records = Records(content)
         is_message = records.table[:, CHANNEL_COLUMN] >= 0
@@ -379,10 +371,10 @@ class Contents:
         self.counts.update(counts)
 
     def _read_declarations(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
-        """Declare what the chunk declares, in records that are no messages: by channel number, where in it that is.
+        """Register the schemas and channels of a chunk; return channel number -> offset of its declaration.
 
-        Raises:
-            Damage: there is something else in it than declarations and messages.
+        Args:
+            others: records that are no messages.
         """
         declared: dict[int, int] = {}
         for record in others:
@@ -405,7 +397,7 @@ class Contents:
     def _declare(self, channel: Channel, schema: Schema) -> None:
         if schema.name == Log.DESCRIPTOR.full_name:
             return
-        # a robot's own messages are recorded beside the twin's as they came
+        # a robot's own messages are recorded unchanged alongside the twin's
         if schema.name.startswith(FOREIGN_PREFIX) or channel.message_encoding != "protobuf":
             self.foreign.add(channel.id)
             return
@@ -419,7 +411,7 @@ class Contents:
 
 
 def _body(content: bytes, record: np.ndarray) -> bytes:
-    """Of a record, by its row in the table of `content`."""
+    """Return the body of a record, given by its row in the table of `content`."""
     place, _, length = record[: LENGTH_COLUMN + 1].tolist()
     return content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
 

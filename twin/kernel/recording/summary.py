@@ -1,6 +1,7 @@
-"""The summary section of an MCAP file, the index for readers (https://mcap.dev/spec#summary-section).
+"""Summary section and chunks of an MCAP file.
 
-Chunks, compressed and unpacked: https://mcap.dev/spec#chunk-op0x06.
+The summary section (https://mcap.dev/spec#summary-section) is the index for readers. Chunks, compressed and
+decompressed: https://mcap.dev/spec#chunk-op0x06.
 """
 
 import struct
@@ -31,17 +32,19 @@ from mcap.writer import MCAP0_MAGIC
 
 MIN_UNPACK_ALLOWANCE = 64 * 2**20
 MAX_UNPACK_RATIO = 100
-"""Bytes that chunks may unpack to: those of a file, however small, and how many times its own. A recording in which
-nothing ever changes has a ratio of 20; a bomb has thousands."""
+"""Limits of the decompressed size of all chunks: minimum for any file (bytes), and maximum ratio to the file's size. A
+recording in which nothing ever changes has a ratio of 20; a decompression bomb has thousands."""
 MAX_CHUNK_BYTES = 256 * 2**20
-"""Bytes that one chunk may unpack to, however large the file: all of it is in memory at once."""
+"""Maximum decompressed size of one chunk (bytes), however large the file: all of it is in memory at once."""
 # doubles hardly compress: levels 3 and 5 save 1 % and 4 % of the file and cost 20 % and 90 % more time in all
 COMPRESSION_LEVEL = 1
 FOOTER_LENGTH = 8 + 8 + 4
+_Layout = tuple[tuple[int, int], ...]
+"""(channel, length of its index) of each channel of a chunk, in order."""
 
 
 def make_chunk(content: memoryview | bytes, start: int, end: int, compressor: zstandard.ZstdCompressor) -> Chunk:
-    """Chunk record of `content`, whose messages have log times from `start` to `end`, ns."""
+    """Compress `content`, whose messages have log times from `start` to `end` (ns), into a chunk record."""
     return Chunk(
         compression="zstd",
         data=compressor.compress(content),
@@ -53,20 +56,20 @@ def make_chunk(content: memoryview | bytes, start: int, end: int, compressor: zs
 
 
 def unpack_allowance(size: int) -> int:
-    """Bytes that all chunks of a file of `size` bytes may unpack to."""
+    """Return the maximum decompressed size (bytes) of all chunks of a file of `size` bytes."""
     return max(MIN_UNPACK_ALLOWANCE, MAX_UNPACK_RATIO * size)
 
 
 def decompress_chunk(chunk: Chunk, most: int, largest: int = MAX_CHUNK_BYTES) -> bytes:
-    """Content of `chunk`, of any writer: at most `most` bytes, compressed by zstd, LZ4 or not at all.
+    """Decompress `chunk` of any writer: at most `most` bytes, compressed by zstd, LZ4 or uncompressed.
 
     Args:
-        most: what is left of the file's allowance.
-        largest: bytes of any one chunk.
+        most: remaining allowance of the file (bytes).
+        largest: maximum size of one chunk (bytes).
 
     Raises:
-        ValueError: it declares more than these, or unpacks to another size than it declares, of which no more than
-            that is ever in memory; it does not unpack, or is compressed in another way.
+        ValueError: the declared size exceeds a limit or differs from the decompressed size (no more than the declared
+            size is ever in memory), the data does not decompress, or the compression is unsupported.
     """
     size = chunk.uncompressed_size
     if size > most:
@@ -80,7 +83,7 @@ def decompress_chunk(chunk: Chunk, most: int, largest: int = MAX_CHUNK_BYTES) ->
     try:
         match chunk.compression:
             case "zstd":
-                # one that does not say its size unpacks to what it declares at most
+                # -1: the frame does not state its size; max_output_size then limits it
                 if zstandard.frame_content_size(chunk.data) not in (size, -1):
                     raise ValueError("a chunk whose sizes disagree")
                 content = zstandard.decompress(chunk.data, max_output_size=size)
@@ -98,7 +101,7 @@ def decompress_chunk(chunk: Chunk, most: int, largest: int = MAX_CHUNK_BYTES) ->
 
 
 def encode_record(record: McapRecord) -> bytes:
-    """Bytes of an MCAP record with its opcode and length."""
+    """Encode an MCAP record with its opcode and length."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
@@ -106,11 +109,11 @@ def encode_record(record: McapRecord) -> bytes:
 
 @dataclass
 class Summary:
-    """What has been written so far, in the records that will end the file.
+    """Records of the summary section for everything written so far.
 
     Attributes:
-        schemas: as written in the first chunk.
-        channels: likewise.
+        schemas: schemas written in the first chunk.
+        channels: channels written in the first chunk.
         chunks: index record of each chunk.
         metadata: index record of each metadata record.
         attachments: index record of each attachment.
@@ -127,10 +130,11 @@ class Summary:
     def __post_init__(self) -> None:
         self._layouts: dict[_Layout, _Layout] = {}
         self._of_chunks: list[_Layout] = []
-        """Shared, as chunks look alike: offsets of each channel in each chunk would grow with the recording."""
+        """Index layout of each chunk; equal layouts share one object, since separate ones would grow with the
+        recording."""
 
     def note_chunk(self, chunk: Chunk, start: int, length: int, indexes: dict[int, bytes]) -> None:
-        """Index a chunk written at byte `start` with `length`, its message indexes right after it."""
+        """Index a chunk written at byte `start` with `length`; its message indexes follow directly."""
         layout = tuple((channel, len(index)) for channel, index in indexes.items())
         self._of_chunks.append(self._layouts.setdefault(layout, layout))
         self.chunks.append(
@@ -148,7 +152,7 @@ class Summary:
         )
 
     def statistics(self) -> Statistics:
-        """Counts and time span (ns) of everything written."""
+        """Return counts and time span (ns) of everything written."""
         return Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),
@@ -162,7 +166,12 @@ class Summary:
         )
 
     def ending(self, data_size: int, data_crc: int) -> Iterator[bytes]:
-        """DataEnd, summary section, footer and magic after `data_size` bytes of CRC-32 `data_crc`, by records."""
+        """Yield DataEnd, summary section, footer and magic, record by record.
+
+        Args:
+            data_size: bytes before them.
+            data_crc: CRC-32 of these bytes.
+        """
         data_end = encode_record(DataEnd(data_crc))
         yield data_end
         start = place = data_size + len(data_end)
@@ -191,11 +200,7 @@ class Summary:
         yield ends + encode_record(footer) + MCAP0_MAGIC
 
 
-_Layout = tuple[tuple[int, int], ...]
-"""Of a chunk: channels and the lengths of their indexes, in order."""
-
-
 def _locate_indexes(chunk: ChunkIndex, layout: _Layout) -> ChunkIndex:
-    """`chunk` with the places of its indexes."""
+    """Return `chunk` with the offsets of its message indexes."""
     ends = accumulate((size for _, size in layout), initial=chunk.chunk_start_offset + chunk.chunk_length)
     return replace(chunk, message_index_offsets={channel: end for (channel, _), end in zip(layout, ends, strict=False)})

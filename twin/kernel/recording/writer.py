@@ -1,10 +1,8 @@
-"""Recordings written: slices of rows in, an MCAP file of protobuf messages out.
+"""Writing of recordings: rows of samples, events and attachments to an MCAP file of protobuf messages.
 
-Message records that wait for the chunk they go into.
-
-Blocks of messages woven into one content: in order of time across topics, cut into chunks, indexed. Layout of an index:
-https://mcap.dev/spec#message-index-op0x07. What a weave is made of, numbers of messages and the times between them,
-comes again slice after slice; what is in the messages does not matter to it.
+Message records wait, one block per topic and slice, until they fill a chunk. Then the blocks are merged in order of
+time across topics, cut into chunks and indexed (https://mcap.dev/spec#message-index-op0x07). The merge order depends
+only on the numbers of messages and the times between them, which repeat slice after slice, so it is cached.
 """
 
 import struct
@@ -47,13 +45,13 @@ from twin.kernel.recording.messages import (
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encode_record, make_chunk
 
 INITIAL_BYTES = 256 * 1024
-"""Bytes to begin with: those of a slice."""
-# small enough that little is lost with the last one, large enough to compress; before compression, bytes
+"""Initial size of the memory of pending messages, enough for one slice (bytes)."""
+# chunk size before compression, bytes: small, because the last chunk may be lost; large enough to compress well
 MAX_CHUNK_BYTES = 256 * 1024
-# of a log time and an offset in an index, bytes
+# size of a log time and an offset in an index, bytes
 INDEX_ENTRY_BYTES = 16
 MAX_CACHED_ORDERS, MAX_CACHED_MESSAGES = 32, 5000
-"""So many weaves of so many messages at most are remembered: a few MB."""
+"""Maximum number of cached merge orders, and of messages in each: a few MB."""
 EVENTS_TOPIC = "events"
 NS_PER_S = 1e9
 # a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
@@ -61,7 +59,7 @@ MIN_CHUNK_BYTES = 64 * 1024
 
 
 class BlockShape(NamedTuple):
-    """Of a block of records: their channel, how many they are, and their length in bytes."""
+    """Shape of a block of records: channel, number of messages, and bytes per record."""
 
     channel: int
     messages: int
@@ -69,13 +67,12 @@ class BlockShape(NamedTuple):
 
 
 class PendingMessages:
-    """Message records of several channels, one block after another in one memory.
+    """Message records of several channels that wait for a chunk, block after block in one memory.
 
     Attributes:
-        shapes: of the blocks.
-        times: of each block the log times, ns, (n,) int64, ascending.
+        times: log times of each block, ns, (n,) int64, ascending.
         size: bytes of all records.
-        address: where the first begins.
+        address: address of the first record.
     """
 
     def __init__(self) -> None:
@@ -83,7 +80,7 @@ class PendingMessages:
         self.clear()
 
     def reserve(self, size: int) -> int:
-        """Address at which the next block begins, with room for `size` bytes at least."""
+        """Return the address of the next block, with room for at least `size` bytes."""
         if self.size + size > len(self._memory):
             larger = np.empty(2 * (self.size + size), dtype=np.uint8)
             larger[: self.size] = self._memory[: self.size]
@@ -91,7 +88,7 @@ class PendingMessages:
         return self.address + self.size
 
     def add_block(self, channel: int, times: np.ndarray, stride: int) -> None:
-        """What has been written into the room is a block: a record of `stride` bytes for each of `times`."""
+        """Register the records written after `reserve` as a block: a record of `stride` bytes per time."""
         self.shapes.append(BlockShape(channel, len(times), stride))
         self.times.append(times)
         self.size += len(times) * stride
@@ -103,7 +100,7 @@ class PendingMessages:
         self.add_block(channel, times, records.shape[1])
 
     def clear(self) -> None:
-        """Forget all blocks; their memory is used again."""
+        """Remove all blocks; their memory is reused."""
         self.shapes: list[BlockShape] = []
         self.times: list[np.ndarray] = []
         self.size = 0
@@ -114,13 +111,14 @@ class PendingMessages:
 
 @dataclass(frozen=True)
 class Piece:
-    """Consecutive messages of a weave that become a chunk. Times are those since the first message of the weave.
+    """Consecutive messages that become one chunk. Times are relative to the first of the merged messages.
 
     Attributes:
-        content: which bytes of it.
+        content: range of its bytes in the merged records.
         start, end: log times of the first and of the last message, ns.
-        entries: log times and offsets in this piece, of one channel after another, (n, 2) uint64.
-        channels: of each channel its number, how its index begins, and where in the bytes of `entries` its own are.
+        entries: log times and offsets in this piece, channel after channel, (n, 2) uint64.
+        channels: (channel number, front of its index record, range of its entries in the bytes of `entries`) of each
+            channel.
     """
 
     content: slice
@@ -130,26 +128,26 @@ class Piece:
     channels: tuple[tuple[int, bytes, slice], ...]
 
     def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
-        """Encoded MessageIndex records by channel.
+        """Encode the MessageIndex records by channel.
 
-        Built from arrays: mcap's own MessageIndex packs entry by entry, which would cost more than all else here.
+        Built from arrays: mcap's own MessageIndex packs entry by entry and would dominate the cost of writing.
 
         Args:
-            begin: log time of the first message of the weave, ns.
-            shift: bytes of the chunk that stand before the messages.
+            begin: log time of the first of the merged messages, ns.
+            shift: bytes of the chunk before the messages.
         """
         own = (self.entries + np.array([begin, shift], dtype="<u8")).tobytes()
         return {channel: head + own[where] for channel, head, where in self.channels}
 
 
 class MergedRecords(NamedTuple):
-    """Records in between each other, in order of time; those of one time in the order of their blocks.
+    """Records merged in order of time; records of equal time in the order of their blocks.
 
     Attributes:
         begin: log time of the first message, ns.
         content: the records, one after another, (bytes,) uint8.
-        pieces: chunks of about `MAX_CHUNK_BYTES` bytes at most, cut between ticks: whatever of them survives, every
-            topic ends at the same tick.
+        pieces: chunks of at most about `MAX_CHUNK_BYTES` bytes, cut between ticks, so that every topic of a truncated
+            file ends at the same tick.
     """
 
     begin: int
@@ -158,7 +156,7 @@ class MergedRecords(NamedTuple):
 
 
 def merge_by_time(pending: PendingMessages) -> MergedRecords:
-    """The records of `pending`, of which there is at least one; there are none in it afterwards."""
+    """Merge the records of `pending`, at least one, in order of time, and clear it."""
     times = np.concatenate(pending.times)
     begin = times.min()
     made = _merge_order if len(times) <= MAX_CACHED_MESSAGES else _merge_order.__wrapped__
@@ -182,15 +180,14 @@ def _scatter(content, source, blocks, number, places, messages):
 
 
 class _MergeOrder:
-    """How the records of some blocks go in between each other.
+    """Merge order of the records of some blocks.
 
     Args:
-        shapes: of the blocks.
-        places: bytes at which records go, of one block after another, (n,) int64.
+        places: destination offset of each record, block after block, (n,) int64.
 
     Attributes:
         pieces: see `MergedRecords`.
-        table: what `_scatter` takes of it.
+        table: arguments of `_scatter`.
     """
 
     def __init__(self, shapes: Sequence[BlockShape], places: np.ndarray, pieces: tuple[Piece, ...]):
@@ -201,7 +198,7 @@ class _MergeOrder:
 
 @lru_cache(MAX_CACHED_ORDERS)
 def _merge_order(shapes: tuple[BlockShape, ...], times: bytes) -> _MergeOrder:
-    """`times` (n,) int64 since the first message, of one block after another."""
+    """Compute the merge order of blocks whose `times`, (n,) int64, are relative to the first message."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
     order = np.argsort(since, kind="stable")
@@ -234,15 +231,14 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
 
 @dataclass
 class OpenTopic:
-    """A topic on its way into the file.
+    """Writing state of a topic.
 
     Attributes:
-        channel: its number.
         period: ticks from one message to the next.
         width: numbers in a row.
-        filling: of its Message records.
-        fields: of a numeric topic.
-        next_tick: the tick its next row may not precede.
+        filling: template of its Message records.
+        fields: fields of a numeric topic; empty for a form.
+        next_tick: earliest tick of its next row.
     """
 
     channel: int
@@ -254,7 +250,7 @@ class OpenTopic:
 
     @classmethod
     def from_topic(cls, topic: Topic | MessageForm, channel: int) -> Self:
-        """`topic` on channel number `channel`."""
+        """Create the writing state of `topic` on channel number `channel`."""
         if isinstance(topic, MessageForm):
             return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
         width = sum(field.size for field in topic.fields)
@@ -263,12 +259,12 @@ class OpenTopic:
 
 @dataclass(frozen=True)
 class ForeignTopic:
-    """A topic whose messages are recorded as they came, in the encoding of who sent them.
+    """A topic whose messages are recorded unchanged, in the encoding of their sender.
 
     Attributes:
-        name: as it was there: `/joint_states`.
-        encoding: of the messages: `cdr`.
-        type_name, schema_encoding, definition: of their type: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
+        name: topic name as received: `/joint_states`.
+        encoding: message encoding: `cdr`.
+        type_name, schema_encoding, definition: message type: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
     """
 
     name: str
@@ -279,10 +275,11 @@ class ForeignTopic:
 
 
 class Writer:
-    """Writes `NAME.mcap.partial` and, when finished, renames it to `NAME.mcap`.
+    """Writer of a recording: writes `NAME.mcap.partial` and renames it to `NAME.mcap` when finished.
 
-    Times in the file are simulation time from 0; neither clock nor machine leaves a trace, so equal input
-    gives equal bytes. As a context manager it finishes on a normal exit and abandons on an exception.
+    Times in the file are simulation time from 0, and neither clock nor machine is recorded, so equal input gives equal
+    bytes. As a context manager it finishes on a normal exit and abandons on an exception. Every method that writes
+    raises RecordingWriteError if the disk is full or the recording is closed.
     """
 
     def __init__(
@@ -297,22 +294,22 @@ class Writer:
         """Create the partial file and write its header and metadata.
 
         Args:
-            path: of the finished file.
-            topics: the numeric topics; `/events` is added to them.
+            path: path of the finished file.
+            topics: numeric topics; `/events` is added to them.
             tick: duration of one tick, s.
             metadata: name -> key -> text, readable in any MCAP tool.
-            forms: topics for viewers, which `read` passes over.
-            others: topics of messages as they came, which `read` passes over, too.
+            forms: topics for viewers, which `read` skips.
+            others: topics of messages recorded unchanged, which `read` skips too.
 
         Raises:
-            RecordingFailed: the file cannot be created or the disk is full.
+            RecordingWriteError: the file cannot be created or the disk is full.
             ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
                 example lacks a column.
         """
         streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]
         if len({*names, EVENTS_TOPIC}) <= len(names):
-            raise ValueError(f"topics {names}: expected different names, none of them {EVENTS_TOPIC!r}")
+            raise ValueError(f"topics {names}: expected different names other than {EVENTS_TOPIC!r}")
         self.tick = tick
         schemas, self._channels = _declare_topics(topics, forms)
         self._topics = {
@@ -326,7 +323,7 @@ class Writer:
         self._pending = PendingMessages()
         self._slice_topics: set[str] = set()
         self._newest: dict[int, int] = {}
-        # most topics have the same; with their addresses
+        # most topics have the same times; with their addresses
         self._slice_times: dict[range, tuple[np.ndarray, int]] = {}
         self._output = Output(Path(path))
         self._output.append(MCAP0_MAGIC + encode_record(Header(profile="", library=f"twin {__version__}")))
@@ -336,19 +333,18 @@ class Writer:
     def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
         """Record rows of `topic` for the ticks first_tick, first_tick + period, ...
 
-        Meant to be called once per topic and slice of time; a topic that comes round again opens the next
-        slice. Messages of a slice are in order of time across topics, at one time in the order of the calls.
+        Call once per topic and slice of time; a second call for a topic begins the next slice. Messages of a slice are
+        in order of time across topics, at equal times in the order of the calls.
 
         Args:
-            topic: name of a topic, as declared.
-            first_tick: of the first row; not before the topic's rows already written.
-            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; of a form,
-                (n, its width).
+            topic: name of a declared topic.
+            first_tick: tick of the first row; after the topic's rows written so far.
+            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; (n, width)
+                for a form.
 
         Raises:
-            RecordingFailed: disk full or recording closed.
-            KeyError: a topic that was not declared.
-            ValueError: rows of another shape, ticks that run backwards, a count that is not a whole number.
+            KeyError: undeclared topic.
+            ValueError: rows of another shape, descending ticks, or a count that is not an integer.
         """
         opened = self._topics[topic]
         if rows.ndim != 2 or rows.shape[1] != opened.width:
@@ -370,11 +366,7 @@ class Writer:
         opened.next_tick = ticks.stop
 
     def write_at(self, topic: str, ticks: np.ndarray, rows: np.ndarray) -> None:
-        """Record rows of `topic` for `ticks` (n,) int64, ascending, which need not be evenly spaced; see `write`.
-
-        Raises:
-            RecordingFailed, KeyError, ValueError: as `write`.
-        """
+        """Record rows of `topic` for `ticks` (n,) int64, ascending but not necessarily evenly spaced; see `write`."""
         opened = self._topics[topic]
         if rows.shape != (len(ticks), opened.width):
             raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected ({len(ticks)}, {opened.width})")
@@ -390,14 +382,13 @@ class Writer:
         opened.next_tick = int(ticks[-1]) + 1
 
     def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Record `messages` of an `ForeignTopic` as they came; `ticks` of each of them; see `write_event`.
+        """Record `messages` of a `ForeignTopic` unchanged, each at its tick; see `write_event`.
 
         Raises:
-            RecordingFailed: disk full or recording closed.
-            KeyError: a topic that was not declared.
+            KeyError: undeclared topic.
         """
         channel, counts = self._others[topic], self._summary.message_counts
-        # messages of a type that changes little are of one length, and make one block
+        # consecutive messages of equal length make one block
         for size, group in groupby(zip(ticks, messages, strict=True), lambda one: len(one[1])):
             of_tick, contents = zip(*group, strict=True)
             times = self._ascending_times(channel, of_tick)
@@ -411,13 +402,10 @@ class Writer:
             self._pending.append_records(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
-        """Record what happened at `tick` as a `foxglove.Log` on `/events`, no earlier than the event before.
+        """Record an event at `tick` as a `foxglove.Log` on `/events`, no earlier than the previous event.
 
         Args:
-            level, text, name: as of `Event`.
-
-        Raises:
-            ValueError: an unknown level.
+            level, text, name: see `Event`.
         """
         channel = self._events
         times = self._ascending_times(channel, [tick])
@@ -428,21 +416,13 @@ class Writer:
         self._pending.append_records(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
-        """Write a metadata record at once, ahead of messages still buffered.
-
-        Raises:
-            RecordingFailed: disk full or recording closed.
-        """
+        """Write a metadata record immediately, before messages still buffered."""
         record = encode_record(Metadata(name, dict(entries)))
         start = self._output.append(record)
         self._summary.metadata.append(MetadataIndex(start, len(record), name))
 
     def write_attachment(self, name: str, tick: int, media_type: str, content: bytes) -> None:
-        """Write an attachment of `tick`, behind all that was written before.
-
-        Raises:
-            RecordingFailed: disk full or recording closed.
-        """
+        """Write an attachment of `tick` after all buffered messages."""
         self._write_chunks()
         time = int(self._times(np.array([tick]))[0])
         record = encode_record(Attachment(0, time, name, media_type, content))
@@ -450,10 +430,10 @@ class Writer:
         self._summary.attachments.append(AttachmentIndex(start, len(record), time, 0, len(content), name, media_type))
 
     def finish(self) -> Path:
-        """Write what is buffered, the index and the footer; force it to the disk; rename; return the path.
+        """Write buffered messages, index and footer, sync the file to disk, rename it and return its path.
 
         Raises:
-            RecordingFailed: disk full or recording closed; the partial file stays, readable.
+            RecordingWriteError: disk full or recording closed; the partial file stays, readable.
         """
         self._write_chunks()
         self._output.append(self._summary.ending(self._output.size, self._output.crc))
@@ -461,10 +441,10 @@ class Writer:
         return self._output.path
 
     def abandon(self) -> Path:
-        """Write what is buffered, close the file under its partial name and return that; harmless if closed.
+        """Write buffered messages, close the file under its partial name and return its path; no effect if closed.
 
         Raises:
-            RecordingFailed: disk full; the file is closed all the same.
+            RecordingWriteError: disk full; the file is closed all the same.
         """
         if not self._output.closed:
             self._write_chunks()
@@ -481,22 +461,18 @@ class Writer:
             try:
                 self.abandon()
             except RecordingWriteError as failure:
-                # the first error is the one to report; this one came of saving its remains
+                # the first error is the one to report; this one is a consequence of it
                 error.add_note(str(failure))
         elif not self._output.closed:
             self.finish()
 
     def flush(self) -> None:
-        """Put all that was written into the file: it survives the end of this process.
-
-        Raises:
-            RecordingFailed: disk full or recording closed.
-        """
+        """Write all buffered messages to the file, so that they survive the end of this process."""
         self.end_slice()
         self._write_chunks()
 
     def _append_rows(self, opened: OpenTopic, times: np.ndarray, times_at: int, rows: np.ndarray) -> None:
-        """Records of `rows` at `times` (ns), which lie at the address `times_at`."""
+        """Append records of `rows` at `times` (ns), whose address is `times_at`."""
         count, counts, stride = len(rows), self._summary.message_counts, len(opened.filling.template)
         to = self._pending.reserve(count * stride)
         if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
@@ -505,21 +481,17 @@ class Writer:
         self._pending.add_block(opened.channel, times, stride)
 
     def _times(self, ticks: np.ndarray) -> np.ndarray:
-        """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
+        """Compute the log times of `ticks`, ns, (n,) int64, each from its own tick, so that no errors accumulate."""
         return np.rint(ticks * (self.tick * NS_PER_S)).astype(np.int64)
 
     def _ascending_times(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
-        """As `_times`, none before one of its channel: in order of time, and of their numbers, messages lie alike."""
+        """Compute log times no earlier than the channel's last one, so that times ascend like sequence numbers."""
         times = np.maximum.accumulate([self._newest.get(channel, 0), *self._times(np.array(ticks)).tolist()])[1:]
         self._newest[channel] = int(times[-1])
         return times
 
     def end_slice(self) -> None:
-        """Put what was written into the file if it fills a chunk, rather than when the next slice begins.
-
-        Raises:
-            RecordingFailed: disk full or recording closed.
-        """
+        """End the slice, and write the pending messages if they fill a chunk."""
         self._slice_topics.clear()
         self._slice_times.clear()
         if self._pending.size >= MIN_CHUNK_BYTES:
@@ -532,16 +504,15 @@ class Writer:
 def append_chunks(
     output: Output, summary: Summary, pending: PendingMessages, compressor: zstandard.ZstdCompressor
 ) -> None:
-    """Put what is `pending` into the file as chunks with their indexes, and note them in `summary`.
+    """Write the `pending` messages to the file as chunks with their indexes, and note them in `summary`.
 
-    Raises:
-        RecordingFailed: disk full or recording closed; nothing is pending any more.
+    A failed write, because the disk is full or the recording is closed, loses the pending messages.
     """
     if not pending.size:
         return
     records = merge_by_time(pending)
     for piece in records.pieces:
-        # in the first chunk rather than before it, schemas and channels are under its CRC
+        # schemas and channels go into the first chunk rather than before it, so that its CRC covers them
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
         preamble = b"".join(map(encode_record, declared))
         messages = records.content.data[piece.content]
@@ -554,7 +525,7 @@ def append_chunks(
 
 
 class Declaration(NamedTuple):
-    """Of a topic: its name, that of its message type, the description of that (FileDescriptorSet), what fields mean."""
+    """Declaration of a topic: name, message type, FileDescriptorSet of the type, field -> unit and meaning."""
 
     topic: str
     type_name: str
@@ -563,7 +534,7 @@ class Declaration(NamedTuple):
 
 
 def declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> Iterator[Declaration]:
-    """Of `topics` and `forms` in their order, and last of `/events`."""
+    """Yield the declarations of `topics` and `forms` in their order, and last of `/events`."""
     for topic, name in zip(topics, message_names(topics), strict=True):
         meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
         yield Declaration(topic.name, name, descriptor_set(name, topic.fields), meanings)
@@ -572,7 +543,7 @@ def declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> Itera
 
 
 def _declare_topics(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
-    """Schemas and channels of all `declarations`; ids count from 1."""
+    """Create the schemas and channels of all `declarations`; ids count from 1."""
     schemas: dict[str, Schema] = {}
     channels: list[Channel] = []
     for topic, type_name, descriptors, meanings in declarations(topics, forms):
@@ -582,9 +553,9 @@ def _declare_topics(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tu
 
 
 def _declare_others(others: Sequence[ForeignTopic], schemas: list[Schema], channels: list[Channel]) -> dict[str, int]:
-    """Schemas and channels of `others`, added to those that are there; channel numbers by topic.
+    """Append the schemas and channels of `others` to the lists; return the channel numbers by topic.
 
-    One that is called as a topic of twin's gets `/robot` before its name.
+    A topic with the name of one of twin's topics gets `/robot` before its name.
     """
     own, found = {channel.topic for channel in channels}, {}
     for other in others:

@@ -3,6 +3,6 @@
 from pathlib import Path
 
 ANSWER_JOB = "twin.report.explore.worker:answer_request"
-"""The job of the processes that run experiments; here, for importing it means importing what runs them."""
+"""Job of the processes that run experiments; defined here because importing its module loads all that runs need."""
 EXPLORED_FOLDER = Path("results/explored")
-"""Folder of runs recorded from a page, NAME/TIME, so that none is the latest of results/NAME."""
+"""Folder of runs recorded from a page, NAME/TIME, so that `results/NAME/latest` never points to one of them."""

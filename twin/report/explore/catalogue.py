@@ -1,8 +1,8 @@
-"""What of an experiment can be changed in the explorer: its declared settings, with the range of a slider for each.
+"""Catalogue of the values of an experiment that the explorer can change, with the range of a slider for each.
 
-A file declares the bounds within which a value makes sense, and often only one of them, or none. A slider needs two
-ends. Where both are declared, and not far apart, they are the ends; else the ends lie about the value of the file, and
-a typed value may lie beyond them.
+A setting declares the bounds of valid values, often only one of them, or no bound. A slider needs two ends: both
+declared bounds if they are not too far apart, else a range around the file's value. Typed values may lie beyond the
+ends.
 """
 
 import math
@@ -18,48 +18,57 @@ from twin.robot.experiment.schema import nested_tables
 from twin.robot.experiment.source import value_at
 
 FIRST_KEYS = (
-    "robot.k_s_Nm_per_rad", "controller.force.reference_N", "controller.force.kp_mm_per_N",
-    "controller.force.ki_mm_per_N_s", "controller.position.kp_per_s", "controller.damping.gain_rad_per_s_per_Nm",
-    "reference.t_s", "approach.speed_mm_per_s", "contact.stiffness_N_per_m", "controller.delay_ticks",
-    "contact.friction", "robot.joint_friction_Nm", "robot.joint_noise_deg", "robot.backlash_deg",
+    "robot.k_s_Nm_per_rad",
+    "controller.force.reference_N",
+    "controller.force.kp_mm_per_N",
+    "controller.force.ki_mm_per_N_s",
+    "controller.position.kp_per_s",
+    "controller.damping.gain_rad_per_s_per_Nm",
+    "reference.t_s",
+    "approach.speed_mm_per_s",
+    "contact.stiffness_N_per_m",
+    "controller.delay_ticks",
+    "contact.friction",
+    "robot.joint_friction_Nm",
+    "robot.joint_noise_deg",
+    "robot.backlash_deg",
     "drive.parameters.droop",
-)  # fmt: skip
-"""Keys that are shown before anybody searches."""
+)  # Times of way points. They are changed together: the slider is a factor on the speed.
+"""Keys that are shown before any search."""
 PACE_KEY = "reference.t_s"
-"""Times of way points. They are changed together: the slider is a factor on the speed."""
+"""Tables without effect on the curves."""
 HIDDEN_TABLES = ("recording",)
-"""Tables that change no curve."""
+"""Minimum ratio of the declared bounds for a logarithmic slider."""
 LOG_SCALE_RATIO = 100.0
 """A declared range whose ends are farther apart than this factor is one to be looked at on a logarithmic scale."""
 LINEAR_REACH = 4.0
-"""An end that is not declared, as a multiple of the file's value; on a logarithmic scale `LOG_REACH` of it."""
+"""Undeclared end of a linear slider, as a multiple of the file's value."""
 LOG_REACH = 10.0
 UNBOUNDED_REACH = 0.5
-"""How far the slider of what has no bound at all reaches to both sides, as a share of the file's value."""
+"""Reach of an unbounded slider to both sides, as a share of the file's value."""
 DEFAULT_HIGHS = {"deg": 1.0, "ms": 20.0, "N m": 0.1, "mm": 10.0, "s": 5.0, "Hz": 20.0, "rad/s": 1.0, "N": 5.0}
-"""Largest value on the slider of what is 0 and has no upper bound, by its unit; 1 of all others."""
+"""Upper end of a slider without upper bound whose value is 0, by unit; 1 for other units."""
 DEFAULT_WHOLE_HIGH = 20
-"""The same of a whole number, such as ticks of delay."""
+"""The same upper end for integers, such as ticks of delay."""
 
 Kind = Literal["number", "whole", "choice", "switch", "pace"]
 
 
 @dataclass(frozen=True)
 class Slider:
-    """One key that can be changed.
+    """A key that can be changed, with the range of its slider.
 
     Attributes:
-        key: dotted, as in the file and behind --set.
-        unit: of its value; "" for what has none.
-        help: what it means, one phrase.
-        kind: what its value is.
-        value: of the experiment's file; None: the file does not say.
-        default: what holds where no file says anything; None: nothing.
-        low: least value on the slider.
-        high: largest value on the slider.
+        key: dotted key, as in the file and for --set.
+        unit: unit of its value; "" for none.
+        help: meaning, one phrase.
+        value: value in the experiment's file; None if missing.
+        default: default value; None for none.
+        low: lower end of the slider.
+        high: upper end of the slider.
         log: whether the slider is logarithmic.
-        choices: of a choice.
-        first: its place among those that are shown before anybody searches; None: elsewhere.
+        choices: values of a choice.
+        first: position among the keys shown before any search; None for the others.
     """
 
     key: str
@@ -76,14 +85,14 @@ class Slider:
 
     @property
     def to_dict(self) -> dict[str, Any]:
-        """For the page."""
+        """The slider as a JSON-serialisable mapping."""
         return asdict(self)
 
 
 def sliders(experiment: Experiment) -> dict[str, Slider]:
-    """What can be changed in `experiment`, by key, in the order of documents."""
+    """Return the sliders of `experiment` by key, in the order of the documentation."""
     found = {slider.key: slider for slider in _all_sliders(experiment)}
-    # what neither the file nor a default says has no place on a slider
+    # keys without a value or default get no slider at the top
     shown = [key for key in FIRST_KEYS if key in found and (found[key].value, found[key].default) != (None, None)]
     # the order stays
     return found | {key: replace(found[key], first=place) for place, key in enumerate(shown)}
@@ -111,7 +120,7 @@ def _all_sliders(experiment: Experiment) -> Iterator[Slider]:
 
 
 def _takes_single_keys(table: type[Settings], head: Any) -> bool:
-    """Whether one key of the table can be set alone: it is there already, or needs no other key."""
+    """Return whether a single key of the table can be set: the table exists, or requires no key."""
     return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
 
 
@@ -127,7 +136,7 @@ def _table_sliders(path: str, table: type[Settings], values: Mapping[str, Any]) 
 
 
 def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider | None:
-    """None for what is no single number, choice or switch."""
+    """Return the slider of a setting; None unless it is a single number, choice or switch."""
     kinds = [part for part in (get_args(annotation) or (annotation,)) if part is not type(None)]
     default = None if declared.default is ... else declared.default
     head = key, declared.unit, declared.help
@@ -147,11 +156,11 @@ def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider 
 
 
 def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, float, bool]:
-    """(least, largest, whether logarithmic) of a slider about `value`, within the declared bounds in `more`."""
+    """Return (lower end, upper end, whether logarithmic) of a slider around `value`, within the bounds in `more`."""
     least, most = more.get("gt", more.get("ge", -math.inf)), more.get("lt", more.get("le", math.inf))
     usual = DEFAULT_HIGHS.get(unit, 1.0)
     if least == 0.0 and "gt" in more and value > 0.0:
-        # 0 is no value: as far down as up, by factors
+        # 0 itself is excluded: the same factor up and down
         return value / LOG_REACH, min(value * LOG_REACH, most), True
     if least > 0.0 and most / least >= LOG_SCALE_RATIO:
         return least, min(most, max(value, least) * LOG_REACH), True
@@ -164,7 +173,7 @@ def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, floa
 
 
 def check_value(known: Mapping[str, Slider], key: str, value: Any) -> Any:
-    """`value` for `key`, as a file would have it."""
+    """Check `value` for `key`, and convert it to the type that a file would have."""
     if key not in known:
         raise InputRefused(f"{key}: no key that can be changed here; {nearest(key, known, 'see twin schema')}")
     slider = known[key]

@@ -1,7 +1,7 @@
-"""The paper's figures of a state: their experiments, and the verdicts on the paper's claims.
+"""The paper's figures for a state of the page: their experiments, and the verdicts on the paper's claims.
 
-Fig. 4 takes four runs: with force control and without it, on a robot and a scale that stand straight and on those of
-fig4_imperfect.toml; the state is laid over all four. Fig. 5 takes one run of tasks.
+Fig. 4 takes four runs: with and without force control, on an aligned robot and scale and on the misaligned ones of
+fig4_imperfect.toml; the state is applied to all four. Fig. 5 takes one run of tasks.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,11 +26,11 @@ from twin.studies.sweep.claims import COMPANION_SETTING, require_fig4_claims
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'
 FIG5_SIGNALS = (*FIG5_SERIES, "monitor.tripped")
-"""Signals that the claims of Fig. 5 are judged on."""
+"""Signals that the claims of Fig. 5 need."""
 
 
 def figure_of(experiment: Experiment) -> Figure | None:
-    """The figure that an experiment is one of; None: of none."""
+    """Return the paper's figure that an experiment reproduces; None for other experiments."""
     if experiment.tasks:
         return "fig5"
     whole = experiment.duration_ticks * experiment.cosim.tick >= MIN_DURATION
@@ -39,7 +39,9 @@ def figure_of(experiment: Experiment) -> Figure | None:
 
 @lru_cache(1)
 def _imperfection_settings() -> tuple[str, ...]:
-    """As --set takes it, what sets robot and scale of fig4_imperfect.toml apart from those that stand straight."""
+    """Return the robot and scale settings of fig4_imperfect.toml that differ from the aligned ones, as --set takes
+    them.
+    """
     straight, askew = (load_experiment(FIG4_EXPERIMENTS[number]).values for number in (0, 2))
     return tuple(
         f"{name}.{key}={toml_value(value)}"
@@ -51,9 +53,10 @@ def _imperfection_settings() -> tuple[str, ...]:
 
 
 def fig4_experiments(state: PageState) -> list[Experiment]:
-    """The four of Fig. 4 in the order of `FIG4_EXPERIMENTS`, `state` laid over each.
+    """Return the four experiments of Fig. 4 in the order of `FIG4_EXPERIMENTS`, with `state` applied to each.
 
-    Of another file than those the first one is the file itself; the others are made of it as they are of the first.
+    An explored file that is not among them replaces the first one, and the others are derived from it with the same
+    differences.
     """
     own = experiment_file(state.base.experiment).resolve()
     base = FIG4_EXPERIMENTS[0] if own in map(Path.resolve, map(experiment_file, FIG4_EXPERIMENTS)) else own
@@ -67,10 +70,10 @@ def fig4_experiments(state: PageState) -> list[Experiment]:
 
 
 def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -> Fig4Runs:
-    """Their runs.
+    """Return the four runs of Fig. 4 for `state`.
 
     Args:
-        known: an experiment with its run, which need not be made again.
+        known: an experiment with its run, which is then reused.
     """
     own = known[0].values if known else None
     titled = {"title": own["title"]} if own else {}
@@ -82,7 +85,7 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
 
 
 def claims(state: PageState) -> dict[str, Any]:
-    """What the runs of a state say to the paper, for JSON."""
+    """Judge the paper's claims on runs of `state`, JSON-serialisable."""
     experiment = state.load()
     if figure_of(experiment) == "fig5":
         trace = run_in_memory(experiment, only=FIG5_SIGNALS)
@@ -101,7 +104,7 @@ def claims(state: PageState) -> dict[str, Any]:
 
 
 def _score(of: str, findings: Sequence[ClaimFinding]) -> dict[str, Any]:
-    """How many of some claims hold, for JSON; the same counts as of `twin compare --paper`."""
+    """Count the claims that hold, JSON-serialisable, as `twin compare --paper` counts them."""
     held, judged_claims = tally(findings)
     return {"of": of, "held": held, "judged": judged_claims}
 

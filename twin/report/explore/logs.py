@@ -1,6 +1,6 @@
-"""Logs of robots below the current folder, laid beside a run: what they hold, and what the estimator makes of it.
+"""Logs of robots below the current folder, for comparison with a run: their signals and the estimator's results.
 
-They are read as `twin replay` reads them, with the map of columns that `twin log new` writes beside them.
+They are read like in `twin replay`, with the column map that `twin log new` writes next to them.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,22 +28,22 @@ from twin.studies.replay.samples import robot_samples
 
 LOG_SUFFIXES = (".csv", ".mcap", ".db3", ".db3.zstd", ".mcap.zstd")
 MAX_DEPTH = 4
-"""Folders below each other in which logs are looked for."""
+"""Maximum folder depth of the search for logs."""
 MAX_LOGS = 100
 MAX_ENTRIES = 20_000
-"""Files and folders that are looked at."""
+"""Maximum number of files and folders searched."""
 ENCODER_SERIES = {"encoder": ("count_m", "count_l"), "estimator": ("theta_m", "theta_l")}
-"""Series of encoders, of which position and force follow."""
+"""Series of encoders; position and force are computed from them."""
 MAX_SHIFT = 1e6
-"""s"""
+"""Maximum time shift of a log (s)."""
 MISSING_PERIODS = 0.75
-"""Sample periods after a sample in which the next one should have come."""
+"""Time without a sample, in sample periods, after which a sample counts as missing."""
 MAX_SAMPLES = 4_000_000
-"""Of one series, gaps included."""
+"""Maximum number of samples of one series, gaps included."""
 
 
 def known_logs() -> list[str]:
-    """Logs below the current folder, by their paths: tables, bags of ROS 2, MCAP files but those of runs."""
+    """Return the paths of logs below the current folder: tables, ROS 2 bags, and MCAP files other than run.mcap."""
     found: list[str] = []
     for number, entry in enumerate(_entries(Path(), MAX_DEPTH)):
         if number >= MAX_ENTRIES or len(found) >= MAX_LOGS:
@@ -54,7 +54,7 @@ def known_logs() -> list[str]:
 
 
 def _entries(folder: Path, depth: int) -> Iterator[Path]:
-    """Files and folders below `folder`, those of bags not; hidden ones and links are left out."""
+    """Yield files and folders below `folder`, without hidden ones, links and the contents of bags."""
     try:
         entries = sorted(folder.iterdir())
     except OSError:
@@ -76,11 +76,11 @@ def _log_path(name: Any) -> Path:
 
 
 def _view_of(log: Log, experiment: Experiment, shift: float) -> LogView:
-    """Return a log with every topic on one clock, gaps as NaN.
+    """Return a view of a log with every topic on one clock, and NaN in gaps.
 
     Args:
-        experiment: describes the robot, whose estimator computes position and force from the encoders' counts.
-        shift: added to its times (s).
+        experiment: experiment of the robot, whose estimator computes position and force from the encoders' counts.
+        shift: time added to the log's times (s).
     """
     vectors = {name.partition("[")[0] for name in log.series if name.endswith("[0]")}
     series = {name: log[name] for name in log.series if not name.endswith("]")}
@@ -115,11 +115,10 @@ def _estimates(log: Log, experiment: Experiment) -> dict[str, LogSeries]:
 
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, str]:
-    """Return a log for the panels, read with the NAME.map.toml beside it if there is one, and notes on its file.
+    """Read a log for the panels, with the NAME.map.toml next to it if there is one; return it and notes on its file.
 
     Args:
-        ask: "log" one of `known_logs`, "shift_s"; values may be anything.
-        experiment: describes the robot.
+        ask: "log", one of `known_logs`, and "shift_s"; untrusted.
     """
     path, shift = _log_path(ask.get("log")), ask.get("shift_s") or 0.0
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MAX_SHIFT:
@@ -129,6 +128,6 @@ def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[PanelRun, s
     try:
         log = read_log(path, column_map([beside] if mapped else []))
     except InputRefused as refusal:
-        hint = "" if mapped else f"; a map of its columns belongs beside it as {beside.name}: twin log new {path}"
+        hint = "" if mapped else f"; a map of its columns is expected in {beside.name} next to it: twin log new {path}"
         raise InputRefused(f"{refusal}{hint}") from None
     return PanelRun(_view_of(log, experiment, float(shift)), experiment.values), "; ".join(log.notes)

@@ -1,4 +1,4 @@
-"""The loops of an experiment at one operating point, for the page: margins, and responses for Bode and Nyquist."""
+"""Control loops of an experiment at one operating point, for the page: margins, and Bode and Nyquist responses."""
 
 import base64
 from typing import Any
@@ -16,17 +16,18 @@ from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.text import decibels, loop_name, point_name
 
 CURVE_FREQUENCIES = 400
-"""Frequencies of a curve."""
+"""Number of frequencies of a curve."""
 HZ_PER_RAD_S = 1.0 / (2.0 * np.pi)
 
 
 def loops(experiment: Experiment, chosen: int | None) -> dict[str, Any]:
-    """The loops at one operating point, for JSON; curves stand in the block: frequencies (Hz), then of each loop its
-    gain (dB) and its phase (deg).
+    """Analyse the control loops at one operating point, JSON-serialisable.
+
+    The block contains the frequencies (Hz), then the gain (dB) and the phase (deg) of each loop.
 
     Args:
-        experiment: its faults are left out.
-        chosen: number of the operating point; None: the last one at which it presses, or else the last.
+        experiment: experiment; its faults are ignored.
+        chosen: number of the operating point; None for the last one in contact, or else the last.
     """
     refuse_third_party_parts(experiment, "the loops", ("controller", "estimator"))
     if experiment.controller.force.schedule:

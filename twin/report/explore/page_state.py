@@ -1,7 +1,6 @@
-"""What a page asks for: an experiment with other values, another drive or another body.
+"""State of a page: an experiment with changed values, another drive or another body.
 
-The page sends keys and plain values only. Which file a drive or a body is, is never for the page to say: it names one
-of those that the server has listed.
+The page sends only keys and plain values. It cannot choose files: it names a drive or body that the server has listed.
 """
 
 import math
@@ -28,24 +27,24 @@ from twin.robot.experiment.source import Source, apply_overrides, key_names, tom
 from twin.robot.paths import locate_file
 
 MAX_FAULTS = 8
-"""That one state may have."""
+"""Maximum number of faults of one state."""
 MAX_KEYS = 200
-"""That one state may change."""
+"""Maximum number of changed keys of one state."""
 SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 FAULT_BY_FIELD = {"k_s_share": "spring_softened", "slip": "belt_slip"}
-"""Of one joint no key says anything; a fault from the start does."""
+"""Parameters of one joint, which no key sets -> kind of a fault from the start that sets them."""
 CONTACT_KEY = "contact.stiffness_N_per_m"
 
 
 @dataclass(frozen=True)
 class PageBase:
-    """What the command line says, the same for every page.
+    """Options of the command line, equal for all pages.
 
     Attributes:
-        experiment: file or name, as it was given.
-        drive: --drive as it was given.
-        body: --body as it was given.
-        settings: --set that no slider stands for; they hold in every state.
+        experiment: file or name, as given.
+        drive: --drive, as given.
+        body: --body, as given.
+        settings: --set options without a slider; they apply to every state.
     """
 
     experiment: str
@@ -55,7 +54,7 @@ class PageBase:
 
     @property
     def drives(self) -> dict[str, str]:
-        """Drives that can be chosen: what `--drive` takes, by name."""
+        """Available drives: name -> value of `--drive`."""
         shelf = locate_file("fmus", Path.cwd())
         known = {path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))}
         given = {self.drive: self.drive} if self.drive else {}
@@ -63,20 +62,20 @@ class PageBase:
 
     @property
     def bodies(self) -> dict[str, str]:
-        """Bodies that can be chosen: what `--body` takes, by name."""
+        """Available bodies: name -> value of `--body`."""
         known = {body.stem for folder in BODY_FOLDERS for body in locate_file(folder, Path.cwd()).glob("*.toml")}
         return ({self.body: self.body} if self.body else {}) | {name: name for name in sorted(known)}
 
 
 @dataclass(frozen=True)
 class PageState:
-    """One state of a page, checked.
+    """A checked state of a page.
 
     Attributes:
-        drive: what `--drive` takes; None: the file's own.
-        body: what `--body` takes; None: the file's own.
-        values: by key, as a file would have them; of `PACE_KEY` the factor.
-        faults: tables of [[fault]], besides those of the file.
+        drive: value of `--drive`; None for the file's own drive.
+        body: value of `--body`; None for the file's own body.
+        values: key -> value as in a file; for `PACE_KEY` the factor.
+        faults: tables of [[fault]], in addition to those of the file.
     """
 
     base: PageBase
@@ -87,12 +86,12 @@ class PageState:
 
     @property
     def base_experiment(self) -> Experiment:
-        """The experiment without `values`."""
+        """The experiment without the changed `values`."""
         return base_experiment(self.base, self.drive, self.body)
 
     @property
     def settings(self) -> list[str]:
-        """As `--set` takes them."""
+        """Changed values as `--set` options."""
         texts = []
         for key, value in self.values.items():
             if key == PACE_KEY:
@@ -104,12 +103,12 @@ class PageState:
         return [*self.base.settings, *texts]
 
     def load(self) -> Experiment:
-        """The experiment."""
+        """Load the experiment of this state."""
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property
     def command(self) -> str:
-        """The command that runs it, for a shell."""
+        """Shell command that runs this state."""
         return run_command(run_words(self.base.experiment, self.settings, self.drive, self.body))
 
 
@@ -123,7 +122,7 @@ def _load_base(experiment: str, settings: tuple[str, ...], drive: str | None, bo
 
 
 def base_experiment(base: PageBase, drive: str | None, body: str | None) -> Experiment:
-    """The experiment of the command line with a drive and a body, before anything is changed."""
+    """Load the command line's experiment with a drive and a body, unchanged; cached."""
     return _load_base(base.experiment, base.settings, drive, body)
 
 
@@ -133,16 +132,16 @@ def _base_sliders(experiment: str, settings: tuple[str, ...], drive: str | None,
 
 
 def known_sliders(base: PageBase, drive: str | None, body: str | None) -> dict[str, Slider]:
-    """The sliders of the experiment with a drive and a body."""
+    """Return the sliders of the experiment with a drive and a body; cached."""
     return _base_sliders(base.experiment, base.settings, drive, body)
 
 
 def parse_state(base: PageBase, state: Any) -> PageState:
-    """What the `state` of a page asks for.
+    """Check and parse the `state` of a page.
 
     Args:
-        state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]};
-            each may be missing. It may come from anybody.
+        state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]}; each
+            entry is optional. It is untrusted.
     """
     if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
         raise InputRefused("state: expected set, drive, body and faults")
@@ -159,10 +158,10 @@ def parse_state(base: PageBase, state: Any) -> PageState:
 
 
 def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
-    """The `state` of a page, of a robot as it is now: by its own keys and faults.
+    """Apply the robot's accepted parameters to the `state` of a page, as keys and faults.
 
     Args:
-        accepted: what a session has accepted, see `twin.studies.shadow.live_view.accepted_values`; it may be anything.
+        accepted: parameters accepted in a session, see `twin.studies.shadow.live_view.accepted_values`; untrusted.
     """
     k_s = parse_state(base, state).load().plant.k_s
     found = {**state, "set": dict(state.get("set") or {}), "faults": list(state.get("faults") or [])}
@@ -172,7 +171,7 @@ def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
             found["set"][CONTACT_KEY] = _round_digits(value)
             continue
         if field not in FAULT_BY_FIELD:
-            raise InputRefused(f"{one['text']}: no key of an experiment and no fault stands for it")
+            raise InputRefused(f"{one['text']}: no key of an experiment and no fault represents it")
         kind, target = FAULT_BY_FIELD[field], f"joint_{one['leg'] + 1}"
         magnitude = _round_digits(value / k_s if field == "k_s_share" else math.degrees(value))
         others = [fault for fault in found["faults"] if (fault["kind"], fault["target"]) != (kind, target)]
@@ -182,12 +181,12 @@ def adopt_state(base: PageBase, state: Any, accepted: Any) -> dict[str, Any]:
 
 
 def _round_digits(value: float) -> float:
-    """To as many digits as anybody reads."""
+    """Round a number to the five significant digits that are displayed."""
     return float(f"{value:.5g}")
 
 
 def _fault(table: Any) -> dict[str, Any]:
-    """A table of [[fault]]; whether its numbers are in bounds is left to the experiment."""
+    """Check a table of [[fault]]; the experiment checks the bounds of its numbers."""
     name = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(name, str) or name not in FAULT_KINDS:
         raise InputRefused(f"fault {str(name)[:80]!r}: no such kind; {nearest(str(name)[:80], FAULT_KINDS)}")
@@ -211,7 +210,7 @@ def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
 
 
 def first_state(base: PageBase, settings: Sequence[str]) -> tuple[PageBase, dict[str, Any]]:
-    """What `settings` of the command line are to a page: (the base with those that no slider stands for, the state)."""
+    """Split `settings` of the command line into (base with the settings without a slider, initial page state)."""
     names = {"drive": base.drive, "body": base.body}
     there = known_sliders(PageBase(base.experiment), base.drive, base.body)
     rest, changed = [], {}
@@ -226,7 +225,7 @@ def first_state(base: PageBase, settings: Sequence[str]) -> tuple[PageBase, dict
 
 
 def _single(text: str) -> tuple[str, Any]:
-    """(dotted key, value) of "a.b=1"."""
+    """Parse "a.b=1" into (dotted key, value)."""
     source = Source()
     apply_overrides(source, [text])
     names = key_names(text.partition("=")[0].strip())
@@ -237,7 +236,7 @@ def _single(text: str) -> tuple[str, Any]:
 
 
 def save_experiment(state: PageState, name: str) -> Path:
-    """Write an experiment that extends the old one with exactly what differs, in the current folder."""
+    """Write an experiment to the current folder that extends the original one with the changes of `state`."""
     if not SAVED_NAME.fullmatch(name):
         raise InputRefused(f"{name[:80]!r}: expected a name of letters, digits, - and _")
     path = Path(f"{name}.toml")
@@ -249,7 +248,7 @@ def save_experiment(state: PageState, name: str) -> Path:
         again = load_experiment(path)
         differing = ", ".join(key for key in meant.values if again.values.get(key) != meant.values[key])
         if differing:
-            raise InputRefused(f"{path}: a file cannot say this as --set does ({differing}); use 'copy command'")
+            raise InputRefused(f"{path}: a file cannot express this --set option ({differing}); use 'copy command'")
     except InputRefused:
         path.unlink()
         raise
@@ -257,7 +256,7 @@ def save_experiment(state: PageState, name: str) -> Path:
 
 
 def extension_text(state: PageState, path: Path) -> str:
-    """The text of that file, which will be at `path`."""
+    """Return the text of an experiment file at `path` that extends the original one with the changes of `state`."""
     old = experiment_file(state.base.experiment).resolve()
     here = path.resolve().parent
     source = Source()
@@ -265,7 +264,7 @@ def extension_text(state: PageState, path: Path) -> str:
         source.select_file("drive", "fmu", locate_drive(state.drive, old.parent))
     if state.body:
         source.select_file("contact", "body", str(state.body))
-        # --body leaves it as it is, a file would have to say it
+        # --body keeps the height of the surface; a file must set it
         source.values["contact"]["height_mm"] = value_at(state.base_experiment.values, "contact.height_mm")
     document = tomlkit.document()
     document.add(tomlkit.comment(f"What twin explore has changed in {old.name}"))
@@ -289,7 +288,7 @@ def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
 
 
 def _tuples_to_lists(value: Any) -> Any:
-    """With lists, which TOML writes, where an experiment has tuples."""
+    """Convert tuples of an experiment to lists, which TOML can write."""
     if isinstance(value, Mapping):
         return {key: _tuples_to_lists(item) for key, item in value.items()}
     return [_tuples_to_lists(item) for item in value] if isinstance(value, tuple | list) else value

@@ -1,4 +1,4 @@
-"""What the page draws of a run: the panels of a report, as far and as finely as the screen shows them."""
+"""Pictures of a run for the page: the panels of a report, limited to the visible span and the screen's resolution."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -28,37 +28,36 @@ CORRECTION_PANEL = Panel(
     (PanelCurve("dp_z, below 0 presses harder", "shifted", series("controller.dp_z", None, MM)),),
 )  # fmt: skip
 EXPLORED_PANELS = (*RUN_PANELS[:2], CORRECTION_PANEL, *RUN_PANELS[2:])
-"""Every panel that can be looked at, in this order."""
+"""All available panels, in display order."""
 INITIAL_PANELS = (
     "Pressing force F_z", "Height z", "Correction of the force loop", "Force along x, y on the surface",
     "Joint torque tau_l", "Motor speed",
 )  # fmt: skip
-"""Titles of those that are shown until others are chosen."""
+"""Titles of the panels that are shown by default."""
 MAX_POSES = 600
-"""Of the robot; the player goes straight between them."""
+"""Maximum number of poses of the robot; the player interpolates between them."""
 TILE_MEASURES = (
     "hold_error", "hold_overshoot", "hold_settling_time", "chatter", "held_lateral_error", "peak", "held_z_error",
     "torque", "force_error", "end", "lateral_error", "z_error",
 )  # fmt: skip
-"""Measures above the plots, the first ones first."""
+"""Measures above the plots, in display order."""
 
 
 def shown_panels(run: PanelRun) -> list[str]:
-    """Titles of the panels that have something to show."""
+    """Return the titles of the panels with data in `run`."""
     return [panel.title for panel in EXPLORED_PANELS if any(quantity.read(run) for quantity in panel.quantities)]
 
 
 def panels_to_json(
     panels: Iterable[Panel], run: Any, block: DataBlock, span: tuple[float, float], width: int
 ) -> list[dict[str, Any]]:
-    """`panels` for JSON; their samples go into `block`.
+    """Convert `panels` to JSON-serialisable values; their samples are appended to `block`.
 
-    Of each `width`-th part of `span` the extremes are there, so no spike is lost. Whatever is shown beyond the span
-    stays coarse.
+    Each of `width` parts of `span` keeps its extremes, so no spike is lost. Samples beyond the span stay coarse.
 
     Args:
-        span: from when to when (s).
-        width: of a plot (pixels).
+        span: begin and end (s).
+        width: width of a plot (pixels).
     """
     return [
         panel_facts(
@@ -73,7 +72,7 @@ def panels_to_json(
 
 
 def _curve(read: Reader, run: Any, block: DataBlock, span: tuple[float, float], width: int) -> list[float] | None:
-    """[first sample in the block, number, time of the first (s), time from one to the next (s)]."""
+    """Append a curve to the block; return [index of its first sample, count, first time (s), step (s)], or None."""
     samples = read(run)
     if samples is None or not len(samples[0]):
         return None
@@ -83,7 +82,7 @@ def _curve(read: Reader, run: Any, block: DataBlock, span: tuple[float, float], 
 
 
 def _clip_samples(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, float]:
-    """(times, values, time between two (s)) of a little more than `span`."""
+    """Return (times, values, time step (s)) of slightly more than `span`."""
     t, values = samples
     step = float(t[-1] - t[0]) / max(1, len(t) - 1)
     if not step:
@@ -100,7 +99,7 @@ def _extremes(values, count, width, found):
     for first in range(0, count, width):
         low = high = first
         for i in range(first + 1, min(first + width, count)):
-            # of what is no number the other one stays
+            # a NaN is replaced by the other value
             if y[i] < y[low] or y[low] != y[low]:
                 low = i
             if y[i] > y[high] or y[high] != y[high]:
@@ -111,7 +110,7 @@ def _extremes(values, count, width, found):
 
 
 def extremes(values: Curve, width: int) -> Curve:
-    """The least and the largest of each `width` of `values` (n,), in their order; for a width of 2 all of them."""
+    """Return the minimum and maximum of each `width` values of `values` (n,), in order; all values for a width of 2."""
     if width <= 2:
         return values
     y = np.ascontiguousarray(values, dtype=np.float64)
@@ -121,19 +120,19 @@ def extremes(values: Curve, width: int) -> Curve:
 
 
 def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
-    """The robot for the player, see `twin.report.page.panels.scene`."""
+    """Return the robot's poses for the player, see `twin.report.page.panels.scene`."""
     return scene(run, block, MAX_POSES)
 
 
 class Tile(NamedTuple):
-    """A number above the plots.
+    """A number displayed above the plots.
 
     Attributes:
-        name, unit: for people.
-        value: in `unit`; None if there is no such number.
-        reason: why there is none, or a remark on it.
-        digits: digits after the point.
-        meaning: one sentence.
+        name, unit: displayed name and unit.
+        value: value in `unit`; None if missing.
+        reason: why the value is missing, or a remark on it.
+        digits: digits after the decimal point.
+        meaning: description in one sentence.
     """
 
     name: str
@@ -145,7 +144,7 @@ class Tile(NamedTuple):
 
 
 def tiles(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Tile]:
-    """Return the numbers that stand above the plots."""
+    """Return the numbers displayed above the plots: measures of the run, and the force range of each task."""
     found = []
     for measure in (ROWS_BY_KEY[key] for key in TILE_MEASURES):
         value, reason = (one := outcome.measures[measure.key]).value, one.reason

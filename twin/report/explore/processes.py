@@ -1,4 +1,4 @@
-"""The processes that run experiments for pages: warm, watched, and replaced when one ends."""
+"""Processes that run experiments for pages: warm, guarded, and replaced when one ends."""
 
 import threading
 import time
@@ -13,19 +13,15 @@ from twin.kernel.process.warm import WarmProcess
 from twin.report.explore import ANSWER_JOB
 
 OUTDATED_TIMEOUT = 3.0
-"""Maximum time (s) that an outdated answer keeps a process."""
+"""Maximum time (s) that an outdated request occupies a process."""
 
 
 class OutdatedAnswer(TwinError):
-    """A newer state was requested, and this answer took too long to be waited for."""
+    """A newer state was requested, and this answer exceeded `OUTDATED_TIMEOUT`."""
 
 
 class AnsweringProcess:
-    """A warm process for the requests of pages.
-
-    Args:
-        limits: of the process.
-    """
+    """A warm process that answers requests of pages."""
 
     def __init__(self, limits: JobLimits):
         self._process = WarmProcess(ANSWER_JOB, limits, self._raise_if_stale)
@@ -35,13 +31,14 @@ class AnsweringProcess:
         """Return the answer of `twin.report.explore.worker.answer_request`.
 
         Args:
-            base: fields of `Base`.
-            ask: of the page.
-            outdated: set when a newer answer is requested.
+            base: fields of `PageBase`.
+            ask: request of the page.
+            outdated: event that is set when a newer answer is requested.
 
         Raises:
-            ComponentFailed: a drive crashed, hung or ended the process: which one, where and when, in one sentence.
-            Outdated: it was given up.
+            ComponentFailed: a drive crashed, hung or ended the process; names the drive, place and time in one
+                sentence.
+            OutdatedAnswer: the answer was cancelled.
             TwinError: an internal error.
         """
         self._outdated, self._began = outdated, time.monotonic()

@@ -1,6 +1,6 @@
-"""Requests of a page: the fields of each operation, checked before anything is done with them.
+"""Validation of a page's requests: the fields of each operation, checked before use.
 
-It depends on no server library. Whether a value names something that exists is left to the operation.
+Independent of the server library. Whether a value names an existing object is checked by the operation.
 """
 
 import math
@@ -10,12 +10,12 @@ from typing import Any
 from twin.kernel.errors import InputRefused
 
 Check = Callable[[Any], bool]
-"""Whether a JSON value can be that of a field."""
+"""Predicate that checks the JSON value of a field."""
 MAX_TEXT_LENGTH, MAX_ITEMS = 2**17, 1000
 MAX_INTEGER = 2**53
-"""Integers beyond it are not exact as numbers of a page."""
+"""Largest integer that a page's numbers represent exactly."""
 REQUIRED_FIELDS = ("state", "run", "log", "settings", "name", "accepted")
-"""Fields without which an operation that has them is refused; others may be missing or null."""
+"""Fields that an operation which has them requires; others may be missing or null."""
 FIELD_TEXTS = {
     "state": "set, drive, body and faults",
     "panels": "a list of titles",
@@ -26,7 +26,7 @@ FIELD_TEXTS = {
     "point": "a whole number",
     "shift_s": "a time in s",
 }
-"""What the fields are, where their names do not say it."""
+"""Descriptions of fields in error messages, where the name is not enough."""
 
 
 def _is_text(value: Any) -> bool:
@@ -60,7 +60,7 @@ def _table_of(check: Check) -> Check:
 
 
 def _record_of(fields: Mapping[str, Check]) -> Check:
-    """A table of these fields, each of which may be missing or null."""
+    """Return a check for a table of these fields, each of which may be missing or null."""
     return lambda value: (
         isinstance(value, dict)
         and all(key in fields and (one is None or fields[key](one)) for key, one in value.items())
@@ -98,7 +98,7 @@ OPERATION_FIELDS: Mapping[str, Mapping[str, Check]] = {
 
 
 def check_request(ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the operation and the fields of a request; other fields are dropped."""
+    """Check a request; return its operation and known fields, and drop other fields."""
     op = ask.get("op")
     if not isinstance(op, str) or op not in OPERATION_FIELDS:
         raise InputRefused(f"op {str(op)[:80]!r}: no such operation")

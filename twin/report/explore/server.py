@@ -1,9 +1,9 @@
-"""The server of the explorer: pages of its own on this machine's own address, and one link to each of them.
+"""HTTP and WebSocket server of the explorer on the loopback address, with one link to each of its pages.
 
-A page sends requests as JSON; every request is answered. Of requests of one kind the newest counts: older ones are
-answered with "outdated", and what cannot be done now with "refused". The page gets JSON, or where there are samples:
-the length of the JSON (unsigned 32 bits), the JSON padded with spaces to a multiple of 4 bytes, and the samples as
-32 bit floats, all little-endian.
+A page sends requests as JSON; every request is answered. Only the newest request of each kind counts: older ones are
+answered with "outdated", refused ones with "refused". The page gets JSON, or, if there are samples: the length of the
+JSON (unsigned 32 bits), the JSON padded with spaces to a multiple of 4 bytes, and the samples as 32-bit floats, all
+little-endian.
 """
 
 import asyncio
@@ -40,28 +40,28 @@ if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
 
 MAX_MESSAGE_BYTES = 2**16
-"""Bytes of the largest message of a page."""
+"""Maximum size of a page's message (bytes)."""
 MAX_PAGES = 16
-"""Pages that may be open at the same time."""
+"""Maximum number of open pages."""
 MAX_WAITING = 64
-"""Requests of one page that may wait; there is one of each kind at most."""
+"""Maximum number of waiting requests of one page; at most one of each kind."""
 ROBOT_INTERVAL = 0.2
-"""s between two looks of a page at the robot."""
+"""Interval (s) between updates of a page with the robot's state."""
 PROCESS_COUNT = 2
-"""That run experiments."""
+"""Number of processes that run experiments."""
 LINK_PATH = "/link"
-"""Path of the WebSocket of a page."""
+"""Path of a page's WebSocket."""
 CLOSE_TIMEOUT = 1.0
-"""How long (s) connections may take to end."""
+"""Timeout for closing connections (s)."""
 
-# a page learns itself what it does wrong; in the terminal it would only disturb
+# protocol errors are reported to the page; in the terminal they would only distract
 _SILENT_LOGGER = logging.getLogger("twin.report.explore")
 _SILENT_LOGGER.setLevel(logging.CRITICAL + 1)
 
 EXPLORER_ASSETS = files("twin.report.explore") / "assets"
 REPORT_ASSETS = files("twin.report.page") / "assets"
 REPORT_SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player")
-"""Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
+"""Scripts shared with the report, in the order of their dependencies."""
 MEDIA_TYPES = {
     kind: f"text/{name}; charset=utf-8" for kind, name in (("css", "css"), ("js", "javascript"), ("html", "html"))
 }
@@ -79,19 +79,19 @@ SECURITY_HEADERS = {
 PAGE_OPERATIONS = (
     "describe", "show", "recorded", "runs", "log", "save", "command", "onset", "loops", "score",
 )  # fmt: skip
-"""What a page may ask a process for."""
+"""Operations of a page that a process answers."""
 STUDY_JOB = "twin.studies.command:answer_study"
-"""A study in a process of its own."""
+"""Job that answers a study in its own process."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
-"""What `twin run` does."""
+"""Job of `twin run`."""
 FORBIDDEN_TEXT = (
     "This page is shown only to the browser that twin explore has opened. Open the address that it has printed in the "
-    "terminal; what stands behind # in yours may be put behind that one.\n"
+    "terminal; the part after # in yours may be appended to it.\n"
 )
 
 
 def read_assets() -> dict[str, tuple[bytes, str]]:
-    """What a page loads: (content, media type) by its path."""
+    """Return the files that a page loads: path -> (content, media type)."""
     own = {
         asset.name: (asset.read_bytes(), MEDIA_TYPES[asset.name.rpartition(".")[2]])
         for asset in EXPLORER_ASSETS.iterdir()
@@ -105,11 +105,7 @@ def read_assets() -> dict[str, tuple[bytes, str]]:
 
 
 def lasting_token(port: int) -> str:
-    """The token of the server at `port`: the same after it was started anew, so that its pages come back.
-
-    Raises:
-        InputRefused: there is no cache folder of the user's own.
-    """
+    """Return the token of the server at `port`, the same after a restart, so that its pages reconnect."""
     path = cache_folder("explore") / f"{port}.token"
     with contextlib.suppress(OSError, UnicodeError):
         token = path.read_text("ascii").strip()
@@ -123,22 +119,21 @@ def lasting_token(port: int) -> str:
 
 
 def error_message(problem: TwinError) -> str:
-    """What a page shows of it; the whole of a mistake of ours goes to the terminal."""
+    """Return the message of an error for a page; internal errors are printed in full on the terminal."""
     lines = terminal_text(str(problem)).splitlines()
     if type(problem) is not TwinError:
         return lines[0]
     print("\n".join(lines), file=sys.stderr)
-    return f"a mistake of twin, see the terminal: {lines[-1]}"
+    return f"an internal error of twin, see the terminal: {lines[-1]}"
 
 
 class ExplorerServer:
-    """Answers pages until the last one has been closed for a while.
+    """Server that answers pages until the last one has been closed for a while.
 
     Args:
         base: fields of `twin.report.explore.page_state.PageBase`.
-        limits: of each process that runs experiments.
-        linger: how long (s) it goes on after the last page was closed.
-        session: with a robot, that pages show; None: there is none.
+        linger: time (s) until it ends after the last page was closed.
+        session: session with a robot that pages show; None for none.
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
@@ -151,7 +146,7 @@ class ExplorerServer:
         self._ending: asyncio.TimerHandle | None = None
 
     def begin(self, settings: list[str]) -> None:
-        """Look at the command line.
+        """Check the command line and load its experiment.
 
         Raises:
             InputRefused: the experiment is refused.
@@ -164,11 +159,7 @@ class ExplorerServer:
         self._begun = found
 
     def serve(self, listening: socket.socket, token: str) -> None:
-        """Until the last page has been closed for a while, or Ctrl-C.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-        """
+        """Serve pages until the last one has been closed for a while, or Ctrl-C."""
         try:
             asyncio.run(self._serve(listening, token))
         finally:
@@ -200,14 +191,16 @@ class ExplorerServer:
             following.cancel()
 
     def end(self) -> None:
-        """End `serve`; from any thread."""
+        """End `serve`, from any thread."""
         self._loop.call_soon_threadsafe(self._over.set)
 
     async def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer a request of HTTP; None if it is for the link and let in. The first request of a browser brings the
-        token in its address, and gets a cookie for it and nothing else."""
+        """Answer an HTTP request; return None to admit a request for the link.
+
+        The first request of a browser carries the token in its address; the answer sets a cookie and redirects.
+        """
         path = request.path.partition("?")[0]
-        # before websockets 17 a connection with another method ends unanswered
+        # websockets before 17 ends a connection with another method without an answer
         reads = getattr(request, "method", "GET") == "GET"
         if refusal := self._gate.refusal(request.headers, changes=path == LINK_PATH or not reads):
             return self._response(HTTPStatus.FORBIDDEN, f"{terminal_text(refusal)}\n")
@@ -231,7 +224,7 @@ class ExplorerServer:
         if not found or int(found[1]) >= len(self._reports):
             return self._response(HTTPStatus.NOT_FOUND, "no such page\n")
         content = await asyncio.to_thread(self._reports[int(found[1])].read_bytes)
-        # a page of its own, from which nothing reaches this server
+        # sandboxed: scripts of the report cannot reach this server
         alone = {"Content-Type": MEDIA_TYPES["html"], "Content-Security-Policy": "sandbox allow-scripts"}
         return self._response(HTTPStatus.OK, content, alone)
 
@@ -247,11 +240,11 @@ class ExplorerServer:
         return Response(status, status.phrase, Headers({**headers, **(more or {})}), content)
 
     async def answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """Of a process that has time; a sentence under "refused" or "failed" if there is no other answer."""
+        """Return the answer of a free process; a message under "refused" or "failed" if it has no other answer."""
         task = asyncio.create_task(self._answer(ask, outdated))
         self._answering.add(task)
         task.add_done_callback(self._answering.discard)
-        # a page that is closed meanwhile must not set a process free that is still at work
+        # shielded: closing the page must not release a process that is still busy
         return await asyncio.shield(task)
 
     async def _answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
@@ -266,21 +259,21 @@ class ExplorerServer:
             self._idle.put_nowait(process)
 
     async def accept(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Ask the session's twin to accept what the page has shown."""
+        """Forward a page's acceptance of a proposal to the session's twin."""
         if self.session is None:
             return {"refused": "--follow: twin explore was started without a session"}
         refused = await self.session.accept(ask.get("proposal"))
         return {"refused": refused} if refused else {}
 
     async def adopt(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
-        """A state of the page, of the robot that the session has accepted."""
+        """Return a state of the page with the robot's accepted parameters."""
         accepted = self.session.accepted if self.session else []
         if not accepted:
             return {"refused": "nothing was accepted in this session"}
         return await self.answer({**ask, "accepted": accepted}, outdated)
 
     async def record(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Make a real run of a state, as `twin run` does, and its report."""
+        """Record a run of a state, like `twin run`, and write its report."""
         found = await self.answer({**ask, "op": "command"}, threading.Event())
         if "refused" in found or "failed" in found:
             return found
@@ -304,10 +297,10 @@ class ExplorerServer:
 
 
 class RequestQueue:
-    """Requests of one page that are answered one after the other; of each kind the newest counts.
+    """Requests of one page that are answered one after the other; only the newest of each kind counts.
 
     Attributes:
-        outdated: set when a newer answer is wanted than the one under way.
+        outdated: event that is set when a newer answer of the kind being answered is requested.
     """
 
     def __init__(self) -> None:
@@ -328,7 +321,7 @@ class RequestQueue:
         return before, {"outdated": True}
 
     async def next(self) -> dict[str, Any]:
-        """The one that has waited longest, or will come."""
+        """Return the request that has waited longest; wait for one if there is none."""
         self._kind = ""
         while not self._waiting:
             self._some.clear()
@@ -339,16 +332,16 @@ class RequestQueue:
 
 
 class PageLink:
-    """The link to one page."""
+    """The WebSocket link to one page."""
 
     def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
-        # what takes longer holds up no picture
+        # separate queues, so that slow requests do not delay the picture
         self._lanes = {name: RequestQueue() for name in ("", "loops", "score", "accept")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
-        """Say the `greeting`, then answer until the page is closed."""
+        """Send the `greeting`, then answer requests until the page is closed."""
         await self._send({"op": "begin", **greeting})
         answering = [asyncio.create_task(self._answer(lane)) for lane in self._lanes.values()]
         if self._server.session:
@@ -385,7 +378,7 @@ class PageLink:
             await self._reply(unserved, answer)
 
     async def _record(self, ask: Mapping[str, Any]) -> None:
-        """Record a run, which takes long and delays no other answer."""
+        """Record a run without delaying other answers."""
         found = await self._server.record(ask)
         await self._reply(ask, found)
 
@@ -406,7 +399,7 @@ class PageLink:
             await self._reply(ask, found)
 
     async def _show(self, session: "LiveSession") -> None:
-        """What has become of the robot, as long as something is heard of it."""
+        """Send the robot's state whenever it changes."""
         shown = -1
         while True:
             if shown != session.version:
@@ -427,25 +420,22 @@ class PageLink:
 
 
 def record_run(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:
-    """The folder of a run that was made in a process of its own, with its report.
+    """Record a run in its own process, write its report, and return its folder.
 
     Args:
-        how: "drive", "body" and "settings" as `twin run` takes them.
-
-    Raises:
-        TwinError: see `run_guarded`.
+        how: "drive", "body" and "settings" as for `twin run`.
     """
     folders: list[str] = []
 
-    def hear(note: dict[str, Any]) -> None:
+    def on_note(note: dict[str, Any]) -> None:
         if "folder" in note:
             folders.append(note["folder"])
 
     arguments = {"experiments": [experiment], "out": None, "limit_step": limits.step, "results": str(EXPLORED_FOLDER)}
     arguments |= {key: how[key] for key in ("drive", "body", "settings")}
-    # such a run is recorded all the same, and its report says so
+    # a run with a safety trip is recorded too, and its report shows it
     with contextlib.suppress(SafetyTrip):
-        run_guarded(RECORD_JOB, arguments, limits, hear)
+        run_guarded(RECORD_JOB, arguments, limits, on_note)
     report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
     run_guarded(STUDY_JOB, report)
     return Path(folders[0])

@@ -1,7 +1,8 @@
-"""A session of `twin shadow --live` beside the explored experiment: its robot is shown, its proposals are accepted.
+"""Client of a `twin shadow --live` session: shows its robot alongside the explored experiment, and accepts its
+proposals.
 
-The server is the viewer of the session, not the page: the page's policy stays what it is, and the token of the session
-reaches no browser.
+The server, not the page, is the viewer of the session, so the page's content policy stays unchanged, and the token of
+the session reaches no browser.
 """
 
 import asyncio
@@ -31,23 +32,23 @@ from twin.studies.shadow import ACCEPT_PARAMETER, ACCEPTED_PARAMETER, LINE_PARAM
 
 ADDRESS_PATTERN = re.compile(r"ws://(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})/?(\?token=[\w-]+)?")
 RETRY_INTERVAL = 2.0
-"""s between two attempts to connect."""
+"""Time between two attempts to connect (s)."""
 ANSWER_TIMEOUT = 5.0
-"""s that an answer may take."""
+"""Timeout of an answer (s)."""
 CLOSE_TIMEOUT = 1.0
-"""s that the end of a connection may take."""
+"""Timeout of closing a connection (s)."""
 MAX_MESSAGE_BYTES = 2**22
-"""Bytes of a message; the list of topics with their types is the longest."""
+"""Maximum size of a message (bytes); the list of topics with their types is the longest."""
 STRIP_SPAN, STRIP_STEP = 20.0, 0.05
-"""s that the strip of forces shows, and from one of its samples to the next."""
+"""Time span and sampling period of the force strip (s)."""
 STRIP_SAMPLES = round(STRIP_SPAN / STRIP_STEP) + 1
 MAX_HOLD_TIME = 1.0
-"""s from a sample to the next one, at most; else there is a gap."""
+"""Maximum time (s) from a sample to the next one; a longer gap stays empty."""
 FORCE_CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale": "measured"}
-"""Pressing forces of the strip, by topic."""
+"""Topic -> label of its pressing force in the strip."""
 EVENTS_TOPIC, ALARM_TOPIC = "/events", "/alarm"
 MAX_EVENTS = 3
-"""That are shown."""
+"""Maximum number of events that are shown."""
 TOKEN_REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
 PROTOCOL_ERRORS = (
@@ -61,11 +62,11 @@ PROTOCOL_ERRORS = (
     DecodeError,
     struct.error,
 )
-"""What a message that is not twin's ends in."""
+"""Exceptions caused by a message that does not follow twin's protocol."""
 
 
 class NoSession(Exception):
-    """What answers is no session beside a robot; why, a sentence."""
+    """The peer is not a session of twin shadow; the argument is an error message."""
 
 
 class ForceStrip:
@@ -76,7 +77,7 @@ class ForceStrip:
         self._newest = 0
 
     def add(self, topic: str, t: float, force: float) -> None:
-        """A force (N) at `t` (s), mostly later than those before."""
+        """Add a force (N) at `t` (s), usually later than the previous ones."""
         at, column = round(t / STRIP_STEP), self._columns[topic]
         self._newest = max(self._newest, at)
         column[at] = force
@@ -84,7 +85,7 @@ class ForceStrip:
             del column[first]
 
     def to_dict(self) -> dict[str, Any]:
-        """For the page: names of the curves that there are, and their samples one after the other, NaN in gaps."""
+        """Return the names of the available curves and their concatenated samples, NaN in gaps, JSON-serialisable."""
         block, names = array("f"), []
         for topic, column in self._columns.items():
             if any(map(math.isfinite, column.values())):
@@ -103,26 +104,24 @@ class ForceStrip:
 
 
 class LiveSession:
-    """A viewer of a session, for as long as the explorer lives.
+    """Viewer of a session, active during the explorer's lifetime.
 
     Args:
-        address: that `twin shadow --live` has printed.
+        address: address printed by `twin shadow --live`.
 
     Attributes:
-        version: grows with all that is heard.
-        accepted: parameters of the robot with their values, see `twin.studies.shadow.live_view.accepted_values`.
-
-    Raises:
-        InputRefused: the address is none.
+        version: counter that increases with every received message.
+        accepted: accepted parameters of the robot, see `twin.studies.shadow.live_view.accepted_values`.
     """
 
     def __init__(self, address: str):
         found = ADDRESS_PATTERN.fullmatch(address.strip())
         if not found or int(found[1]) > 65535:
-            # what stands behind the question mark may be a token
+            # the part after the question mark may be a token, which must not be printed
             got = address.strip().partition("?")[0]
             raise InputRefused(
-                f"--follow {got!r}: expected the address that twin shadow --live has printed, ws://{LOOPBACK_HOST}:8765/?token=..."
+                f"--follow {got!r}: expected the address that twin shadow --live has printed, "
+                f"ws://{LOOPBACK_HOST}:8765/?token=..."
             )
         self._port, self._token = int(found[1]), found[2] or ""
         self.name, self.version = f"ws://{LOOPBACK_HOST}:{self._port}", 0
@@ -141,9 +140,9 @@ class LiveSession:
         self._watches = "" if self._token else f"Watching only: --follow has no token. {TOKEN_REMEDY}"
 
     def to_dict(self) -> dict[str, Any]:
-        """What is known now, for the page."""
+        """Return the current state of the session, JSON-serialisable."""
         silent = "" if EVENTS_TOPIC not in self._types or ALARM_TOPIC in self._types else (
-            "No alarms, and so no proposals: twin shadow runs without an alarm; its text says why."
+            "No alarms, and so no proposals: twin shadow runs without an alarm; its output states the reason."
         )  # fmt: skip
         return {
             "problem": self._problem,
@@ -158,7 +157,7 @@ class LiveSession:
         }
 
     async def attend(self) -> None:
-        """Listen, and try again whenever that has ended; for ever."""
+        """Listen to the session, and reconnect whenever the connection ends; runs forever."""
         while True:
             self._problem = terminal_text(await self._listen())
             self._connection = None
@@ -167,12 +166,12 @@ class LiveSession:
             await asyncio.sleep(RETRY_INTERVAL)
 
     async def _listen(self) -> str:
-        """Until there is nothing to listen to any more; why, a sentence."""
+        """Listen until the connection ends; return the reason as a sentence."""
         found = False
         try:
             with socket.socket() as there:
                 there.setblocking(False)
-                # whatever name the address has, the session is here
+                # connect to the loopback address whatever host name was given
                 await asyncio.get_running_loop().sock_connect(there, (LOOPBACK_HOST, self._port))
                 async with connect(
                     f"{self.name}/{self._token}", sock=there, subprotocols=SUBPROTOCOLS, compression=None,
@@ -201,16 +200,16 @@ class LiveSession:
         return f"The connection to {self.name} is lost: twin shadow has ended, or hangs. Trying again."
 
     def _protocol_error_text(self) -> str:
-        return f"What answers at {self.name} is no live server of twin; expected twin shadow --live. Trying again."
+        return f"The server at {self.name} is not a live server of twin; expected twin shadow --live. Trying again."
 
     async def _greet(self, connection: ClientConnection) -> None:
-        """Learn who is there; of a run nothing is subscribed to, for that would begin it."""
+        """Identify the peer and subscribe to its topics; a run gets no subscription, since that would start it."""
         self._begin_anew()
         async with asyncio.timeout(ANSWER_TIMEOUT):
             first = await _next_text(connection)
             if (first["op"], first["name"]) != ("serverInfo", "twin"):
                 raise NoSession(self._protocol_error_text())
-            # first, so that no change is missed
+            # subscribe before reading, so that no change is missed
             await connection.send(json.dumps({"op": "subscribeParameterUpdates", "parameterNames": []}))
             await connection.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
             answer: dict[str, Any] = {}
@@ -264,7 +263,7 @@ class LiveSession:
             self._answer[1].set_result(text)
 
     async def accept(self, proposal: object) -> str:
-        """Ask the twin to accept the `proposal` that a page has shown: why that was not done; "" if it was asked."""
+        """Forward acceptance of `proposal` to the twin. Return an error message, or ""."""
         async with self._lock:
             if self._connection is None or self._watches:
                 return self._problem or self._watches
@@ -282,7 +281,7 @@ class LiveSession:
 
 
 async def _next_text(connection: ClientConnection) -> dict[str, Any]:
-    """The next message that is text: between those the time comes."""
+    """Receive the next text message; binary messages before it are dropped, such as the time."""
     while isinstance(frame := await connection.recv(), bytes):
         pass
     found: dict[str, Any] = json.loads(frame)
@@ -290,7 +289,7 @@ async def _next_text(connection: ClientConnection) -> dict[str, Any]:
 
 
 def _message_type(channel: dict[str, Any]) -> type[Message]:
-    """The message class that the channel's own schema describes."""
+    """Build the message class from the channel's schema."""
     pool = DescriptorPool()
     for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
         pool.Add(file)

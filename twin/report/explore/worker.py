@@ -1,7 +1,7 @@
-"""The job of a process that runs experiments for pages: one answer after the other, warm.
+"""Job of the explorer's warm processes: answers a page's requests by running experiments.
 
-An answer is {"refused": sentence}, for an InputRefused or ComponentFailed of any operation, or what was asked for.
-Samples are 32 bit floats in base 64 under "block".
+An answer is {"refused": message} for an InputRefused or ComponentFailed of any operation, or its result. Samples are
+32-bit floats in base 64 under "block".
 """
 
 import base64
@@ -56,24 +56,27 @@ from twin.studies.paper.fig4_measures import Fig4Runs
 from twin.studies.results.stored import stored_runs
 
 MAX_WIDTH = 4000
-"""Pixels of a plot."""
+"""Maximum width of a plot (pixels)."""
 MAX_TICKS = 400_000
-"""Of an experiment that is run while a slider moves: about half a second, and half a gigabyte of rows."""
+"""Maximum duration of an explored experiment (ticks): about half a second to simulate, and half a gigabyte of rows."""
 
 Layout = Literal["", "fig4"]
-"""What takes the place of the panels: Fig. 4 as the paper has it; "": nothing."""
+"""Figure of the paper that replaces the panels: Fig. 4 in the paper's layout; "" for none."""
 MAX_RUNS = 100
-"""Of results/ that are offered."""
+"""Maximum number of runs of results/ in a list."""
 NO_MONITOR = "no monitor here"
-"""Reason where a number of the safety monitor would stand."""
+"""Reason for a missing number of the safety monitor."""
+_viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
+"""Form of a view request -> signals that its last run needed; the next run with this form keeps only these."""
 
 
 def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
-    """What a page asks; a job of the guard.
+    """Answer a page's request; a job for guarded processes.
 
     Args:
-        here: the folder in which the command was started; an FMU may have changed it.
-        ask: "op" and what belongs to it, as it came from the page: it may say anything.
+        here: working folder of the command; an FMU may have changed the current one.
+        base: fields of `PageBase`.
+        ask: the request, "op" and its fields, unchecked.
     """
     reporter.loading()
     os.chdir(here)
@@ -87,13 +90,13 @@ def answer_request(reporter: Reporter, here: str, base: dict[str, Any], ask: dic
 
 
 def _begin(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """What the command line says, taken apart: the base of all pages, and the state that a page begins with."""
+    """Parse the command line into the base of all pages and the initial state of a page."""
     held, state = first_state(base, ask["settings"])
     return {"base": asdict(held), "state": state, **_describe(held, {"state": state})}
 
 
 def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """What can be changed, and what is there to choose from."""
+    """Return the sliders of a state and the available drives, bodies, panels and faults."""
     state = parse_state(base, ask["state"])
     experiment = state.base_experiment
     return {
@@ -112,24 +115,20 @@ def _describe(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-_viewed_signals: dict[tuple[object, ...], frozenset[str]] = {}
-"""What was read of a run for what a page wants to see: of the next one no more is kept."""
-
-
 def _show(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """A state that was run: its numbers, and the panels that the page shows."""
+    """Run a state; return its numbers and the requested panels."""
     state, look = parse_state(base, ask["state"]), ViewRequest.from_request(ask)
     experiment = _check_duration(state.load())
     facts = {"title": experiment.title, "values": _derived_values(state, experiment), "command": state.command}
     try:
         return facts | _run_state(state, experiment, look, _viewed_signals.get(look.form, frozenset()))
     except UnknownSeries:
-        # another drive or controller has other signals
+        # another drive or controller has different signals
         return facts | _run_state(state, experiment, look, frozenset())
 
 
 def _check_duration(experiment: Experiment) -> Experiment:
-    """Return an experiment that is not too long to be run while a slider moves."""
+    """Refuse an experiment that is too long to be run while a slider moves; else return it."""
     if experiment.duration_ticks > MAX_TICKS:
         raise InputRefused(
             f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
@@ -139,7 +138,7 @@ def _check_duration(experiment: Experiment) -> Experiment:
 
 
 def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", only: frozenset[str]) -> dict[str, Any]:
-    """What a run of `experiment`, which is `state`, comes to; only those signals of it are kept; none: all of them."""
+    """Run `experiment`, built from `state`, keeping the signals `only` (empty for all); return the requested view."""
     trace, events = Trace(only=only), EventLog()
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
@@ -157,7 +156,7 @@ def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", on
         numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))
     run = PanelRun(trace, experiment.values, fields)
     if look.layout and figure_of(experiment) != look.layout:
-        raise InputRefused("layout: this experiment is none of the paper's Fig. 4")
+        raise InputRefused("layout: this experiment is not one of the paper's Fig. 4")
     found = look.picture(run, float(trace.t[-1]), fig4_runs(state, (experiment, trace)) if look.layout else None)
     _viewed_signals[look.form] = frozenset(run.used).union(FIG4_SERIES if look.layout else ())
     return found | {
@@ -172,7 +171,7 @@ def _run_state(state: PageState, experiment: Experiment, look: "ViewRequest", on
 
 
 def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
-    """Values of keys that follow from others that were changed, such as those of [plant] from [robot]."""
+    """Return values that follow from changed keys, such as those of [plant] from [robot]."""
     before = state.base_experiment.values
     there = known_sliders(state.base, state.drive, state.body)
     found = {key: value_at(experiment.values, key) for key in there if key not in state.values}
@@ -180,15 +179,14 @@ def _derived_values(state: PageState, experiment: Experiment) -> dict[str, Any]:
 
 
 class ViewRequest(NamedTuple):
-    """View of a run that a page asks for.
+    """View of a run that a page requests.
 
     Attributes:
-        titles: titles of panels.
-        span: from when to when (s).
+        span: begin and end (s).
         width: width of a plot (pixels).
         robot: whether the player is open.
-        listed: whether the answer lists the panels that the run has.
-        layout: figure of the paper that takes the place of the panels; "" for none.
+        listed: whether the answer lists all panels of the run.
+        layout: figure of the paper that replaces the panels; "" for none.
     """
 
     titles: list[str]
@@ -200,12 +198,12 @@ class ViewRequest(NamedTuple):
 
     @property
     def form(self) -> tuple[object, ...]:
-        """What decides on the signals that it needs."""
+        """Part of the request that determines the signals it needs."""
         return (tuple(self.titles), self.robot, self.listed, self.layout)
 
     @classmethod
     def from_request(cls, ask: Mapping[str, Any]) -> "ViewRequest":
-        """Return the view that a checked request asks for."""
+        """Parse the view of a checked request."""
         titles, span, width = ask.get("panels") or [], ask.get("span"), ask.get("width") or 0
         if span is not None and (len(span) != 2 or not 0.0 <= span[0] < span[1]):
             raise InputRefused("span: expected two times in s, the earlier one first")
@@ -218,12 +216,12 @@ class ViewRequest(NamedTuple):
         return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
     def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
-        """Return what the page wants to see of `run`, for JSON.
+        """Return the requested view of `run`, JSON-serialisable.
 
         Args:
-            run: a run, or a log that reads like one.
-            end: of the run (s).
-            fig4: the four runs of Fig. 4, whose panels take the place of the others; None: none do.
+            run: a run, or a log with the interface of one.
+            end: end of the run (s).
+            fig4: the four runs of Fig. 4, whose panels replace the others; None to show the requested panels.
         """
         block = DataBlock()
         span = self.span[0], min(self.span[1], end)
@@ -239,7 +237,7 @@ class ViewRequest(NamedTuple):
 
 
 def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """A run of results/, to be laid beside others."""
+    """Return the view of a run of results/, for comparison."""
     name = ask.get("run")
     if name not in [str(folder) for folder in _folders()]:
         raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
@@ -249,26 +247,27 @@ def _show_recording(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _log(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """A log of a robot, to be laid beside others."""
+    """Return the view of a robot's log, for comparison."""
     run, note = log_run(ask, parse_state(base, {}).base_experiment)
     found = ViewRequest.from_request(ask).picture(run, run.end)
     if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
         raise InputRefused(
             "the log has no signal of the plots that are shown; map its columns to encoder.count_m[0..2] and "
-            "count_l[0..2], or scale.F_z, in NAME.map.toml beside it (twin log new LOG writes one), or show other plots"
+            "count_l[0..2], or scale.F_z, in NAME.map.toml next to it (twin log new LOG writes one), or show other "
+            "plots"
         )
     return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
             **found}  # fmt: skip
 
 
 def _folders() -> list[Path]:
-    """Of finished runs, the newest first."""
+    """Return the folders of finished runs, the newest first."""
     runs = [run for home in (Path("results"), EXPLORED_FOLDER) for run in stored_runs(home) if run.is_finished]
     return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
 
 
 def _runs(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """What can be laid beside others: runs of results/, the newest first, and logs of robots."""
+    """List the runs of results/, the newest first, and the logs of robots, for comparison."""
     return {"runs": [str(folder) for folder in _folders()[:MAX_RUNS]], "logs": known_logs()}
 
 
@@ -277,22 +276,22 @@ def _save(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _command(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """How the state is run by `twin run`: checked, so that only a run that can be made is begun."""
+    """Return the `twin run` command of a state, after checking that the experiment can be loaded."""
     state = parse_state(base, ask["state"])
     state.load()
     return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
 
 
 def _onset(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return where `twin faults` lets a fault begin in contact (s), in the state without faults."""
+    """Return the onset (s) of a fault in contact, as `twin faults` chooses it, for the state without faults."""
     experiment = _check_duration(parse_state(base, ask["state"]).load())
     _, contact = default_onsets(healthy_run(replace(experiment, faults=())))
     return {"onset": contact * experiment.cosim.tick}
 
 
 def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """The loops at one operating point."""
-    # python-control takes a second to load
+    """Analyse the control loops of a state at one operating point."""
+    # imported here: python-control takes a second to load
     from twin.report.explore.loops import loops
 
     point = ask.get("point")
@@ -301,7 +300,7 @@ def _loops(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _score(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """What the runs of the paper's figure, with this state, say to its claims."""
+    """Judge the claims of the paper's figure with runs of this state."""
     return claims(parse_state(base, ask["state"]))
 
 
@@ -319,4 +318,4 @@ REQUEST_HANDLERS: Mapping[str, Callable[[PageBase, Mapping[str, Any]], dict[str,
     "loops": _loops,
     "score": _score,
 }
-"""By what a page asks for."""
+"""Operation -> function that answers it."""

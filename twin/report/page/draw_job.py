@@ -1,4 +1,4 @@
-"""The process that draws pictures; it imports matplotlib before it knows which."""
+"""The drawing process; imports matplotlib before it receives its task."""
 
 import pickle
 from pathlib import Path
@@ -13,7 +13,9 @@ from twin.kernel.process.reporter import Reporter
 
 
 def draw_picture(reporter: Reporter, draw: str, shown: Path, path: Path) -> None:
-    """A job of the guard: call the function `draw` with what the file `shown` holds (pickled); `path`: the picture."""
+    """Call the function `draw` with the pickled data in `shown`, to write a picture to `path`; a job for guarded
+    processes.
+    """
     with shown.open("rb") as file:
         content = pickle.load(file)
     load_function(draw)(content, path)

@@ -1,7 +1,4 @@
-"""Escaped HTML: no user text is taken for markup.
-
-All samples of a run as one text that a browser turns back into numbers fast.
-"""
+"""Escaped HTML, so that user text is never parsed as markup, and compact encoding of samples for a browser."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -18,37 +15,39 @@ DARK_MATRIX = (
     (-0.57, 0.15, -0.49, 1.03),
     (-0.52, -0.84, 0.46, 1.03),
 )
-"""Weights of red, green and blue (0 .. 1, sRGB) and a constant, a row for each of the new ones, which are then clipped.
+"""Colour matrix of the dark page: weights of red, green and blue (0 .. 1, sRGB) and a constant, a row for each new
+component; results are clipped.
 
-Light turned dark with every hue kept would make mud of yellow and orange, which are as light as the ground they lie on.
-These were fitted to the colours of `twin.studies.figure` (Powell's method, distances in CIELAB): white becomes the
-page's ground, ink light, and every colour a lighter one of its own name, as far from the others as it was."""
+Inverting the lightness while keeping each hue would turn yellow and orange, which are as light as the background, into
+muddy colours. This matrix was fitted to the colours of `twin.studies.figure` (Powell's method, distances in CIELAB):
+white becomes the page's background, ink light, and every colour a lighter one of the same name, with its distance from
+the others unchanged."""
 
 
 class Markup(str):
-    """HTML as it stands in the page; any other text is escaped where it is put into an element."""
+    """HTML of the page; any other text is escaped when it is put into an element."""
 
     __slots__ = ()
 
 
 def element(tag: str, *children: str, **attributes: str) -> Markup:
-    """`<tag attribute="...">children</tag>`; of an attribute's name `class_` gives class and `data_t` data-t."""
+    """Return `<tag attribute="...">children</tag>`; the keyword `class_` gives class, `data_t` gives data-t."""
     named = "".join(f' {key.strip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
     return Markup(f"<{tag}{named}>{join_markup(children)}</{tag}>")
 
 
 def join_markup(children: Iterable[str]) -> Markup:
-    """Children one after the other, those that are no markup escaped."""
+    """Concatenate children; escape those that are not `Markup`."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Markup:
-    """A table that scrolls in its own box where the screen is too narrow for it; the first cell heads its row.
+    """Return a table that scrolls in its own box on narrow screens; the first cell of each row is its heading.
 
     Args:
         head: titles of the columns.
-        rows: cells, as many in each.
-        label: what it shows, for who does not see it.
+        rows: cells, one per column.
+        label: description for screen readers.
     """
     titles = element("tr", *(element("th", title, scope="col") for title in head))
     lines = [
@@ -59,20 +58,20 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Mar
 
 
 def section(key: str, title: str, *children: str) -> Markup:
-    """A section of the page with its heading."""
+    """Return a section of the page with its heading."""
     heading = element("h2", title, id=f"{key}-title")
     return element("section", heading, *children, id=key, aria_labelledby=f"{key}-title")
 
 
 class DataBlock:
-    """The samples of one run, in the order in which they were added."""
+    """The samples of one run, in the order of their addition."""
 
     def __init__(self) -> None:
         self._parts: list[NDArray[np.float32]] = []
         self._length = 0
 
     def add(self, values: Curve) -> list[int]:
-        """[where they begin, how many there are] of `values`, of any shape, row by row."""
+        """Append `values` of any shape, row by row; return [index of the first, count]."""
         part = np.ravel(values).astype("<f4")
         place = [self._length, part.size]
         self._parts.append(part)
@@ -80,18 +79,18 @@ class DataBlock:
         return place
 
     def content(self) -> bytes:
-        """Everything added, 32 bit floats, little-endian."""
+        """Return all samples as 32-bit floats, little-endian."""
         return b"".join(part.tobytes() for part in self._parts)
 
     def text(self) -> str:
-        """Everything added, as `twin.studies.packing` writes it."""
+        """Return all samples as text in the encoding of `twin.studies.packing`."""
         return text_of(np.concatenate([np.empty(0, "<f4"), *self._parts]))
 
 
 def thin_samples(values: Curve, factor: int) -> Curve:
-    """Every `factor`-th part as many samples (n,) in which every peak remains: the extremes of every 2 `factor`.
+    """Thin `values` (n,) by `factor` without losing peaks: keep the extremes of every 2 `factor` samples, in order.
 
-    Of each pair the one that comes first stands first. Sample j lies within 2 `factor` samples of j times `factor`.
+    Sample j of the result is within 2 `factor` samples of j times `factor`.
     """
     if factor == 1:
         return values
@@ -102,12 +101,12 @@ def thin_samples(values: Curve, factor: int) -> Curve:
 
 
 def thinning_factor(samples: int, most: int) -> int:
-    """The factor by which `samples` have to be thinned so that about `most` are left."""
+    """Return the factor that thins `samples` to about `most`."""
     return max(1, math.ceil(samples / most))
 
 
 def dark_filter() -> Markup:
-    """The SVG filter `#dark` that the style sheet applies to pictures."""
+    """Return the SVG filter `#dark` that the style sheet applies to pictures."""
     rows = (f"{r:g} {g:g} {b:g} 0 {constant:g}" for r, g, b, constant in DARK_MATRIX)
     matrix = f'<feColorMatrix values="{" ".join(rows)} 0 0 0 1 0"/>'
     kind = 'id="dark" color-interpolation-filters="sRGB"'

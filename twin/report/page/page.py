@@ -1,4 +1,4 @@
-"""The report page: its sections of text and tables, gathered with plots and player into one file."""
+"""The report page: sections of text and tables, plots and player in one HTML file."""
 
 import base64
 import json
@@ -55,7 +55,7 @@ from twin.studies.paper.claim import ClaimFinding, standing_text, tally
 from twin.studies.result import Cell, Column, Table, wrap_text
 
 BUDGET_HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBER_COLUMNS)
-MEANING_HEAD = "what it means"
+MEANING_HEAD = "meaning"
 REASON_HEAD = "why so much, assumed"
 VERDICT_MARKS = {
     "holds": ("✓ holds", "good"),
@@ -66,24 +66,26 @@ VERDICT_MARKS = {
     "not scored": ("? not scored", ""),
 }
 MAX_BOXED_RUNS = 4
-"""Runs whose key numbers stand beside the verdict."""
+"""Maximum number of runs with key numbers next to the verdict."""
 MAX_OPEN_CLAIMS = 5
-"""Claims that are shown at once even if all of them hold."""
+"""Maximum number of claims that are unfolded even if all of them hold."""
 VERDICT_LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
 PAGE_ASSETS = files("twin.report.page") / "assets"
 PAGE_SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
-"""In an order in which each finds what it needs."""
+"""Scripts of the page, in the order of their dependencies."""
 REPORT_FILE = "report.html"
 COMPARISON_FOLDER = Path("results/report")
 FORCE_KEY = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
 SESSION_KEY = Markup(
     '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
 )
-"""What the player shows."""
+"""Legend of the player for a session."""
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
-    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off."""
+    """Return the accuracy section of a run: causes of its force error, the twin's own error, effects left out, and
+    wrong beliefs.
+    """
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
     added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
@@ -105,7 +107,7 @@ def accuracy(budget: budgeting.Budget, label: str) -> Markup:
             table(
                 ("not modelled", "at most, N", "why"),
                 [(what, f"{most:.3f}", why) for what, most, why in budgeting.NOT_MODELLED],
-                f"what is not modelled in {label}",
+                f"effects not modelled in {label}",
             ),
             element("h3", "If the controller believed"),
             element("p", others),
@@ -128,7 +130,7 @@ def _row(one: budgeting.Contribution) -> tuple[Cell, ...]:
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:
-    """Where the value of `key` comes from; the robot's own source where a table was filled from it."""
+    """Return the stated origin of the value of `key`; the robot's own if the table was filled from the robot."""
     for filled in FROM_ROBOT:
         if key not in origins and key.startswith(f"{filled}."):
             words = origins.get(f"robot{key.removeprefix(filled)}")
@@ -138,7 +140,7 @@ def source(key: str, origins: Mapping[str, str]) -> str:
 
 
 def parameters(run: ReportRun) -> Markup:
-    """Every value of the experiment, table by table; those that were set on the command line are marked."""
+    """Return all values of the experiment, table by table; values set on the command line are marked."""
     rows = []
     for key, value in flatten(run.values):
         name, unit = name_and_unit(DECLARED_TABLES, key)
@@ -149,7 +151,7 @@ def parameters(run: ReportRun) -> Markup:
 
 
 def differences(runs: Sequence[ReportRun]) -> list[tuple[str, ...]]:
-    """(what, unit, its value in each run ...) of every parameter, FMU and version that is not the same in all."""
+    """Return (name, unit, value in each run ...) of every parameter, FMU and version that differs between the runs."""
     return [
         (*name_and_unit(DECLARED_TABLES, key), *values)
         for key, values in differing_values([_recorded_values(run) for run in runs]).items()
@@ -162,12 +164,12 @@ def _recorded_values(run: ReportRun) -> dict[str, str]:
 
 
 def command(run: ReportRun) -> str:
-    """Return the command that makes this recording again, in the folder where it was made."""
+    """Return the command that reproduces this recording, in the folder where it was made."""
     return run_command(repeating_words(run.summary, run.name, options(run.values, run.origins)))
 
 
 def provenance(run: ReportRun) -> Markup:
-    """Command, seed, hash of the recording, versions; the whole experiment to take away."""
+    """Return command, seed, recording hash and versions of a run, and its whole experiment for download."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("command of its experiment" if run.recording.deviations else "command", element("code", command(run))),
@@ -186,7 +188,7 @@ def provenance(run: ReportRun) -> Markup:
 
 
 def drives(run: ReportRun) -> Markup:
-    """Every FMU: which joint, file, model, FMI version, tool, hash, what was set, how its names were mapped."""
+    """Return a table of the FMUs: joint, file, model, FMI version, tool, hash, settings, signal mapping."""
     joints: dict[str, list[str]] = {}
     for name, fmu in run.fmus.items():
         joints.setdefault(json.dumps(fmu), []).append(name.removeprefix("drive_"))
@@ -203,7 +205,7 @@ def drives(run: ReportRun) -> Markup:
                 fmu["file"],
                 fmu["model"],
                 fmu["fmi"] + (" model exchange" if fmu["kind"] == "model_exchange" else ""),
-                fmu["generation_tool"] or "not said",
+                fmu["generation_tool"] or "not stated",
                 element("code", fmu["sha256"]),
                 settings or "nothing",
                 join_markup([element("div", text) for text in fmu["mapped"]]),
@@ -214,7 +216,7 @@ def drives(run: ReportRun) -> Markup:
 
 
 def timing(runs: Sequence[ReportRun]) -> Markup:
-    """How long the runs took, and each component's share where it was measured."""
+    """Return a table of the runs' durations, and of each component's time per tick if it was measured."""
     rows = []
     for text, key, unit in (
         ("simulated", "simulated", "s"),
@@ -237,7 +239,7 @@ def _format_value(value: object, unit: str) -> str:
 
 
 class Section(NamedTuple):
-    """A section of the page, and what the list of contents calls it."""
+    """A section of the page; `title` is also its text in the table of contents."""
 
     key: str
     title: str
@@ -247,7 +249,7 @@ class Section(NamedTuple):
 def sections(
     runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence[budgeting.Budget] = ()
 ) -> list[Section]:
-    """Everything after the replay; `budgets`: of each run, or none."""
+    """Return all sections after the player; `budgets` is empty or has one budget per run."""
     budget = _accuracies(runs, budgets) if budgets else None
     found = [
         ("numbers", "Claims and measures", numbers(runs, verdict)),
@@ -268,11 +270,13 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) 
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
-    """The first section: the sentence, four numbers of each run or `key_numbers`, and the remarks. All other numbers
-    come after the player, which stands beside it."""
+    """Return the first section: headline, four numbers of each run or `key_numbers`, and remarks.
+
+    The player is next to it; all other numbers follow after the player.
+    """
     mark, look = VERDICT_LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
-    # of more runs the table of measures is the place
+    # more runs are compared in the table of measures
     parts += [key_numbers or _boxes(runs)] if len(runs) <= MAX_BOXED_RUNS else []
     if verdict.remarks:
         parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
@@ -280,7 +284,7 @@ def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers
 
 
 def _boxes(runs: Sequence[ReportRun]) -> Markup:
-    """Four numbers of what truly happened, the same of each run, under its name if there are several."""
+    """Return four key numbers of the true signals, the same for each run, labelled if there are several runs."""
     groups = []
     for run, found in zip(runs, key_measures(runs), strict=True):
         boxes = [
@@ -298,20 +302,20 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
 
 
 def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
-    """What stands behind the verdict: the claims, the measures, what differs between the runs."""
+    """Return the basis of the verdict: claims, measures, and differences between the runs."""
     parts = [_claims(group) for group in verdict.groups]
     parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
     if len(runs) > 1:
-        head = ("what differs", "unit", *(run.label for run in runs))
+        head = ("difference", "unit", *(run.label for run in runs))
         rows = differences(runs)
         parts.append(element("h3", "Differences"))
         same = element("p", "Nothing in experiments, FMUs and versions.")
-        parts.append(table(head, rows, "what differs between the runs") if rows else same)
+        parts.append(table(head, rows, "differences between the runs") if rows else same)
     return join_markup(parts)
 
 
 def events(run: ReportRun) -> Markup:
-    """What happened when; a click on a time goes there. Phases of tasks, which are many, are folded away."""
+    """Return the table of events; a click on a time moves the player. Phases of tasks, which are many, are folded."""
     rows = {
         debug: [
             (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
@@ -354,7 +358,7 @@ def _claim(finding: ClaimFinding) -> tuple[str, ...]:
 
 
 def _measures(runs: Sequence[ReportRun]) -> Markup:
-    """A measure per line, a run per column."""
+    """Return the table of measures: a measure per row, a run per column."""
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
@@ -372,7 +376,7 @@ def _measure(measure: RunMeasure | None) -> Markup:
 
 
 def _number(measure: RunMeasure) -> str:
-    """The true value, or why there is none."""
+    """Return the true value of a measure, or the reason why it is missing."""
     return f"none ({measure.reason})" if math.isnan(measure.true) and measure.reason else number_text(measure.true)
 
 
@@ -385,7 +389,7 @@ def _folded_parameters(run: ReportRun) -> Markup:
 
 
 def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:
-    """One run plainly, several under their names."""
+    """Return the section written by `write` for one run, or those of several runs under their labels."""
     if len(runs) == 1:
         return write(runs[0])
     return join_markup([part for run in runs for part in (element("h3", run.label), write(run))])
@@ -397,19 +401,20 @@ def write_report(
     budget: bool = False,
     say: Say = ignore_progress,
 ) -> Answer:
-    """Write the report on the runs meant by `runs`.
+    """Write the report on the runs at `runs`.
 
     Args:
-        runs: at least one; see `report_runs`.
-        out: the file; None: report.html beside the recording, of several runs in results/report.
-        budget: run each experiment again without its imperfections, one after the other, for its accuracy budget.
-        say: called with what is being run.
+        runs: at least one path; see `report_runs`.
+        out: file; None for report.html in the recording's folder, or in results/report for several runs.
+        budget: whether to run each experiment again without its imperfections, one after the other, for its accuracy
+            budget.
+        say: callback for the current run.
 
     Raises:
-        RecordingRefused: a recording is missing, empty, damaged or foreign.
-        InputRefused: a run is given twice, holds no samples or has no budget, or there can be no file there.
-        NotWritten: the disk refuses; a page that was there stays.
-        ComponentFailed: a component failed while a budget was made.
+        RecordingError: a recording is missing, empty, damaged or not twin's.
+        InputRefused: a run is given twice, has no samples or no budget, or `out` cannot be a file.
+        NotWritten: the disk refuses; an existing page stays.
+        ComponentFailed: a component failed in a run for the budget.
     """
     shown = report_runs(runs)
     path = out or (shown[0].recording.path.parent if len(shown) == 1 else COMPARISON_FOLDER) / REPORT_FILE
@@ -435,7 +440,10 @@ def write_report(
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:
-    """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
+    """Return (HTML, headline) of the page on `runs`; `budgets` is empty or has one budget per run.
+
+    The same recordings, summaries and budgets give the same text.
+    """
     judged = verdict(runs)
     with picture(runs, judged) as drawn:
         data, factor = _data(runs)
@@ -445,7 +453,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] =
 
 
 def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
-    """(HTML, first sentence) of sessions beside a robot."""
+    """Return (HTML, headline) of the page on sessions with a robot."""
     judged = session_verdict(runs)
     data, factor = _data(runs, SESSION_PANELS, "estimator", "plant")
     found = [
@@ -472,7 +480,7 @@ def _fill_template(
     factor: int,
     key: Markup = FORCE_KEY,
 ) -> str:
-    """The HTML of a page with plots and player; `first` is its first section, `parts` are those behind these."""
+    """Return the HTML of a page with plots and player, `first` before these, and `parts` after these."""
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
     return Template((PAGE_ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
         title=join_markup([title]),
@@ -494,9 +502,9 @@ def _fill_template(
 def _data(
     runs: Sequence[ReportRun], shown: Sequence[Panel] | None = None, robot: str = "plant", model: str = ""
 ) -> tuple[dict[str, Any], int]:
-    """What the scripts of the page work on, and the factor by which samples are thinned."""
+    """Return the data for the page's scripts, and the thinning factor of the samples."""
     blocks = [DataBlock() for _ in runs]
-    # side by side: what adds up and compresses holds no lock
+    # in threads: hashing and compression release the GIL
     with ThreadPoolExecutor(2) as pool:
         pool.map(lambda run: run.sha256, runs)
         panels, factor = curves(runs, blocks, shown)
@@ -531,7 +539,7 @@ def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:
 
 
 def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None]) -> Markup:
-    """Which run the player shows; nothing to choose with one."""
+    """Return the menu that selects the run in the player; empty for one run."""
     if len(runs) == 1:
         return Markup()
     options = [
@@ -543,7 +551,7 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 
 
 def _json(data: object) -> str:
-    """JSON that cannot end the script element it stands in, whatever texts it holds."""
+    """Encode as JSON that cannot end its script element, whatever texts it contains."""
     return json.dumps(to_dict(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
@@ -554,12 +562,12 @@ def plain_page(
     links: Sequence[tuple[str, str]],
     made_of: str = "",
 ) -> str:
-    """The HTML of a page.
+    """Return the HTML of a page without plots, player and scripts.
 
     Args:
-        sections: key, title and content of each.
-        links: key of a section and text, for the head.
-        made_of: what follows "Made by twin VERSION" at its foot.
+        sections: key, title and content of each section.
+        links: key and text of each link in the head.
+        made_of: text after "Made by twin VERSION" in the footer.
     """
     return Template((PAGE_ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
         title=join_markup([title]),

@@ -1,4 +1,4 @@
-"""The plots of a report, panel by panel: truth beside belief, then the drives; with samples."""
+"""Plots of a report, panel by panel: true and believed signals, then the drives; and the samples of their curves."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,26 +16,26 @@ from twin.studies.metrics.response import Curve
 from twin.studies.panel import Panel, PanelCurve, Reader, Role, Samples
 
 POSE_RATE = 50.0
-"""Poses a second; between them the player goes straight."""
+"""Poses per second; the player interpolates linearly between them."""
 MAX_FRAMES = 20_000
-"""Of a long run fewer a second are kept."""
+"""Maximum number of poses; a long run has fewer per second."""
 MM, DEG = 1e3, math.degrees(1.0)
 JOINTS = (0, 1, 2)
 MAX_SAMPLES = 4_000_000
-"""In a page: about 4 MB, and a dozen milliseconds of decoding."""
+"""Maximum number of samples in a page: about 4 MB, and a dozen milliseconds of decoding."""
 CONTRACT_SIGNALS = ("theta_m", "omega_m", "tau_motor")
-"""What every drive has to say."""
+"""Signals of every drive."""
 PATCH_HALF_WIDTH, PATCH_FIELDS = 45.0, 10
-"""Half the width of the surface that is drawn (mm), and into how many fields."""
+"""Half the width of the displayed surface (mm), and its number of fields."""
 
 
 class PanelRun:
-    """A run with the values of its experiment, as panels and the player read it.
+    """A run with the values of its experiment, for panels and player.
 
     Attributes:
         view: the run.
         values: checked values of the experiment, keys with units.
-        fields: fields of the signals that it has samples of.
+        fields: fields of the signals that have samples.
         used: signals that were read.
     """
 
@@ -58,15 +58,11 @@ class PanelRun:
         return max(float(self.time(_topic(key))[-1]) for key in self.fields)
 
     def has(self, *keys: str) -> bool:
-        """Return whether it has samples of all these signals."""
+        """Return whether the run has samples of all these signals."""
         return all(key in self.fields for key in keys)
 
     def column(self, key: str, column: int | None) -> Curve:
-        """Return the samples of a signal, or of one column of it.
-
-        Raises:
-            UnknownSeries: the run lacks it.
-        """
+        """Return the samples of a signal, or of one column of it."""
         self.used.add(key)
         values = self.view[key]
         return values if column is None else values[:, column]
@@ -83,15 +79,14 @@ def _topic(key: str) -> str:
 def scene(
     run: PanelRun, block: DataBlock, most: int = MAX_FRAMES, robot: str = "plant", model: str = ""
 ) -> dict[str, Any] | None:
-    """A run for the player, mm and N; None if it does not say where the robot is. Poses, at most so many, go into
-    `block`.
+    """Return a run for the player, mm and N; None without poses of the robot. At most `most` poses go into `block`.
 
-    `frames` says where they begin, each column of all n frames together: A (9), p_B (3), displacement of the surface
-    (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator), and A and p_B of a second robot.
+    `frames` has their place in the block, each column of all n frames together: A (9), p_B (3), displacement of the
+    surface (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator), and A and p_B of a second robot.
 
     Args:
-        robot: topic that has its pose.
-        model: topic that has the pose of a second robot, which is drawn over it; "": there is none.
+        robot: topic with its pose.
+        model: topic with the pose of a second robot, drawn over the first; "" for none.
     """
     lengths = [run.values.get("plant", {}).get(f"{name}_mm") for name in Geometry._fields]
     poses = [f"{topic}.{name}" for topic in filter(None, (robot, model)) for name in ("theta_l", "p_B")]
@@ -122,19 +117,19 @@ def scene(
 
 
 def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
-    """Points of the untouched surface in B, (LINES + 1, LINES + 1, 3), mm, apex in the middle.
+    """Return points of the untouched surface in B, (PATCH_FIELDS + 1, PATCH_FIELDS + 1, 3), mm, apex in the middle.
 
     Args:
-        contact: the experiment's [contact]. Shapes and axes are those of `twin.robot.plant.contact`.
+        contact: [contact] of the experiment; shapes and axes as in `twin.robot.plant.contact`.
     """
     tilts = SimpleNamespace(**{name: math.radians(contact.get(f"{name}_deg", 0.0)) for name in ("tilt", "tilt_x")})
     e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))
     shape, radius = contact.get("shape", "plane"), contact.get("radius_mm", math.inf)
-    # round bodies are drawn to where they fall away by 45 degrees at most
+    # draw round bodies up to a slope of at most 45 degrees
     reach = np.linspace(-1.0, 1.0, PATCH_FIELDS + 1) * min(PATCH_HALF_WIDTH, 0.5 * radius)
     w_1, w_2 = np.meshgrid(reach, reach, indexing="ij")
     across = {"sphere": w_1**2 + w_2**2, "cylinder_x": w_2**2, "cylinder_y": w_1**2}.get(shape)
-    # R - sqrt(R^2 - w^2) without the cancellation that a large R would bring
+    # equals R - sqrt(R^2 - w^2), without the cancellation at large R
     drop = 0.0 * w_1 if across is None else across / (radius + np.sqrt(radius * radius - across))
     points = w_1[..., None] * e_1 + w_2[..., None] * e_2 - drop[..., None] * n
     points[..., 2] += contact["height_mm"]
@@ -146,7 +141,7 @@ def _or_still(run: PanelRun, key: str, t: Curve) -> Curve:
 
 
 def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
-    """Reads `topic.field`, one `column` of it, times `scale`."""
+    """Return a reader of `topic.field`, or of one `column` of it, times `scale`."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(key):
@@ -157,7 +152,7 @@ def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
 
 
 def deviation(axis: int) -> Reader:
-    """Reads how far the platform truly is from the pre-defined reference, mm."""
+    """Return a reader of the platform's true deviation from the pre-defined reference along `axis`, mm."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has("plant.p_B", "controller.p_ref_B"):
@@ -169,14 +164,14 @@ def deviation(axis: int) -> Reader:
 
 
 def surface_height(run: PanelRun) -> Samples | None:
-    """Reads where the apex of a surface that moves is, mm."""
+    """Return times (s) and heights (mm) of the apex of a moving surface; None if the surface does not move."""
     if not run.has("body.s_B") or "contact" not in run.values:
         return None
     return run.time("body"), run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)
 
 
 def spring_deflection(joint: int, motor: str, load: str) -> Reader:
-    """Reads a spring's deflection theta_m - N theta_l (Eq. 20, before the dead zone), deg, motor side."""
+    """Return a reader of a spring's deflection theta_m - N theta_l (Eq. 20, before the dead zone), deg, motor side."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(motor, load) or "N" not in run.values.get("plant", {}):
@@ -190,7 +185,7 @@ def spring_deflection(joint: int, motor: str, load: str) -> Reader:
 
 
 def commanded_speed(joint: int) -> Reader:
-    """Reads the drive's command, rad/s: by the last of the components between controller and drives."""
+    """Return a reader of the drive's command, rad/s, from the last component between controller and drives."""
 
     def samples(run: PanelRun) -> Samples | None:
         last = next(
@@ -275,14 +270,14 @@ RUN_PANELS = (
 
 
 def panels(runs: Iterable[PanelRun], shown: Sequence[Panel] | None = None) -> list[Panel]:
-    """The panels, of those of runs or `shown`, of which any of `runs` has something to show."""
+    """Return the panels that have data in any of `runs`, out of `shown` or the panels of runs."""
     runs = list(runs)
     asked = (*RUN_PANELS, *_own_panels(runs)) if shown is None else shown
     return [panel for panel in asked if _shows_something(panel, runs)]
 
 
 def _own_panels(runs: Sequence[PanelRun]) -> list[Panel]:
-    """What drives say beyond the contract: a panel per name, a curve per joint."""
+    """Return panels of the drives' own signals beyond the contract: a panel per name, a curve per joint."""
     fields = {key: field for run in runs for key, field in run.fields.items() if key.startswith("drive/")}
     names = {
         field.name: field.unit for field in fields.values() if field.name not in CONTRACT_SIGNALS and field.size == 1
@@ -305,10 +300,10 @@ def _shows_something(panel: Panel, runs: Sequence[PanelRun]) -> bool:
 def curves(
     runs: Sequence[PanelRun], blocks: Sequence[DataBlock], shown: Sequence[Panel] | None = None
 ) -> tuple[list[dict[str, Any]], int]:
-    """(panels for JSON, factor by which samples are thinned); the samples of each run go into its block.
+    """Return (JSON-serialisable panels, thinning factor of the samples); samples of each run go into its block.
 
-    A curve is [first sample in the block, number, time of the first (s), time from one to the next (s)]; null where a
-    run does not have it.
+    A curve is [index of its first sample in the block, count, first time (s), time step (s)]; None for a run without
+    it.
     """
     found = [
         (panel, [(quantity, [quantity.read(run) for run in runs]) for quantity in panel.quantities])
@@ -335,12 +330,12 @@ def curves(
 
 
 def panel_facts(panel: Panel, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """What a page gets of a panel, beside its `rows`."""
+    """Return the page's data of a panel with `rows`."""
     return {"title": panel.title, "unit": "" if panel.unit == "1" else panel.unit, "rows": rows}
 
 
 def row_facts(quantity: PanelCurve) -> dict[str, Any]:
-    """What a page gets of a quantity, beside its curves."""
+    """Return the page's data of a quantity without its curves."""
     return {"label": quantity.label, "role": quantity.role, "member": quantity.member, "shown": quantity.shown}
 
 

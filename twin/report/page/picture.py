@@ -1,4 +1,4 @@
-"""The picture of a report: the paper's figure of its runs, or one run laid out like Fig. 4."""
+"""The picture of a report: the paper's figure of its runs, or one run in the layout of Fig. 4."""
 
 import base64
 import pickle
@@ -23,17 +23,18 @@ from twin.studies.paper.fig4_measures import Fig4Run
 from twin.studies.paper.fig5 import Fig5Score, shown_tasks
 
 POLL_INTERVAL, DRAW_TIMEOUT = 0.05, 60.0
-"""How often (s) it is looked whether that process still lives, and for how long it is waited for."""
+"""Interval (s) at which the drawing process is checked, and timeout (s) of drawing."""
 
 MAX_PICKLE_BYTES = 200_000_000
-"""Bytes that are handed over; to write and read more would take time and room, and a minute of drawing is ahead."""
+"""Maximum size of data passed to the drawing process (bytes); writing and reading more would cost too much time and
+disk space."""
 FIG4_SERIES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
     "estimator.F_ee_B", "plant.p_B", "plant.F_ee_B",
 )  # fmt: skip
-"""Series of a run that is laid out like Fig. 4."""
+"""Series that a run in the layout of Fig. 4 needs."""
 MAX_MAGNIFICATION = 2.0
-"""Most pixels of the page for a pixel of a picture."""
+"""Maximum magnification of a picture on the page."""
 ROLE_STYLES = {
     "shifted": {"color": FP_REFERENCE, "lw": 1.2}, "reference": {"color": PRE_DEFINE, "lw": WIDE_LINE},
     "belief": {"color": FP_BASED, "lw": WIDE_LINE}, "truth": TRUE_STYLE,
@@ -43,12 +44,12 @@ FRICTION_STYLES = {"belief": {"color": FP_BASED, "lw": THIN_LINE}, "truth": TRUE
 
 @contextmanager
 def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], bytes]]:
-    """What waits for a picture that is being drawn, and returns its content (PNG).
+    """Start drawing a picture, if possible in another process, and yield a function that waits for its PNG bytes.
 
     Args:
-        draw: "module:function", which is called as `draw(shown, path)`.
-        shown: what can be pickled.
-        size: of that (bytes), about.
+        draw: "module:function", called as `draw(shown, path)`.
+        shown: picklable data.
+        size: approximate size of the data (bytes).
     """
     waiting = claim_process(DRAW_JOB) if size <= MAX_PICKLE_BYTES else None
     with tempfile.TemporaryDirectory() as folder, waiting or nullcontext() as process:
@@ -56,7 +57,7 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
         if process:
             try:
                 with handed_over.open("wb") as file:
-                    # arrays go straight to the file
+                    # protocol 5 writes arrays to the file without a copy
                     pickle.dump(shown, file, protocol=5)
                 process.start({"draw": draw, "shown": handed_over, "path": path})
             except OSError:
@@ -71,7 +72,7 @@ def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], by
 
 
 def _wait_until_done(process: GuardedProcess) -> bool:
-    """Whether it has done what it was asked for, which is waited for; whatever is in its way, there is another."""
+    """Wait for the drawing process; return whether it succeeded. If not, the caller draws the picture itself."""
     while not process.gone and process.age < DRAW_TIMEOUT:
         for report in process.reports(POLL_INTERVAL):
             return "finished" in report
@@ -79,15 +80,18 @@ def _wait_until_done(process: GuardedProcess) -> bool:
 
 
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
-    """What waits for a picture that is being drawn: Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out
-    like Fig. 4; None if none of these fits."""
+    """Start drawing the picture of `runs`; the context manager yields a function that waits for the picture.
+
+    Fig. 4 for its two runs, Fig. 5 for runs with tasks, the layout of Fig. 4 for one run; the function returns None for
+    any other runs.
+    """
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
         return _figure(runs, "twin.studies.paper.fig4_figure:draw_fig4", verdict.fig4, text)
     if verdict.fig5 is not None and (tasks := shown_tasks(verdict.fig5)):
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
-        # what was judged by cannot be pickled, and is not drawn
+        # findings cannot be pickled and are not drawn
         score = Fig5Score(tuple(replace(task, findings=()) for task in tasks), ())
         return _figure(runs, "twin.studies.paper.fig5_figure:draw_fig5", score, text)
     if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*FIG4_SERIES) and Fig4Run(runs[0].recording).is_in_step:
@@ -103,11 +107,11 @@ def _figure(runs: Sequence[ReportRun], draw: str, shown: object, text: str) -> I
 
 
 def figure(content: bytes, text: str) -> Markup:
-    """A PNG picture inside the page, with its caption."""
-    # a PNG file says its size right after its signature and the head of its first chunk; the page keeps that room free
+    """Return a figure with an embedded PNG picture and its caption."""
+    # the size is at a fixed offset of a PNG file; with it the browser reserves the space
     width, height = struct.unpack_from(">II", content, 16)
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
-    # a narrow one is no poster
+    # limit the magnification of narrow pictures
     style = f"max-width: {MAX_MAGNIFICATION * width:.0f}px"
     image = element(
         "img", src=source, alt=text, width=str(width), height=str(height), style=style, class_="picture"
@@ -116,7 +120,7 @@ def figure(content: bytes, text: str) -> Markup:
 
 
 def draw_one_run(run: PanelRun, path: Path) -> None:
-    """Write the picture of one run to `path` (PNG): the robot's own estimates coloured, the truth dotted."""
+    """Write the picture of one run to `path` (PNG): the robot's own estimates coloured, the true signals dotted."""
     friction = [
         Panel(f"F_{letter}", "N", (
             PanelCurve("estimated", "belief", series("estimator.F_ee_B", axis)),
@@ -127,7 +131,7 @@ def draw_one_run(run: PanelRun, path: Path) -> None:
     labels = ("z position (mm)", "F_z, pressing (N)", "F_x (N)", "F_y (N)")
     with style.picture(path, 12, 7.5, by_hand=True) as figure:
         grid = figure.subplots(2, 2, sharex=True)
-        # a layout that is worked out draws everything twice
+        # an automatic layout would draw everything twice
         figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)
         for axes, panel, letter, label in zip(grid.flat, (height, force, *friction), "ABCD", labels, strict=True):
             draw_panel(axes, panel, run, FRICTION_STYLES if panel in friction else ROLE_STYLES)

@@ -1,4 +1,4 @@
-"""A sweep, and drives compared, as one HTML file each that needs neither network nor script."""
+"""Pages without network or script: the results of a sweep, and the comparison of drives."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,24 +24,21 @@ PICTURE_CAPTIONS = {
     "metrics": "Each metric over all runs.",
 }
 PICTURE_PARTS = {"bands": "claims", "map": "best", "front": "front", "metrics": "metrics"}
-"""The part that a picture belongs to; where there is none it comes last."""
+"""Picture -> the part of the report that shows it; other pictures come last."""
 PART_NAMES = {
     "claims": "Claims", "best": "Best runs", "margins": "Margins", "drives": "Drives",
     "correlation": "Rank correlation", "indices": "Sobol indices", "front": "Pareto front", "metrics": "Metrics",
     "reasons": "Not done",
 }  # fmt: skip
-"""Of parts in the list of contents."""
+"""Part -> its text in the table of contents."""
 DRIVES_PAGE_FILE = "compare.html"
 
 
 def write_sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path], folder: Path) -> Path:
-    """Write the page into `folder`; its path. The same rows give the same text.
+    """Write the page of a sweep into `folder` and return its path. The same rows give the same text.
 
     Args:
-        pictures: files (PNG) by the names of `PICTURE_CAPTIONS`.
-
-    Raises:
-        NotWritten: it cannot be written.
+        pictures: PNG files by the names of `PICTURE_CAPTIONS`.
     """
     path = folder / SWEEP_PAGE_FILE
     write_text(path, sweep_page(sweep, asked, pictures))
@@ -49,7 +46,7 @@ def write_sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str,
 
 
 def sweep_page(sweep: SweepRows, asked: SweepQuery, pictures: Mapping[str, Path]) -> str:
-    """The HTML of `write_sweep_page`."""
+    """Return the HTML of the page of a sweep, see `write_sweep_page`."""
     drawn = {name: figure(path.read_bytes(), PICTURE_CAPTIONS[name]) for name, path in pictures.items()}
     found = [("verdict", "Verdict", element("p", headline(sweep, asked.by), class_="headline plain"))]
     for number, part in enumerate(parts(sweep, asked)):
@@ -77,21 +74,20 @@ def _content(part: ReportPart) -> list[Markup]:
 
 
 def _cell(text: str, part: ReportPart) -> str:
-    # the two ends of an interval stay on one line
+    # keep the two ends of an interval on one line
     unbroken = text.replace(" .. ", "\u00a0..\u00a0")
     note = part.notes.get(text)
     return join_markup([unbroken, element("small", note)]) if note else unbroken
 
 
 def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
-    """Write the page into `folder`; its path. The same facts and pictures give the same text.
+    """Write the page of a drive comparison into `folder` and return its path.
+
+    The same facts and pictures give the same text.
 
     Args:
-        facts: of `compare_drives`.
-        folder: where its pictures are, too.
-
-    Raises:
-        NotWritten: it cannot be written.
+        facts: result of `compare_drives`.
+        folder: folder of its pictures.
     """
     path = folder / DRIVES_PAGE_FILE
     write_text(path, drives_page(facts))
@@ -99,7 +95,7 @@ def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
 
 
 def drives_page(facts: Mapping[str, Any]) -> str:
-    """The HTML of `write_drives_page`."""
+    """Return the HTML of the page of a drive comparison, see `write_drives_page`."""
     names = [drive["drive"] for drive in facts["experiments"][0]["drives"]]
     sentences = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
     definitions = facts["definitions"]
@@ -118,7 +114,7 @@ def drives_page(facts: Mapping[str, Any]) -> str:
 
 
 def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> Markup:
-    """A measure per line, a drive per column."""
+    """Return the table of measures: a measure per row, a drive per column."""
     drives = experiment["drives"]
     rows = []
     values = [measured_values(drive["run_measures"]) for drive in drives]

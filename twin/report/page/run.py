@@ -1,4 +1,4 @@
-"""Runs of a report: recordings, the files beside them, and their measures."""
+"""Runs of a report: recordings, the files next to them, and their measures."""
 
 import hashlib
 import math
@@ -41,18 +41,18 @@ KEY_MEASURES = (
     *(ROWS_BY_KEY[key].text for key in HEADLINE_KEYS), "error since the first touch", "largest force", "lateral error",
     "the estimated position", "largest motor speed",
 )  # fmt: skip
-"""Names of measures, the one that says most about a run first."""
+"""Names of key measures, the most important first."""
 SCORED_MEASURES = (*COMPARED_MEASURES, "force_error", "lateral_error")
-"""Keys of the measures for which smaller is better."""
+"""Keys of the measures with "smaller is better"."""
 MAX_BOXED_NUMBERS, MAX_BOXED_PER_RUN = 4, 3
-"""Key numbers of a run, and of each of several: they stand side by side above the player."""
+"""Maximum number of key numbers of a single run, and of each of several: they are side by side above the player."""
 
 
 class RunMeasure(NamedTuple):
-    """A number about a run; `true` is judged, `believed` is the robot's own. NaN if there is none, for a `reason`.
+    """A measure of a run; `true` is judged, `believed` is the robot's own. NaN if missing, for a `reason`.
 
-    Infinity: it never happened. `short` is its name in a verdict on several runs, "" where less is not better.
-    `digits` after the point are shown in sentences and boxes; None to show four significant digits.
+    Infinity: the event never happened. `short` is its name in a verdict on several runs, "" if smaller is not better.
+    `digits` after the decimal point are shown in sentences and boxes; None to show four significant digits.
     """
 
     text: str
@@ -65,26 +65,26 @@ class RunMeasure(NamedTuple):
 
     @property
     def true_text(self) -> str:
-        """The true value as in the verdict: `0.094 N`, or "none"."""
+        """True value as in the verdict: `0.094 N`; "none" if missing."""
         if self.digits is None or not math.isfinite(self.true):
             return number_text(self.true, self.unit) or "none"
         return f"{fixed_point(self.true, self.digits)} {self.unit}".rstrip()
 
     @property
     def name(self) -> str:
-        """Short name, with the reason if the value does not exist."""
+        """Short name of the measure, with the reason if the value is missing."""
         return (self.short or self.text) + (f", {self.reason}" if math.isnan(self.true) else "")
 
 
 def number_text(value: float, unit: str = "") -> str:
-    """`value` with four digits; `never` for infinity, "" for NaN."""
+    """Format `value` with four significant digits; `never` for infinity, "" for NaN."""
     if math.isnan(value):
         return ""
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "never"
 
 
 class ReportRun(PanelRun):
-    """A recording with a label that no other run of the report has."""
+    """A recording with a label that is unique in the report."""
 
     def __init__(self, label: str, recording: Recording):
         # a system of FMUs has no experiment
@@ -93,7 +93,7 @@ class ReportRun(PanelRun):
 
     @property
     def name(self) -> str:
-        """Name of the experiment, or of the file of a system."""
+        """Name of the experiment, or of the system's file."""
         return _name_of(self.recording)
 
     @property
@@ -102,23 +102,23 @@ class ReportRun(PanelRun):
 
     @property
     def origins(self) -> dict[str, str]:
-        """Where each value comes from, by dotted key."""
+        """Source of each value, by dotted key."""
         return self.recording.metadata.get("origins", {})
 
     @cached_property
     def fmus(self) -> dict[str, dict[str, Any]]:
-        """What is recorded of each drive's FMUs, by `drive_1` or `drive_1.part`."""
+        """Recorded facts of each drive's FMUs, by `drive_1` or `drive_1.part`."""
         return recorded_fmus(self.recording.metadata, self.recording.path)
 
     @cached_property
     def sha256(self) -> str:
-        """Of the recording's file."""
+        """SHA-256 of the recording's file, as hex."""
         with self.recording.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The numbers that the run wrote beside its recording; empty if they are missing or no longer readable."""
+        """Numbers that the run wrote next to its recording; empty if missing or unreadable."""
         try:
             summary = read_json(self.recording.path.parent / SUMMARY_FILE)
         except InputRefused:
@@ -127,12 +127,12 @@ class ReportRun(PanelRun):
 
     @cached_property
     def outcome(self) -> Values:
-        """Its measures by key; empty without a true force."""
+        """Measures of the run by key; empty without a true force."""
         return self._measure(self.recording)
 
     @cached_property
     def believed_outcome(self) -> Values:
-        """Measures of the held force by the controller's own force."""
+        """Measures of the held force as estimated by the controller; empty without a controller."""
         return self._measure(BelievedRun(self.recording)) if self.has("controller.F_z") else {}
 
     def _measure(self, run: RunView) -> Values:
@@ -145,12 +145,12 @@ class ReportRun(PanelRun):
 
     @cached_property
     def measures(self) -> list[RunMeasure]:
-        """See the function of this name."""
+        """All measures of the run, see the function `measures`."""
         return measures(self)
 
     @property
     def size(self) -> int:
-        """Size of its samples (bytes)."""
+        """Size of the run's samples (bytes)."""
         return sum(stream.records.nbytes for stream in self.recording.streams.values())
 
 
@@ -161,13 +161,13 @@ def _name_of(recording: Recording) -> str:
 
 
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
-    """The runs meant by `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
+    """Read the runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
 
-    Runs of one experiment are distinguished by the name of their folder.
+    Labels of runs of one experiment include the name of their folder.
 
     Raises:
-        RecordingRefused: one is missing, empty, damaged or foreign.
-        InputRefused: one holds no samples, or is given twice.
+        RecordingError: a recording is missing, empty, damaged or not twin's.
+        InputRefused: a run has no samples, or is given twice.
     """
     recordings = [read(recording_in(path)) for path in paths]
     for path, recording in zip(paths, recordings, strict=True):
@@ -200,7 +200,7 @@ def outcome_text(run: ReportRun) -> str:
 
 
 def measures(run: ReportRun) -> list[RunMeasure]:
-    """All measures that `run` holds the series for, the force first."""
+    """Return all measures whose series `run` has, the force first."""
     found = _table_measures(run)
     if run.has("plant.F_ee_B"):
         found += _force(run)
@@ -214,14 +214,14 @@ def measures(run: ReportRun) -> list[RunMeasure]:
 
 
 def scored_values(run: ReportRun) -> dict[str, float]:
-    """What is judged of the truth, by short name; only what has a number, or never happened."""
+    """Return the true values of scored measures by short name; infinity for events that never happened, no NaN."""
     return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
 
 
 def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
     """Return the key numbers of each run: the first of `KEY_MEASURES` that all runs have.
 
-    Where a force is held, a first measure without a value is among them, as chatter that is too small to be reported.
+    If a force is held, first measures without a value count too, such as chatter below the reporting threshold.
     """
     found = [{name: m for m in run.measures for name in (m.short, m.text) if name and _is_key(m, run)} for run in runs]
     shared = [name for name in KEY_MEASURES if all(name in own for own in found)][
@@ -237,10 +237,10 @@ def _is_key(measure: RunMeasure, run: ReportRun) -> bool:
 
 
 def unscored_reasons(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
-    """Why measures are not there: what is missing -> their short names.
+    """Return why measures are missing: reason -> short names.
 
     Args:
-        asked: short names of the measures that are wanted besides those that a series is missing for.
+        asked: short names of measures to explain, in addition to those with a missing series.
     """
     wanted = {"its tasks": FIG5_SERIES} | SERIES_OF_MEASURES if run.values.get("task") else SERIES_OF_MEASURES
     lost = {name: [series for series in needs if not run.has(series)] for name, needs in wanted.items()}
@@ -260,11 +260,11 @@ def unscored_reasons(run: ReportRun, asked: Container[str]) -> dict[str, list[st
 
 
 def _table_measures(run: ReportRun) -> list[RunMeasure]:
-    """Return the measures of `twin.robot.run.measures`, true and, for a force, by the robot's own force."""
+    """Return the measures of `twin.robot.run.measures`, true and, for a force, as estimated by the robot."""
     found = []
     for measure in MEASURE_ROWS if run.outcome else ():
         one = run.outcome[measure.key]
-        # the robot has these by its own force, too
+        # only measures of the force exist for the robot's own estimate too
         own = run.believed_outcome.get(measure.key) if measure.key in FORCE_KEYS else None
         if one.value is None and measure.key not in HEADLINE_KEYS:
             continue
@@ -279,7 +279,7 @@ def _table_measures(run: ReportRun) -> list[RunMeasure]:
 def _force(run: ReportRun) -> list[RunMeasure]:
     t = run.time("plant")
     F_z = -run.recording["plant.F_ee_B"][:, 2]
-    # not the force's z component: pulling sideways on a tilted surface has one, too
+    # not the force's z component, which pulling sideways on a tilted surface has too
     touching = (run.recording["plant.F_n"] if run.has("plant.F_n") else F_z) > 0.0
     found = [RunMeasure("first touch at", "s", first_time(t, touching))]
     if np.any(touching) and run.has("controller.F_z"):

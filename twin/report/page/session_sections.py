@@ -1,4 +1,4 @@
-"""The page of sessions beside a robot: how well the twin followed, its alarms, what did not come, and when it came."""
+"""The page on sessions with a robot: residuals, alarms, missing samples, punctuality."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -24,9 +24,9 @@ from twin.studies.shadow.branching import LEAD_SPACING, LEAD_TIMES, PREDICTION_H
 from twin.studies.shadow.verdict import RunningStatistics
 
 MAX_GAPS = 30
-"""That are listed, the longest."""
+"""Maximum number of gaps that are listed, the longest ones."""
 GAP_RATIO = 1.5
-"""Periods between two samples; a longer one is a gap, as the session counts them."""
+"""Minimum length of a gap, in periods between two samples, as in the session."""
 UNFINISHED_TEXT = "The session did not come to its end, so this was not written down."
 WholeNumber = Annotated[int, Field(ge=0, lt=2**63)]
 RESIDUAL_TABLE = (
@@ -38,7 +38,7 @@ RESIDUAL_TABLE = (
     ("shadow.residual_F", "measured force, less what the filter expected", "N", 1.0),
     ("shadow.residual_tau", "torque of motor {}, less what the filter expected", "mN m", 1e3),
 )
-"""Residuals: what they are called, unit, and what SI is multiplied with."""
+"""Residuals: (signal, label, unit, factor from SI)."""
 COUNT_LABELS = {
     "samples": "samples", "missing": "missing", "gaps": "gaps", "incomplete": "incomplete", "invalid": "with NaN",
     "duplicates": "messages twice", "out_of_order": "out of order", "late": "too late",
@@ -47,32 +47,28 @@ COUNT_LABELS = {
 
 
 def is_session(recording: Recording) -> bool:
-    """Whether `twin shadow` has recorded it."""
+    """Return whether `twin shadow` made the recording."""
     return "shadow" in recording.metadata
 
 
 def require_sessions(runs: Sequence[ReportRun]) -> None:
-    """Of a robot no truth is known that a run could be compared with.
-
-    Raises:
-        InputRefused: one of `runs` is none of `twin shadow`.
-    """
+    """Refuse runs among sessions: a session has no true signals to compare a run with."""
     for run in runs:
         if not is_session(run.recording):
             raise InputRefused(
-                f"{run.recording.path}: records a run, and another one a session beside a robot; write a page for each "
+                f"{run.recording.path}: records a run, and another one a session with a robot; write a page for each "
                 "kind, or compare signals with twin compare"
             )
 
 
 class _RecordedModel(BaseModel):
-    """Out of a recording, which may come from anybody."""
+    """Base of records parsed from a recording, whose content is untrusted."""
 
     model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
 
 
 class StateChange(_RecordedModel):
-    """Of the alarm, see `WatchEvent`; without a channel there is no evidence."""
+    """A state change of the alarm, see `WatchEvent`; without a channel it has no evidence."""
 
     t_s: float
     state: str
@@ -86,7 +82,7 @@ class StateChange(_RecordedModel):
 
 
 class SessionFacts(_RecordedModel):
-    """What the page takes of `shadow_facts`."""
+    """The part of `shadow_facts` that the page shows."""
 
     counts: dict[str, WholeNumber]
     dropped: WholeNumber
@@ -104,10 +100,10 @@ class SessionFacts(_RecordedModel):
 
 
 def session_facts(run: ReportRun) -> SessionFacts | None:
-    """What the session came to, as it says itself; None if it did not come to its end.
+    """Return the recorded results of a session; None if it did not end normally.
 
     Raises:
-        InputRefused: that is damaged.
+        InputRefused: the results are damaged.
     """
     text = run.recording.metadata.get("followed", {}).get("facts")
     return None if text is None else _facts_of(text, run.recording.path)
@@ -120,11 +116,11 @@ def _facts_of(text: str, path: Path) -> SessionFacts:
     except ValidationError as mistake:
         first = mistake.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputRefused(f"{path}: what it says of its session is damaged: {place}: {first['msg']}") from None
+        raise InputRefused(f"{path}: its session results are damaged: {place}: {first['msg']}") from None
 
 
 def even_samples(read: Reader) -> Reader:
-    """Reads what `read` does, one sample a period: NaN where none came, so that gaps are seen."""
+    """Wrap a reader so that it gives one sample per period, with NaN for missing ones: gaps become visible."""
 
     def samples(run: PanelRun) -> Samples | None:
         found = read(run)
@@ -152,7 +148,7 @@ def _nis_samples(run: PanelRun) -> Samples | None:
 
 
 def predicted_samples(key: str, topic: str = "ahead") -> Reader:
-    """Reads of the predictions of `topic` the later half, one after the other; where there was none it is NaN."""
+    """Return a reader of the later half of each prediction of `topic`, concatenated; NaN in between."""
 
     def samples(run: PanelRun) -> Samples | None:
         if not run.has(f"{topic}.{key}", f"{topic}.made"):
@@ -182,10 +178,16 @@ SESSION_PANELS = (
         "Pressing force: by counts less measured", "N",
         (PanelCurve("residual", "truth", even_samples(series("residual/force.F_z"))),),
     ),
-    Panel("Commands: twin's controller less robot's", "rad/s", _three_curves("motor", "residual/command.omega_ref", 1.0)),
+    Panel(
+        "Commands: twin's controller less robot's", "rad/s",
+        _three_curves("motor", "residual/command.omega_ref", 1.0),
+    ),
     Panel("Joint angles: robot less what the filter expected", "deg", _three_curves("joint", "shadow.residual_l", DEG)),
     Panel("Motor angles: robot less what the filter expected", "deg", _three_curves("motor", "shadow.residual_m", DEG)),
-    Panel("Squared residuals by their variances, per count (NIS)", "1", (PanelCurve("NIS", "truth", even_samples(_nis_samples)),)),
+    Panel(
+        "Squared residuals by their variances, per count (NIS)", "1",
+        (PanelCurve("NIS", "truth", even_samples(_nis_samples)),),
+    ),
     Panel(
         "Alarm level", "1",
         (PanelCurve("largest sum by its threshold", "truth", even_samples(series("alarm.level"))),
@@ -216,7 +218,7 @@ SESSION_PANELS = (
 
 
 def session_verdict(runs: Sequence[ReportRun]) -> PageVerdict:
-    """How the sessions went: alarms first."""
+    """Judge the sessions; the headline begins with their alarms."""
     clauses, alarms, others, watched = [], list[str](), list[str](), True
     for run in runs:
         facts, note = session_facts(run), run.recording.note
@@ -239,7 +241,7 @@ def _source(run: ReportRun) -> str:
 
 
 def boxes(run: ReportRun) -> Markup:
-    """The numbers that say most."""
+    """Return the key numbers of a session."""
     facts, found = session_facts(run), []
     if joints := [one.rms for _, _, one in _residuals(run, RESIDUAL_TABLE[:1])]:
         found.append((f"{max(joints):.3g} deg", "joints off, rms, the worst"))
@@ -258,7 +260,7 @@ def boxes(run: ReportRun) -> Markup:
 
 
 def residuals(run: ReportRun) -> Markup:
-    """Every residual in numbers."""
+    """Return the table of all residuals."""
     rows = [
         (text, unit, f"{one.mean:+.3g}", f"{one.rms:.3g}", f"{one.largest:+.3g}", _time_button(one.largest_time))
         for text, unit, one in _residuals(run)
@@ -271,7 +273,7 @@ def residuals(run: ReportRun) -> Markup:
 def _residuals(
     run: ReportRun, shown: Sequence[tuple[str, str, str, float]] = RESIDUAL_TABLE
 ) -> list[tuple[str, str, RunningStatistics]]:
-    """What each is called, its unit, and its numbers in that."""
+    """Return (label, unit, statistics in that unit) of each residual."""
     found = []
     for key, text, unit, scale in shown:
         if not run.has(key):
@@ -287,7 +289,7 @@ def _residuals(
 
 
 def alarms(run: ReportRun) -> Markup:
-    """Every change of the alarm's state with its evidence."""
+    """Return the table of the alarm's state changes with their evidence."""
     facts = session_facts(run)
     if facts is None:
         return element("p", UNFINISHED_TEXT)
@@ -310,11 +312,11 @@ def alarms(run: ReportRun) -> Markup:
 
 
 def gaps(run: ReportRun) -> Markup:
-    """What did not come: counts, and the longest gaps."""
+    """Return the counts of missing and discarded samples, and the longest gaps."""
     facts, parts = session_facts(run), [element("p", UNFINISHED_TEXT)]
     if facts:
         rows = [(text, str(facts.counts[key])) for key, text in COUNT_LABELS.items() if key in facts.counts]
-        rows.append(("lost by the transport, as it says itself", str(facts.dropped)))
+        rows.append(("lost by the transport, as reported by it", str(facts.dropped)))
         parts = [table(("", "number"), rows, f"what came in {run.label}")]
     if longest := sorted(_gaps(run), key=lambda one: -one[1])[:MAX_GAPS]:
         found = [(_time_button(at), f"{length:.4g} s", str(missing)) for at, length, missing in longest]
@@ -326,7 +328,7 @@ def gaps(run: ReportRun) -> Markup:
 
 
 def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
-    """When each begins and how long it is (s), and how many samples are missing in it."""
+    """Yield begin (s), length (s) and number of missing samples of each gap."""
     t: Curve = run.time("encoder") if any(key.startswith("encoder.") for key in run.fields) else np.empty(0)
     if len(t) < 3:
         return
@@ -337,7 +339,7 @@ def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
 
 
 def punctuality(run: ReportRun) -> Markup:
-    """How late messages came, as a histogram; the robot's clock beside ours."""
+    """Return a histogram of the messages' lateness, and the robot's clock compared with this machine's."""
     facts = session_facts(run)
     if facts is None:
         return element("p", UNFINISHED_TEXT)
@@ -346,7 +348,7 @@ def punctuality(run: ReportRun) -> Markup:
         up_to = f"{1e3 * low:g} to {1e3 * bound:g} ms" if math.isfinite(bound) else f"more than {1e3 * low:g} ms"
         bins.append((up_to, total - before))
         before, low = total, bound
-    # up to the last one that has some
+    # up to the last bin with messages
     while bins and not bins[-1][1]:
         del bins[-1]
     most = max((count for _, count in bins), default=1)
@@ -360,12 +362,12 @@ def punctuality(run: ReportRun) -> Markup:
         ("late, at most", _ms(facts.lateness_largest_s)),
     ]
     if facts.clock_offset_s is not None:
-        clock.append(("the robot's clock is behind ours by", f"{facts.clock_offset_s:+.4f} s"))
+        clock.append(("the robot's clock is behind this machine's by", f"{facts.clock_offset_s:+.4f} s"))
     if facts.clock_drift is not None:
         clock.append(("and goes slow by", f"{1e6 * facts.clock_drift:+.1f} us per s"))
     if facts.in_hand_p99_s is not None:
-        clock.append(("from a sample in our hands to its estimate, 99 %", _ms(facts.in_hand_p99_s)))
-        clock.append(("from a sample in our hands to its estimate, at most", _ms(facts.in_hand_largest_s)))
+        clock.append(("from receipt of a sample to its estimate, 99 %", _ms(facts.in_hand_p99_s)))
+        clock.append(("from receipt of a sample to its estimate, at most", _ms(facts.in_hand_largest_s)))
     lateness = table(("later than the quickest", "messages", "share", ""), rows, f"lateness in {run.label}")
     return join_markup([lateness, element("h3", "Clock"), table(("", "is"), clock, f"clock in {run.label}")])
 
@@ -375,7 +377,7 @@ def _ms(seconds: float | None) -> str:
 
 
 def origin(run: ReportRun) -> Markup:
-    """What was followed, with what, and where that is recorded."""
+    """Return source, experiment and recording of a session."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("source", _source(run)),

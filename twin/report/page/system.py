@@ -1,4 +1,4 @@
-"""The page of systems of FMUs: signals by unit, events, timing, components with hashes."""
+"""The page on recordings of FMU systems: signals by unit, events, timing, components with hashes."""
 
 import json
 import tempfile
@@ -17,23 +17,20 @@ from twin.studies.figure import picture
 from twin.studies.result import count_text
 
 CURVE_SAMPLES = 4000
-"""Of a curve: more than a picture has columns."""
+"""Maximum number of samples of a curve; more than the pixels of a picture's width."""
 MAX_PANEL_CURVES, MAX_PANELS = 8, 24
-"""Of a panel, and of a run: who wants more of a large system records it by pattern and looks at it in a viewer."""
+"""Maximum number of curves of a panel, and of panels of a run; for more of a large system, record by pattern and use a
+viewer."""
 MAX_EVENTS = 500
 
 
 def is_system(recording: Recording) -> bool:
-    """Whether `twin cosim` has recorded it."""
+    """Return whether `twin cosim` made the recording."""
     return "system" in recording.metadata
 
 
 def system_sections(runs: Sequence[ReportRun]) -> tuple[str, list[tuple[str, str, Markup]]]:
-    """(first sentence, key, title and content of each section) of the page on `runs`.
-
-    Raises:
-        InputRefused: one is no recording of a system.
-    """
+    """Return the headline and (key, title, content) of each section of the page on `runs`."""
     for run in runs:
         if not is_system(run.recording):
             raise InputRefused(
@@ -61,7 +58,7 @@ def _sentence(run: ReportRun, before: str) -> str:
 
 
 def _signals(run: ReportRun) -> Markup:
-    """A picture for each unit, of panels of so many curves."""
+    """Return a picture for each unit, of panels with at most `MAX_PANEL_CURVES` curves."""
     by_unit: dict[str, list[tuple[str, str, int | None]]] = {}
     for key, field in run.recording.fields().items():
         for column in range(field.size):
@@ -88,7 +85,7 @@ def _draw_signals(run: ReportRun, unit: str, curves: Sequence[tuple[str, str, in
                 for name, key, column in shown:
                     t, values = run.time(key.rpartition(".")[0]), run.column(key, column).astype(float)
                     factor = thinning_factor(len(t), CURVE_SAMPLES)
-                    # the extremes stand where pairs of samples are
+                    # thinned samples are pairs of extremes; spread each pair over the times it covers
                     stamps = t if factor == 1 else np.interp(np.arange(-(-len(t) // (2 * factor)) * 2) * factor,
                                                              np.arange(len(t)), t)  # fmt: skip
                     axis.plot(stamps, thin_samples(values, factor), lw=1.0, label=name)
@@ -134,7 +131,7 @@ def _timing(run: ReportRun) -> Markup:
         if isinstance(value := run.summary.get(key), float)
     ]
     if not rows:
-        return element("p", "How long it took was not kept beside the recording.")
+        return element("p", "The duration was not saved with the recording.")
     return table(("", "time"), rows, f"time that {run.label} took")
 
 

@@ -1,4 +1,4 @@
-"""Verdict on the runs of a report: the outcome in a sentence, and the claims behind it."""
+"""Verdict on the runs of a report: a headline, and the claims that support it."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -15,15 +15,15 @@ from twin.studies.paper.fig4 import QUALITY_CLAIMS, fig4_score
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 
 FIG4_PREFIX = "fig4"
-"""How the names of experiments begin that follow the paper's Fig. 4."""
+"""Name prefix of experiments that follow the paper's Fig. 4."""
 IMPERFECT_PREFIX = "fig4_imperfect"
-"""How those begin of a robot and a scale that are not symmetrical."""
+"""Name prefix of experiments with a misaligned robot and scale."""
 TRUTH_TITLE = "Judged on the true contact force, force-position run"
 
 
 @dataclass(frozen=True)
 class RunGroup:
-    """Claims that belong together: of a figure, or of one task."""
+    """Claims of one figure or one task."""
 
     title: str
     findings: tuple[ClaimFinding, ...]
@@ -32,14 +32,14 @@ class RunGroup:
 
 @dataclass(frozen=True)
 class PageVerdict:
-    """How the runs went.
+    """Verdict on the runs.
 
     Attributes:
         headline: one sentence.
-        good: whether all is well; None if nothing was judged, or claims are among it that are known not to hold.
-        remarks: what one has to know besides, worst first.
-        groups: claims that were judged, empty if the runs are none that the paper says anything about.
-        fig4, fig5: what the paper's picture is drawn from, if it applies.
+        good: whether all claims hold; None if nothing was judged, or if claims are expected not to hold.
+        remarks: further remarks, worst first.
+        groups: judged claims; empty if the paper makes no claim about the runs.
+        fig4, fig5: data of the paper's picture; None if it does not apply.
     """
 
     headline: str
@@ -51,7 +51,7 @@ class PageVerdict:
 
 
 def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
-    """Judge `runs`: Fig. 4 if there is one with force control and one without, Fig. 5 every run of tasks."""
+    """Judge `runs`: Fig. 4 if there is one with and one without force control, Fig. 5 for every run of tasks."""
     pair, why_not = _fig4_runs(runs)
     with_tasks = [run.recording for run in runs if run.values.get("task") and run.has("controller.task")]
     fig5 = fig5_score(with_tasks) if with_tasks else None
@@ -61,7 +61,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         groups.append(RunGroup("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
         groups.append(RunGroup(TRUTH_TITLE, score.quality, OWN_CHECKS))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
-        # what we ask of the true force concerns this run alone
+        # twin's own checks of the true force need this run only
         groups.append(
             RunGroup(
                 TRUTH_TITLE,
@@ -98,7 +98,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
 
 
 def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Sequence[str]) -> str:
-    # of more than two the page would begin with a paragraph: they are remarks
+    # comparisons of more than two runs would make the headline a paragraph: they are remarks
     clauses = [*alarms[:1], *unscored_sentences(runs), *(comparison_sentences(runs) if len(runs) == 2 else ())]
     for name in dict.fromkeys(group.name for group in groups):
         findings = [finding for group in groups if group.name == name for finding in group.findings]
@@ -125,7 +125,10 @@ def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
 
 
 def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """What a run cannot be judged by although another one is, or because it lacks a series: it may hide a loss."""
+    """Describe the measures that a run lacks although another run has them, or for want of a series.
+
+    Without these sentences a missing measure could hide a loss.
+    """
     known = {name for run in runs for name in scored_values(run)}
     return [
         f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"
@@ -135,14 +138,14 @@ def unscored_sentences(runs: Sequence[ReportRun]) -> list[str]:
 
 
 def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[fig4_measures.Fig4Runs | None, list[str]]:
-    """The runs of Fig. 4, and what is to be said if one of the two is missing, or if they do not reach its end."""
+    """Return the runs of Fig. 4, or None and a message if one of the two is missing or they are too short."""
     asked = [run for run in runs if _is_fig4(run, "force_position") or _is_fig4(run, "position")]
     ideal, imperfect = (
         [run for run in asked if run.name.startswith(IMPERFECT_PREFIX) == is_so] for is_so in (False, True)
     )
     if not asked:
         return None, []
-    # without the ideal ones, the imperfect runs are all there is
+    # without aligned runs, use the misaligned ones
     pair, pair_in_x = _pair(ideal or imperfect), _pair(imperfect)
     if not pair:
         return None, ["Fig. 4 is scored on two runs, one with force control and one without: report those two together"]
@@ -153,13 +156,13 @@ def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[fig4_measures.Fig4Runs | None
 
 
 def _pair(runs: Sequence[ReportRun]) -> list[Recording]:
-    """The one with force control and the one without; empty if there is not exactly one of each."""
+    """Return the runs with and without force control; empty unless there is exactly one of each."""
     modes = [[run.recording for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position")]
     return [one for mode in modes for one in mode] if [len(mode) for mode in modes] == [1, 1] else []
 
 
 def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
-    """Of Fig. 4; None if it is another, or none that can be judged."""
+    """Return the force-position run of Fig. 4; None for any other run, or if it cannot be judged."""
     if not _is_fig4(run, "force_position"):
         return None
     try:
@@ -169,18 +172,18 @@ def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
 
 
 def _is_fig4(run: ReportRun, mode: str) -> bool:
-    """Whether `run` follows the paper's Fig. 4 in a mode of the controller."""
+    """Return whether `run` follows the paper's Fig. 4 in a mode of the controller."""
     asked = run.name.startswith(FIG4_PREFIX) and run.values.get("controller", {}).get("mode") == mode
     return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
 
 
 def _texts_by_run(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterable[str]]) -> list[str]:
-    """`texts` of every run, of several under their names."""
+    """Return `texts` of all runs, prefixed with their labels if there are several."""
     return [f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in texts(run)]
 
 
 def _alarms(run: ReportRun) -> list[str]:
-    """What is wrong with a run: it is not whole, a component failed, the monitor tripped."""
+    """Return the defects of a run: an incomplete recording, component failures, trips of the monitor."""
     note = run.recording.note
     texts = [f"{note[0].upper()}{note[1:]}"] if note else []
     serious = [event for event in run.recording.events if event.level in ("error", "fatal")]

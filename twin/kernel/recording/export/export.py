@@ -24,18 +24,18 @@ from twin.kernel.recording.scan import NS_PER_S
 
 Format = Literal["csv", "parquet", "mat", "ros2"]
 MAX_LISTED_TOPICS = 8
-"""So many names are not listed in a sentence."""
+"""Maximum number of topic names listed in an error message."""
 
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was written.
+    """Outcome of an export.
 
     Attributes:
-        path: the file, of a bag the folder.
-        signals: how many.
-        rows: of the longest of them; of a bag, its messages.
-        note: what is wrong with the recording; empty if nothing.
+        path: the file, or the folder of a bag.
+        signals: number of signals.
+        rows: number of rows of the longest signal; of a bag, the number of messages.
+        note: defects of the recording; empty if it is complete.
     """
 
     path: Path
@@ -54,21 +54,20 @@ def export_recording(
     maps: Sequence[str] = (),
     joints: JointFields | None = None,
 ) -> ExportResult:
-    """Write the recording meant by `run`, or another tool's log, in another format.
+    """Export a recording, or another tool's log, to another format.
 
     Args:
-        run: see `recording_in`; with `maps`, or if it is a bag of ROS 2, see `read_log`.
-        form: of the file.
+        run: see `recording_in`; with `maps`, or for a ROS 2 bag, see `read_log`.
         patterns: see `selected_signals`.
-        rate: see `signal_table` (Hz).
-        out: the file; without it, the recording's own path with the format's suffix.
-        force: replace what is there.
-        maps: see `column_map`; which columns of a log that twin did not record are which signals.
-        joints: fields that a bag has as JointState.
+        rate: rows per second (Hz), see `signal_table`.
+        out: path to write; None for the recording's own path with the format's suffix.
+        force: replace an existing file.
+        maps: column maps of a log that twin did not record, see `column_map`.
+        joints: fields that a bag stores as JointState.
 
     Raises:
-        InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way.
-        NotWritten: the disk refuses; a file that was there stays.
+        InputRefused: no recording, unknown signal, invalid rate, pyarrow not installed, or the file exists.
+        NotWritten: it cannot be written; an existing file stays.
     """
     recording = _load_recording(run, maps)
     signals = selected_signals(recording, patterns)
@@ -100,13 +99,13 @@ def _load_recording(run: Path, maps: Sequence[str]) -> Recording:
 
 
 def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tuple[str, ...]:
-    """Names `topic.field` that match any of `patterns`, in the order of the file; all of them without a pattern.
+    """Return the names `topic.field` that match any of `patterns`, in the order of the file; all without patterns.
 
     Args:
-        patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, is all of it.
+        patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, selects all its fields.
 
     Raises:
-        InputRefused: a pattern matches nothing, or what is selected has no messages.
+        InputRefused: a pattern matches nothing, or a selected topic has no messages.
     """
     fields = recording.fields()
     for pattern in patterns:
@@ -126,7 +125,7 @@ def _matches(name: str, pattern: str) -> bool:
 
 def _nearest(pattern: str, fields: dict) -> str:
     names = [*fields, *dict.fromkeys(name.rpartition(".")[0] for name in fields)]
-    # the wildcards of a misspelt pattern are no letters to compare
+    # wildcards would distort the comparison of names
     wanted, topics = pattern.replace("*", ""), names[len(fields) :]
     more = " ..." if len(topics) > MAX_LISTED_TOPICS else ""
     return nearest(
@@ -135,10 +134,10 @@ def _nearest(pattern: str, fields: dict) -> str:
 
 
 def recording_from_log(log: Log) -> Recording:
-    """`log` as a recording: `arm.tip[0]`, `[1]`, ... are the field `tip` of the topic `arm`.
+    """Convert `log` to a recording: `arm.tip[0]`, `[1]`, ... become the field `tip` of the topic `arm`.
 
     Raises:
-        LogRefused: a signal whose name is no `TOPIC.FIELD`, signals of one topic with other times, times before 0.
+        LogError: a signal is not named `TOPIC.FIELD`, signals of one topic have different times, or times before 0.
     """
     topics: dict[str, list[tuple[str, LogSeries]]] = {}
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):

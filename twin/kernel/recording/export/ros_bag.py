@@ -27,7 +27,7 @@ from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encode_rec
 from twin.kernel.recording.writer import PendingMessages, append_chunks
 
 JointFields = Mapping[str, tuple[str, str]]
-"""Field of a recording -> whose angle, speed or torque it is, `("motor", "velocity")`: they become JointState."""
+"""Field of a recording -> the side and kind of its joint values, such as `("motor", "velocity")`, for JointState."""
 JOINT_FIELDS = ("position", "velocity", "effort")
 _HEADER_TYPES = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
@@ -70,7 +70,7 @@ _TYPE_DEFINITIONS = {
         },
     ),
 }
-# of vectors of three: type, the path of its first part, and the numbers after the vector
+# unit of a vector of three -> message type, path of the vector, and the numbers after it
 _VECTOR_MESSAGES = {
     "N": ("geometry_msgs/msg/WrenchStamped", "wrench.force", (0.0, 0.0, 0.0)),
     "m/s": ("geometry_msgs/msg/TwistStamped", "twist.linear", (0.0, 0.0, 0.0)),
@@ -79,7 +79,7 @@ _VECTOR_MESSAGES = {
 }
 METADATA_FILE, MAP_FILE = "metadata.yaml", "map.toml"
 MAX_BLOCK_MESSAGES = 10_000
-"""Messages of a topic that are in memory as records."""
+"""Maximum number of messages of a topic that are in memory as records."""
 
 
 @dataclass
@@ -87,13 +87,13 @@ class RosTopic:
     """One topic of the bag.
 
     Attributes:
-        name: `/arm/tip`.
-        kind: type of its messages.
+        name: topic name: `/arm/tip`.
+        kind: message type.
         source: topic of the recording.
-        body: one message as CDR, with zeros where numbers and times go.
-        places: of each number its offset in the body, and which element of which field it is.
-        stamp: offset of its stamp, seconds and nanoseconds; 0 if it has none.
-        columns: of each element, `arm.tip[0]`, where it is, `/arm/tip.pose.position.x`, and its unit.
+        body: one message as CDR, with zeros for numbers and times.
+        places: (offset in the body, field, element) of each number.
+        stamp: offset of the stamp, seconds and nanoseconds; 0 if the type has none.
+        columns: element `arm.tip[0]` -> its column `/arm/tip.pose.position.x` and its unit.
     """
 
     name: str
@@ -106,13 +106,13 @@ class RosTopic:
 
 
 def type_definition(kind: str) -> str:
-    """The definition of a type with all that it is made of, as MCAP has it (ros2msg)."""
+    """Return the definition of a message type with all types it refers to, in MCAP's ros2msg encoding."""
     own, others = _TYPE_DEFINITIONS[kind]
     return own + "".join(f"\n{'=' * 80}\nMSG: {name}\n{text}" for name, text in others.items()) + "\n"
 
 
 def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields) -> Iterator[RosTopic]:
-    """Topics of the bag that hold `fields` of the recording's `topic`."""
+    """Yield the topics of the bag that carry `fields` of the recording's `topic`."""
     states: dict[str, dict[str, messages.Field]] = {}
     for one in fields:
         side, part = joints.get(one.name, ("", ""))
@@ -128,7 +128,7 @@ def ros_topics(topic: str, fields: Sequence[messages.Field], joints: JointFields
 
 
 def _joints(topic: str, side: str, one: messages.Field) -> list[str]:
-    """Names of the joints in a field: `joint_1` .. `joint_3`; of `drive/2` `motor_2`."""
+    """Return the joint names of a field: `joint_1` .. `joint_3`; `motor_2` for the topic `drive/2`."""
     own = topic.rpartition("/")[2]
     if one.size == 1 and own.isdigit():
         return [f"{side}_{own}"]
@@ -171,7 +171,7 @@ def _numbers(topic: str, one: messages.Field) -> RosTopic:
 
 
 class _Cdr:
-    """A message as it is put together, little endian; numbers stand at multiples of their length after the head."""
+    """A CDR message under construction, little endian; numbers are aligned to their size, counted after the head."""
 
     def __init__(self, topic: RosTopic) -> None:
         self._topic = topic
@@ -193,7 +193,7 @@ class _Cdr:
         self._body += content
 
     def elements(self, one: messages.Field, paths: Sequence[str]) -> None:
-        """The numbers of a field, and where in the message they are."""
+        """Append the numbers of a field, and note their places and columns."""
         self._align(8)
         for k, path in enumerate(paths):
             self._topic.places.append((len(self._head) + len(self._body), one.name, k))
@@ -215,18 +215,17 @@ class _Cdr:
 def write_ros_bag(
     folder: Path, recording: Recording, signals: Sequence[str], rate: float | None, joints: JointFields
 ) -> int:
-    """Write `signals` to the folder `folder`, in the place of a bag of ours if one is there; how many messages.
+    """Write `signals` to the folder `folder`, replacing a bag written by twin; return the number of messages.
 
     Log times and stamps are simulation time.
 
     Args:
         signals: names `topic.field`, each with at least one message.
         joints: fields that are written as JointState.
-        rate: messages per second and topic (Hz), see `table.table`; without one, every topic keeps its own times.
+        rate: messages per second and topic (Hz), see `signal_table`; None to keep every topic's own times.
 
     Raises:
-        InputRefused: a rate that `table` refuses, something else in the way.
-        NotWritten: it cannot be written.
+        InputRefused: a rate that `signal_table` refuses, or something other than such a bag exists at `folder`.
     """
     own = {f"{folder.name}_0.mcap", METADATA_FILE, MAP_FILE}
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):
@@ -246,7 +245,7 @@ def write_ros_bag(
             counts = _write_file(beside / f"{folder.name}_0.mcap", recording, topics, times, rows)
             write_text(beside / METADATA_FILE, _metadata(f"{folder.name}_0.mcap", topics, counts, list(rows.values())))
             write_text(beside / MAP_FILE, _map(topics))
-            # as readable as any folder; mkdtemp makes it the owner's alone
+            # mkdtemp restricts access to the owner; use the usual permissions
             beside.chmod(0o755)
             if os.path.lexists(folder):
                 shutil.rmtree(folder)
@@ -263,14 +262,14 @@ def _write_file(
     times: dict[str, np.ndarray],
     rows: dict[str, np.ndarray],
 ) -> list[int]:
-    """The MCAP file of the bag; how many messages each topic has."""
+    """Write the MCAP file of the bag; return the number of messages of each topic."""
     kinds = list(dict.fromkeys(topic.kind for topic in topics))
     schemas = [Schema(k, type_definition(kind).encode(), "ros2msg", kind) for k, kind in enumerate(kinds, start=1)]
     qos = {"offered_qos_profiles": ""}
     channels = [Channel(k, t.name, "cdr", qos, kinds.index(t.kind) + 1) for k, t in enumerate(topics, start=1)]
     summary = Summary(schemas, channels)
     output = Output(path)
-    # its library is not twin's alone: `written_by_twin` means recordings
+    # not "twin" alone: `written_by_twin` recognises recordings by the library
     output.append(MCAP0_MAGIC + encode_record(Header(profile="ros2", library=f"ros2 export of twin {__version__}")))
     for name, entries in recording.metadata.items():
         record = encode_record(Metadata(name, dict(entries)))
@@ -278,7 +277,7 @@ def _write_file(
     pending, compressor = PendingMessages(), zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
     end = max(int(t[-1]) for t in rows.values())
     densest = max(len(t) for t in rows.values())
-    # slices of equal length in time, so that no topic runs ahead of another
+    # slices of equal duration, so that topics stay interleaved in time
     edges = np.linspace(0, end + 1, -(-densest // MAX_BLOCK_MESSAGES) + 1).astype(np.int64)
     for start, stop in pairwise(edges.tolist()):
         for channel, topic in zip(channels, topics, strict=True):
@@ -299,9 +298,9 @@ def _write_file(
 def _records(
     channel: int, topic: RosTopic, recording: Recording, times: np.ndarray, picked: np.ndarray, first: int
 ) -> np.ndarray:
-    """MCAP records of the messages of `topic` at `times` (ns) with the rows `picked` of the recording."""
+    """Encode the messages of `topic` at `times` (ns), with the rows `picked` of the recording, as MCAP records."""
     template = messages.record_template(channel, topic.body)
-    # its numbers are put in below: they come of several topics
+    # the numbers are copied below: they come from structured columns, not from rows
     records = messages.Filling(template, messages.NO_PLACES).records(times, first, np.empty((len(times), 0)))
     assert records is not None, "there are no integers"
     if topic.stamp:
@@ -317,7 +316,7 @@ def _records(
 
 
 def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], times: Sequence[np.ndarray]) -> str:
-    """What rosbag2 wants to know of a bag (version 5, which Humble and all after it read)."""
+    """Return metadata.yaml of the bag, for rosbag2 (version 5, read by Humble and later)."""
     start, end = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
     span = (
         f"duration:\n{{0}}  nanoseconds: {end - start}\n{{0}}starting_time:\n{{0}}  nanoseconds_since_epoch: {start}\n"
@@ -336,8 +335,8 @@ def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], time
 
 
 def _map(topics: Sequence[RosTopic]) -> str:
-    """The column map by which twin reads the bag."""
-    # other formats need not wait for it
+    """Return the column map with which twin reads the bag."""
+    # imported here because other formats do not need it
     import tomlkit
 
     rows = {

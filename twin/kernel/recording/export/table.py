@@ -1,6 +1,6 @@
-"""Resampling of signals of several rates onto one time base, and tables for other tools.
+"""Tables of signals on one time base, written as CSV, Apache Parquet or MATLAB files.
 
-CSV (RFC 4180, but lines end with a line feed), Apache Parquet, MATLAB (level 5).
+CSV as in RFC 4180, but lines end with a line feed; MATLAB level 5.
 """
 
 import csv
@@ -21,27 +21,27 @@ from twin.kernel.recording.reader import Recording
 
 NS_PER_S = 10**9
 MAX_RATE = 1e6
-"""Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
+"""Maximum rate (Hz). Times are whole nanoseconds, and sampling faster than once a microsecond is a typing error."""
 MAX_ROWS = 50_000_000
-"""Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
+"""Maximum number of rows. No recording needs more, but a wrong time in a file may demand any number."""
 MAX_NUMBERS = 200_000_000
-"""In a table at a rate, unless as many have been recorded: 1.6 GB in memory."""
+"""Maximum number of values in a table at a given rate, unless more were recorded: 1.6 GB in memory."""
 UNCHECKED_ROWS, MAX_SAMPLE_REPEATS = 100_000, 1000
-"""More rows than `UNCHECKED_ROWS` have to come from samples: with each of them repeated more than `MAX_SAMPLE_REPEATS` times, a
-time in the file is wrong or the rate is. Such a table is of no use, and it fills the memory."""
+"""A table of more than `UNCHECKED_ROWS` rows is refused if it repeats each sample more than `MAX_SAMPLE_REPEATS` times:
+a time in the file or the rate is wrong, and the table would fill the memory."""
 BLOCK_ROWS = 10_000
 HEADER_BYTES = 116
-"""Of descriptive text at the front of the file; scipy would write the date into it."""
+"""Length of the descriptive text at the front of the file (bytes); scipy would write the date into it."""
 MAX_NAME_LENGTH = 63
-"""Letters that MATLAB reads of a name."""
+"""Maximum length of a MATLAB name (characters)."""
 
 
 @dataclass(frozen=True)
 class SignalColumn:
-    """One number per row.
+    """A column of a table, one number per row.
 
     Attributes:
-        name: `topic.field`, with `[i]` (from 0) for an element of a field of several.
+        name: `topic.field`, with `[i]` (from 0) for an element of a vector field.
         unit: SI, "1" for pure numbers.
         meaning: frame and sign.
         values: (n,) float64, int64 or bool.
@@ -55,11 +55,11 @@ class SignalColumn:
 
 @dataclass(frozen=True)
 class SignalTable:
-    """Columns that share their rows' times.
+    """Columns on one time base.
 
     Attributes:
         t: simulation time of the rows (n,), s.
-        columns: in the order of the recording.
+        columns: columns in the order of the recording.
     """
 
     t: np.ndarray
@@ -67,18 +67,18 @@ class SignalTable:
 
 
 def signal_table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> SignalTable:
-    """`signals` on one time base, each value the newest one at or before the row's time.
+    """Resample `signals` onto one time base; each value is the newest at or before the row's time.
 
-    Nothing is interpolated and nothing filtered: every number is one that was recorded, which is also what a sampled
-    component holds between its samples. Rows begin when every signal has a value.
+    Nothing is interpolated or filtered: every number was recorded, and a sampled component also keeps its value between
+    samples. Rows begin when every signal has a value.
 
     Args:
         signals: names `topic.field`, each with at least one message.
-        rate: rows per second of simulated time (Hz); without it, the times of the selected topic with most messages.
+        rate: rows per second of simulated time (Hz); None for the times of the selected topic with most messages.
 
     Raises:
-        InputRefused: no positive rate, or one too fast for times of whole nanoseconds or for the samples there are.
-        UnknownSeries: no such signal.
+        InputRefused: the rate is not positive, or too high for times of whole nanoseconds or for the samples.
+        UnknownSeries: unknown signal.
     """
     fields = recording.fields()
     times, rows = time_base(recording, signals, rate)
@@ -95,7 +95,7 @@ def signal_table(recording: Recording, signals: Sequence[str], rate: float | Non
 def time_base(
     recording: Recording, signals: Sequence[str], rate: float | None
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Times of the messages of each topic of `signals`, and of the rows, ns; arguments and errors as of `table`."""
+    """Return the message times of each topic of `signals`, and the times of the rows (ns); see `signal_table`."""
     topics = dict.fromkeys(name.rpartition(".")[0] for name in signals)
     times = {topic: recording.streams[topic].head["log_time"].astype(np.int64) for topic in topics}
     fields = recording.fields()
@@ -103,15 +103,12 @@ def time_base(
 
 
 def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
-    """Times of the rows, ns, (n,) int64.
+    """Return the times of the rows, ns, (n,) int64.
 
     Args:
-        times: of the messages of each topic, ns, ascending, not empty.
-        rate: see `table`.
-        numbers: in a row.
-
-    Raises:
-        InputRefused: see `table`.
+        times: message times of each topic, ns, ascending, not empty.
+        rate: rows per second (Hz), see `signal_table`.
+        numbers: values in a row.
     """
     first = max(t[0] for t in times)
     if rate is None:
@@ -120,7 +117,7 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
     if not (math.isfinite(rate) and 0.0 < rate <= MAX_RATE):
         raise InputRefused(f"rate {rate:g} Hz: expected more than 0 and at most {MAX_RATE:g} Hz")
     last = max(t[-1] for t in times)
-    # each from its own number, so that nothing accumulates
+    # each time is computed from its own index, so that errors do not accumulate
     count = int((last - first) * rate / NS_PER_S + 1e-9) + 1
     if count > MAX_ROWS:
         raise InputRefused(f"rate {rate:g} Hz: makes {count} rows, more than {MAX_ROWS}; choose a lower one")
@@ -139,14 +136,13 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
 
 
 def write_csv(path: Path, table: SignalTable) -> None:
-    """Write `table` to `path`; names carry the unit, numbers are the shortest that read back to the same float64.
+    """Write `table` to `path` as CSV; names carry the unit, numbers have the shortest text that restores the float64.
 
-    A name with a comma or a quote is quoted, one that spreadsheets would take for a formula begins with an apostrophe.
-    Truth values are 0 and 1. Not a number is `nan`.
+    A name with a comma or a quote is quoted, a name that spreadsheets would take for a formula begins with an
+    apostrophe. Booleans are 0 and 1, NaN is `nan`.
 
     Raises:
         InputRefused: two columns would have one name.
-        NotWritten: it cannot be written.
     """
     heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
     if twice := [head for head, count in Counter(heads).items() if count > 1]:
@@ -154,21 +150,21 @@ def write_csv(path: Path, table: SignalTable) -> None:
     columns = [table.t, *(column.values for column in table.columns)]
     with atomic_write(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         csv.writer(file, lineterminator="\n").writerow(heads)
-        # a number takes eight times the memory as a text
+        # in blocks: a number takes eight times the memory as text
         for start in range(0, len(table.t), BLOCK_ROWS):
             texts = [_texts(values[start : start + BLOCK_ROWS]) for values in columns]
             file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
 def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping[str, str]]) -> None:
-    """Write `table` to `path`: column `t` in s, then one column per number, each with `unit` and `meaning`.
+    """Write `table` to `path` as Parquet: column `t` in s, then one column per number with `unit` and `meaning`.
 
     Args:
-        metadata: of the recording, name -> key -> text; each name becomes one JSON text of the file's own metadata.
+        metadata: metadata of the recording, name -> key -> text; each name becomes one JSON text in the file's
+            metadata.
 
     Raises:
         InputRefused: pyarrow is not installed.
-        NotWritten: it cannot be written.
     """
     try:
         import pyarrow as pa
@@ -187,18 +183,17 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
 
 
 def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:
-    """Write `signals` to `path`: `arm.t` (n, 1) in s, `arm.tip` (n, 3); `units.arm.tip` is 'm'.
+    """Write `signals` to `path` as a MATLAB file; return the number of rows of the common time base.
 
-    Topic drive/1 becomes drive_1. Without a rate every topic keeps its own times; with one all have the rows of
-    `table.table`.
+    `arm.t` is (n, 1) in s, `arm.tip` (n, 3), `units.arm.tip` is 'm'; topic drive/1 becomes drive_1. Without a rate
+    every topic keeps its own times; with one all have the rows of `signal_table`.
 
     Args:
         signals: names `topic.field`, each with at least one message.
         rate: rows per second of simulated time (Hz).
 
     Raises:
-        InputRefused: a rate that `table` refuses, or a name that MATLAB would cut.
-        NotWritten: it cannot be written.
+        InputRefused: a rate that `signal_table` refuses, or a name that MATLAB would truncate.
     """
     from scipy.io import savemat
 
