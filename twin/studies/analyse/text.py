@@ -1,4 +1,4 @@
-"""The loops of an experiment, and the impedance felt by a hand, as text of at most 80 columns."""
+"""Text of the linear analysis and of the impedance felt by a hand, at most 80 columns wide."""
 
 import math
 import re
@@ -15,22 +15,8 @@ from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.result import NO_BREAK_SPACE, Block, Column, Note, Result, Row, Table, count_text
 
 Numbers = NDArray[np.float64]
-
-
-def decibels(factor: ArrayLike) -> Numbers:
-    """20 log10 of a factor; of none at all the least that a double holds."""
-    return 20.0 * np.log10(np.maximum(factor, np.finfo(float).tiny))
-
-
-def margins_text(margins: Margins) -> str:
-    """`: 22 dB, 88 deg`; "" without either."""
-    found = [] if margins.gain is None else [f"{decibels(margins.gain):.0f} dB"]
-    found += [] if margins.phase is None else [f"{np.degrees(margins.phase):.0f} deg"]
-    return f": {', '.join(found)}" if found else ""
-
-
 DOUBTFUL_RESIDUAL = 0.03
-"""Distance of a drive's model from what was measured that a reader has to know of."""
+"""Residual of a drive's model above which the report expresses doubt."""
 TURNING_NOTE = (
     "measured while it turns: at rest its small signals drown in steps or sticking friction, "
     "so the numbers are those of swings that are larger than these"
@@ -53,8 +39,20 @@ LOOP_COLUMNS = (
 AXIS_COLUMNS = (Column("axis", 6, left=True), Column("springs", 14), Column("passive", gap=3, left=True))
 
 
+def decibels(factor: ArrayLike) -> Numbers:
+    """20 log10 of a factor; 0 counts as the smallest positive double."""
+    return 20.0 * np.log10(np.maximum(factor, np.finfo(float).tiny))
+
+
+def margins_text(margins: Margins) -> str:
+    """Gain and phase margin as `: 22 dB, 88 deg`; "" without either."""
+    found = [] if margins.gain is None else [f"{decibels(margins.gain):.0f} dB"]
+    found += [] if margins.phase is None else [f"{np.degrees(margins.phase):.0f} deg"]
+    return f": {', '.join(found)}" if found else ""
+
+
 def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Result:
-    """The verdict first, then where its numbers come from, then where `files` are."""
+    """Return the report of a stability analysis: verdict, sources of the numbers, paths of `files`."""
     first, *verdict = _verdict(done)
     plant = done.experiment.plant
     remarks = [
@@ -80,14 +78,14 @@ def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Res
 
 
 def point_name(point: OperatingPoint) -> str:
-    """`pressing with 5 N at (0, 20, -105) mm`."""
+    """Text of an operating point, such as `pressing with 5 N at (0, 20, -105) mm`."""
     x, y, z = (round(1e3 * value, 2) + 0.0 for value in point.p_B)
     doing = f"pressing with {point.F_z:.3g} N" if point.in_contact else "in air"
     return f"{doing} at ({x:g}, {y:g}, {z:g}) mm"
 
 
 def loop_name(name: str) -> str:
-    """`position z`."""
+    """Text of a loop's name, such as `position z`."""
     return name.replace("_", " ")
 
 
@@ -212,13 +210,13 @@ def _hertz(omega: float | None) -> str:
 
 
 def _unbroken_note(head: str, text: str) -> Note:
-    """`text` after `head`; numbers stay with their units, and what stands in brackets together."""
+    """Return a note of `text` after `head` that breaks neither a number from its unit nor a bracketed group."""
     tied = VALUE_PATTERN.sub(lambda found: found.group().replace(" ", NO_BREAK_SPACE), text)
     return Note(tied, head, max(2, len(head)), whole=True)
 
 
 def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Result:
-    """The verdict first: how many points are passive, what is rendered, what was tried; then where `files` are."""
+    """Return the report of a passivity analysis: passive points, rendered stiffness, trial, paths of `files`."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
         *([Note(_rendering_text(done.width), "  renders   ")] if done.width is not None else []),

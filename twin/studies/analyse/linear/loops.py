@@ -129,7 +129,8 @@ def fit_drive(
         worst = best.residual if best else 1.0
         raise InputRefused(
             f"{label}: no linear model describes it: the best misses its measured frequency response by {worst:.0%}, "
-            f"expected at most {MAX_RESIDUAL:.0%}. Its response to small signals is not linear; simulate instead (twin run)"
+            f"expected at most {MAX_RESIDUAL:.0%}. Its response to small signals is not linear; simulate instead "
+            "(twin run)"
         )
     return best
 
