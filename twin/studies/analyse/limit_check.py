@@ -133,7 +133,7 @@ def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tup
 
 
 def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> LastingNudges:
-    """Simulate a large and a small nudge at `point` with `factor` times the gains of `law`; return the sizes that last."""
+    """Simulate a large and a small nudge at `point` with `factor` times the gains of `law`; return those that last."""
     sizes = (PRESSING_NUDGE if point.in_contact else LARGE_NUDGE, SMALL_NUDGE)
     left = residual_swings(experiment, point, law, factor, sizes)
     return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))

@@ -35,7 +35,7 @@ ALL_PLATFORMS = "all"
 
 
 ARM_FORMS = (ProcessorForm("", ""),)
-# no contraction to fused multiply-add: the results must equal those of the twin
+# no contraction to fused multiply-add: results must equal the twin's
 COMPILER_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
 GUID_NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
 C_FOLDER = Path(__file__).parent / "c"
@@ -48,7 +48,7 @@ class Platform(NamedTuple):
 
     Attributes:
         name: platform tuple of FMI 3.0, which names the folder.
-        fmi2: folder in FMI 2.0; None if it has none for the platform.
+        fmi2: folder in FMI 2.0; None if FMI 2.0 lacks the platform.
         suffix: suffix of shared libraries.
         triple: LLVM's name.
         target: ziglang's name. glibc 2.17 is of 2012, macOS 11 the first for both processors; a library linked against
@@ -187,7 +187,7 @@ def shared_library(
         name: library name without suffix.
         files: the source, its includes and the object files, by name.
     """
-    # refuse undefined symbols apart from those of the system's own libraries
+    # refuse undefined symbols that the system's own libraries lack
     elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
     # the default install name is the path of the build
     macos = ("-install_name", f"@rpath/{name}.dylib")

@@ -45,7 +45,7 @@ def foreign_connectors(description: FmuDescription, variables: Sequence[Variable
     found = []
     for v in variables:
         kind, unit = _type(v), _unit(v, description)
-        # which enumeration, the FMU tells
+        # the FMU itself declares the enumeration
         type_ = "" if kind == "Enumeration" else kind
         connector = ssp.Connector(
             v.name, FOREIGN_KINDS[v.causality], type_, unit.name if unit else "", (), v.description

@@ -126,9 +126,7 @@ class RobotPart:
 
 
 def drive_commands(part: RobotPart) -> dict[str, str]:
-    """Input port of the drives -> output that feeds it, e.g. `monitor.omega_ref`; inputs fed by other parts are left
-    out.
-    """
+    """Map each input port of the drives that the part feeds to its output, e.g. `monitor.omega_ref`."""
     (drives,) = (row for row in COMPONENT_ROWS if row.name == DRIVE_ROW)
     fed = {
         port: [
@@ -353,9 +351,7 @@ def _body(part: RobotPart) -> Destinations:
 
 
 def has_tissue_estimate(part: RobotPart) -> bool:
-    """Whether the part's controller estimates the tissue, for which Python precomputes masses and springs from its
-    model.
-    """
+    """Whether the part's controller estimates the tissue, which needs masses and springs precomputed in Python."""
     return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 

@@ -1,4 +1,4 @@
-"""`twin check`: experiments against their baselines."""
+"""`twin check`: regression checks of experiments against their baselines."""
 
 from collections.abc import Sequence
 from dataclasses import replace
