@@ -48,7 +48,7 @@ class BranchOutcome:
     Attributes:
         run: run of the branch, from its start on.
         t, F_z: times (s) and true pressing force (N), (n,).
-        departure: time at which the force leaves that of the run (s); None if it never does.
+        departure: time (s) of the first difference of the force from the run's; None if it never differs.
     """
 
     branch: Branch

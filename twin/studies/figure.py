@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING, Any
 from twin.kernel.atomic_write import atomic_write
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    # matplotlib loads slowly, and most studies only print text
+    Axes = Figure = Any
 
 COLUMN_WIDTHS = {1: 3.5, 2: 7.16}
 """Width (in) of a picture across one and two columns of a paper, as IEEE requires."""
@@ -30,7 +34,7 @@ PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
 """Colours named in the caption of Fig. 4; their lightness also distinguishes them in print."""
 JOINT_COLORS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
 LESS_IS_BETTER = "cividis_r"
-"""Colour map for a quantity of which less is better.
+"""Colour map for quantities that should be small.
 
 In every map light is good, so that all maps read alike, also in print; suitable for colour-blind readers.
 """
@@ -142,14 +146,6 @@ def _stack(figure: "Figure") -> int:
         axes.set_subplotspec(below[row])
         axes.tick_params(labelbottom=True)
     return len(panels)
-
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes as Axes
-    from matplotlib.figure import Figure as Figure
-else:
-    # matplotlib loads slowly, and most studies only print text
-    Axes = Figure = Any
 
 
 @contextmanager

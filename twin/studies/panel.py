@@ -48,7 +48,7 @@ def draw_panel(axes: "Axes", panel: Panel, run: Any, looks: Mapping[str, Mapping
 
     Args:
         run: argument of the panel's readers.
-        looks: keywords of matplotlib's plot, by the label or the role of a curve; the order is that of drawing.
+        looks: keywords of matplotlib's plot, by the label or the role of a curve, in drawing order.
     """
     for name, look in looks.items():
         for curve in panel.quantities:

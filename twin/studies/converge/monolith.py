@@ -138,7 +138,7 @@ class Servos:
 
 
 def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
-    """Constants of three drives with known equations, velocity_servo.fmu or ideal_velocity.fmu; None for any other."""
+    """Constants of the drives if their equations are known (velocity_servo.fmu, ideal_velocity.fmu), else None."""
     found: list[tuple[float, ...]] = []
     for plan in plans:
         fmu, table = plan.parts.get(ONLY_PART), plan.table
@@ -156,7 +156,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def has_monolithic_form(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` supports the experiment: no motion, change, delay, monitor or dry friction with memory."""
+    """Whether `monolithic_rows` supports the experiment: no motion, change, delay, noise, monitor, stateful friction."""
     return not (
         experiment.tasks
         or experiment.faults

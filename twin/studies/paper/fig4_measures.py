@@ -315,7 +315,7 @@ def reference_left(runs: Fig4Runs) -> float:
 
 
 def early_trigger(runs: Fig4Runs) -> float:
-    """Time (s) between the trigger and the first true contact, 0 if the contact is first; nan if either never happened."""
+    """Time (s) from the trigger to the first true contact, 0 if the contact is first; nan if either never happened."""
     run = runs.force_position
     lead = first_time(run.t_plant, run.true_F_z > 0.0) - run.trigger_time
     return max(0.0, lead) if math.isfinite(lead) else math.nan
