@@ -84,9 +84,7 @@ class Effect:
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
-        """Return `experiment` with the effect at its values in `like`, or at plausible values if `like` lacks the
-        effect.
-        """
+        """Return `experiment` with the effect at its values in `like`, or at plausible values if `like` lacks it."""
         given = {name: getattr(like.plant, name) for name in self.values}
         if not self.is_present(like):
             given = {name: experiment.cosim.tick if value is ONE_TICK else value for name, value in self.values.items()}
@@ -325,9 +323,7 @@ def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str,
 
 
 def _perfect(experiment: Experiment) -> Experiment:
-    """Return `experiment` with exact encoders, no backlash, no `SMALL_EFFECTS` and a controller with the true
-    parameters.
-    """
+    """Return `experiment` without imperfections: exact encoders, no backlash, no `SMALL_EFFECTS`, a true model."""
     exact = with_exact_encoders(without_effects(with_plant(experiment, backlash=0.0)))
     return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEVED_PARAMETERS}), 0.0)
 

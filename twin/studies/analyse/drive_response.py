@@ -72,10 +72,11 @@ def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
 def frequency_response(
     plan: DrivePlan, tick: float, tau_load: float, excitation: Excitation
 ) -> tuple[Curve, NDArray[np.complex128], Curve]:
-    """Measure (frequencies (n,) in Hz from 0, shaft advance per tick over command and load (n, 2), uncertainty (n, 2)),
-    SI.
+    """Measure the frequency response of the shaft's advance per tick (SI).
 
-    The uncertainty is the standard deviation of the mean over the draws.
+    Returns:
+        (frequencies (n,) in Hz from 0, advance over command and load (n, 2), uncertainty (n, 2)). The uncertainty is
+            the standard deviation of the mean over the draws.
     """
     samples = round(SINE_PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, MAX_FREQUENCY_RATIO * samples, LINE_COUNT)).astype(int))

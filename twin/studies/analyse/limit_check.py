@@ -123,9 +123,7 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
 
 
 def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
-    """Bisect between `low`, whose nudges all die out, and `high`, whose nudges last, until their ratio is
-    `BRACKET_RATIO`.
-    """
+    """Bisect to `BRACKET_RATIO` between `low`, whose nudges all die out, and `high`, whose nudges last."""
     while high > BRACKET_RATIO * low:
         middle = (low * high) ** 0.5
         low, high = (low, middle) if lasts(middle) else (middle, high)

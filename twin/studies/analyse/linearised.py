@@ -103,7 +103,7 @@ class Linearisation:
         )
 
     def estimation(self, point: OperatingPoint) -> Estimation:
-        """Linear map of the controller's estimator from the angles near `point`."""
+        """Linearise the controller's estimator about the angles at `point`."""
         plant, parameters = self.experiment.plant, point.parameters
         geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])

@@ -122,9 +122,7 @@ class Passivity:
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
-    """Analyse the passivity of the robot of `experiment` in a hand instead of on the body; its drives run in this
-    process.
-    """
+    """Analyse the passivity of the robot in a hand instead of on the body; its drives run in this process."""
     refuse_third_party_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)

@@ -210,9 +210,7 @@ def _gain(done: stability.Stability, chart: stability.StabilityMap) -> np.ndarra
 
 
 def draw_passivity(done: passivity.Passivity, path: Path) -> None:
-    """Draw the passivity of the last point in air and the first one pressing to `path` (PNG), and the map if there is
-    one.
-    """
+    """Draw the passivity of the last point in air and the first one pressing, and the map if any, to `path` (PNG)."""
     air = [point for point in done.points if not point.point.in_contact]
     pressing = [point for point in done.points if point.point.in_contact]
     shown = [*air[-1:], *pressing[:1]]

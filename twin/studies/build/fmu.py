@@ -34,7 +34,7 @@ RESULTS_FOLDER = Path("results/build")
 def model_description(
     fmi: str, name: str, guid: str, about: str, variables: Sequence[ExportedVariable], tick: float, duration: float
 ) -> bytes:
-    """modelDescription.xml as UTF-8, reproducible byte for byte.
+    """Format modelDescription.xml as UTF-8, reproducible byte for byte.
 
     Args:
         guid: the GUID compiled into the binary.

@@ -118,7 +118,7 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
 
 
 def parameters_of(layout: Layout) -> list[ExportedVariable]:
-    """The parameters among the variables of `layout`; they come first."""
+    """The variables of `layout` that are parameters; these come first."""
     return [v for v in layout.variables if v.kind in ("parameter", "tunable")]
 
 

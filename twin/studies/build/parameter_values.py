@@ -84,7 +84,7 @@ def foreign_values(
 
 
 def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] | list[bytes]) -> float | str:
-    """A value in the form of a parameter set: text, bytes as hex, items by their names."""
+    """Convert a value to the form of a parameter set: text, bytes as hex, items by their names."""
     one = value if isinstance(value, float) else value[0]
     if isinstance(one, bytes):
         return one.hex()

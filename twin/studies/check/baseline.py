@@ -84,14 +84,14 @@ class StoredCurve(_Table):
 
     @property
     def curve(self) -> SampledCurve:
-        """The curve for a comparison."""
+        """The stored curve as a `SampledCurve`, for a comparison."""
         return SampledCurve(
             self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
         )
 
 
 class Baseline(_Table):
-    """A stored baseline.
+    """Stored results of an experiment with one drive.
 
     Attributes:
         twin: version of twin that measured it.

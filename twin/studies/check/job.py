@@ -106,7 +106,7 @@ def _no_baseline(folder: Path, file: Path, drive: str) -> str:
 
 @dataclass(frozen=True)
 class Pair:
-    """An experiment's file and a drive to check against the baseline in a folder."""
+    """An experiment's file and a drive, to be checked against the baseline in a folder."""
 
     file: str
     drive: str
@@ -169,7 +169,7 @@ def pairs(
 
 
 def _file_of(name: str) -> Path:
-    """File of an experiment that has a baseline.
+    """Find the file of an experiment that has a baseline.
 
     A deleted file does not stop the other checks; it is reported when its pair is checked.
     """

@@ -84,7 +84,7 @@ class Metric:
 
     @property
     def default_bound(self) -> float:
-        """Default bound of a change of the number."""
+        """Default limit for a change of the number: 2 % of the value or scale, at least the floor."""
         return max(BOUND_SHARE * abs(self.value if self.scale is None else self.scale), self.floor)
 
 

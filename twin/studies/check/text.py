@@ -104,7 +104,7 @@ def _label_lines(label: str, text: str) -> list[Note]:
 
 
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
-    """Draw the first `MAX_SHOWN` verdicts with curves outside their tubes to PNG files in `folder`, and return these."""
+    """Draw the first `MAX_SHOWN` verdicts with curves outside their tubes to PNG files in `folder`, returned."""
     drawn = []
     make_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MAX_SHOWN]:

@@ -124,7 +124,7 @@ def compare_logs(
     signals: Sequence[str] = (),
     how: Alignment = NO_ALIGNMENT,
 ) -> Comparison:
-    """Compare `b` with the reference `a`.
+    """Compare `b` with the reference `a`, signal by signal.
 
     Values are compared at the samples of the log with the lower rate, in the time that both cover and outside of the
     gaps of both; the other log is interpolated linearly there, never beyond its ends.

@@ -40,7 +40,7 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
 
 
 def distinct_signals(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
-    """Signals, worst first, each with the later signals that look the same in both logs: one force has many names."""
+    """Group signals, worst first, with later signals that look the same in both logs: one force has many names."""
     found: list[tuple[SignalRow, list[str]]] = []
     for row in comparison.rows:
         first = next((one for one in found[:MAX_CURVES] if _same(comparison, one[0], row)), None)

@@ -107,7 +107,7 @@ def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
 
 
 def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Iterable[Rule]) -> Allowance:
-    """Evaluate `DEFAULT_RULE` and the `given` rules for `signal`.
+    """Evaluate `DEFAULT_RULE` and the `given` rules for `signal`; the last matching rule wins.
 
     Args:
         span: range of the reference, for a component of a vector the range of the widest component (SI).
@@ -362,8 +362,9 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
 
 
 def signal_ranges(a: Log) -> dict[str, float]:
-    """Range of each signal, for a vector the range of its widest component: a component that is only noise has no
-    scale.
+    """Range of each signal; for a vector the range of its widest component.
+
+    A component that is only noise has no scale of its own.
     """
     widest: dict[str, float] = {}
     for name, series in a.series.items():
@@ -398,7 +399,7 @@ def _nothing_in_common(a: Log, b: Log) -> str:
 
 
 def some_signals(names: Iterable[str], most: int) -> str:
-    """Join at most `most` of the signals `names`; elements of an array count as one."""
+    """Join at most `most` of the signal names as text; elements of an array count as one."""
     return join_names(list(dict.fromkeys(name.partition("[")[0] for name in names)), most)
 
 

@@ -147,8 +147,7 @@ def convergence(
 
 
 def recommend_coupling(series: list[CouplingSeries], tolerance: float) -> CouplingChoice | None:
-    """Find the longest tick with a coupling that keeps the force within `tolerance` (N), and the simplest such
-    coupling.
+    """Find the longest tick that keeps the force within `tolerance` (N), and the simplest coupling that does.
 
     Every shorter tick must comply, too: an error that is small at one tick only is a coincidence. Couplings are in the
     order of their simplicity, which is also the order of their cost; unlike measured times, it is the same on every

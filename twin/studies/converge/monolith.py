@@ -70,8 +70,9 @@ class ComponentStepper:
     def outputs_by_port(
         self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
     ) -> dict[str, NDArray[np.float64]]:
-        """Step the component and return its outputs by port; `u` may be a mapping of the inputs by port, with other
-        entries.
+        """Step the component and return its outputs by port; `u` has all inputs, or is a mapping by port.
+
+        A mapping may have other entries.
         """
         if isinstance(u, Mapping):
             u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
@@ -156,7 +157,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def has_monolithic_form(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` supports the experiment: no motion, change, delay, noise, monitor, stateful friction."""
+    """Whether `monolithic_rows` supports the experiment: no motion, change, delay, noise, monitor, dry friction."""
     return not (
         experiment.tasks
         or experiment.faults

@@ -28,8 +28,7 @@ class KnownMiss:
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim of the paper; `source` states the origin of its bounds, but not their date (see docs/fig5.md for Fig.
-    5).
+    """One claim of the paper with its measure and bounds.
 
     Attributes:
         key: short name.
@@ -39,8 +38,8 @@ class Claim:
         measure: runs -> judged number; infinity or nan if the event never happens, and nan always fails. None if the
             claim cannot be measured.
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
-        source: origin of the bounds.
-        trivial: runs -> why this run is no evidence for the claim, or "".
+        source: origin of the bounds, but not their date (docs/fig5.md has the dates of Fig. 5).
+        trivial: runs -> why this run cannot support the claim, or "".
         miss: explanation of a claim that is known not to be reproduced; required without a `measure`.
     """
 

@@ -62,8 +62,7 @@ def _cached_series(of: Callable[[RunView], Curve]) -> "cached_property[Curve]":
 
 @dataclass(frozen=True)
 class Fig4Run:
-    """A run of Fig. 4, with curves at the controller's rate on `t`, and the plant's (the truth) at the tick on
-    `t_plant`.
+    """A run of Fig. 4: estimates at the controller's rate on `t`, truth at the plant's tick on `t_plant`.
 
     Attributes:
         t, t_plant, t_scale: times (n,), s, of controller, plant and electronic scale.
@@ -356,7 +355,7 @@ def lag(run: Fig4Run) -> tuple[float, float]:
 
 
 def rise_share(runs: Fig4Runs) -> float:
-    """Share of upward changes among all changes of position control's force, from the threshold to the sweep."""
+    """Upward changes of the force as a share of all its changes, position control, from the threshold to the sweep."""
     run = runs.position
     start = first_time(run.t, run.F_z >= FORCE_THRESHOLD)
     if not start + 2.0 * JUMP_WINDOW <= CURVE_PARTS[1][1]:

@@ -1,9 +1,9 @@
 """Measures of the tasks of Fig. 5: functions of one task's run that return a number in SI, infinity if undefined.
 
-The mask `on` (n,) selects the samples of `run.t` that belong to the measured part of the task.
+The mask `on` (n,) selects the samples of `run.t` in the measured part of the task.
 
-The definitions differ from those of a run's measures: a claim of the paper concerns a part of a task (the descent, a
-full circle, one tap) and its force instead of its ramp, and it is measured beyond a trip of the safety monitor.
+The definitions differ from the measures of a run: a claim of the paper concerns a part of a task (the descent, a full
+circle, one tap) and its force instead of its ramp, and it is measured beyond a trip of the safety monitor.
 """
 
 import math
@@ -59,7 +59,7 @@ def force_error(run: TaskRun, on: Mask) -> float:
 
 
 def distance(run: TaskRun, on: Mask) -> float:
-    """Largest distance from the point (m)."""
+    """Largest horizontal distance from the task's point (m)."""
     return float(np.max(np.linalg.norm(run.p_B[on, :2] - run.task.point, axis=1)))
 
 
@@ -142,7 +142,7 @@ def turns_missing(run: TaskRun, on: Mask) -> float:
 
 
 def off_line(run: TaskRun, on: Mask) -> response.Curve:
-    """Signed distance from the line (m)."""
+    """Signed distance of the samples from the line (m)."""
     assert isinstance(run.task, Push)
     return response.along_and_off(run.p_B[on, :2], run.task.point, run.task.to)[1]
 

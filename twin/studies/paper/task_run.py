@@ -147,7 +147,7 @@ def task_runs(recording: Recording) -> list[TaskRun]:
 
 
 def settings(run: RunView) -> dict[str, Any]:
-    """Return the experiment's checked values, keys with units; exceptions as in `recorded_values`."""
+    """Return the recorded experiment's checked values, keys with units; exceptions as in `recorded_values`."""
     path = run.path if isinstance(run, Recording) else Path("run in memory")
     return recorded_values(DECLARED_TABLES, run.metadata, path)
 
@@ -173,7 +173,7 @@ def trip_time(recording: RunView) -> float:
 
 
 def trip_sentence(recording: Recording) -> str:
-    """One sentence on a trip; "" without a trip."""
+    """Sentence on the safety monitor's trip; "" without a trip."""
     time = trip_time(recording)
     if np.isinf(time):
         return ""

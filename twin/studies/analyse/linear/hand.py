@@ -48,8 +48,7 @@ def signal_labels(ports: tuple[Port, ...]) -> list[str]:
 
 
 def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
-    """Build springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI, with the surface at
-    rest.
+    """Build springs, mechanism and contact on a resting surface as a `control.NonlinearIOSystem`, SI, continuous time.
 
     The equations are those in `twin/robot/plant/dynamics.py` and `twin/robot/plant/contact.py`. The component differs
     from this system in one point: it scales its bristle back onto the friction cone after each step
@@ -200,13 +199,14 @@ class Hand:
 
     @property
     def poles(self) -> Complex:
-        """Poles in z."""
+        """Poles of the closed loops in z."""
         return np.linalg.eigvals(self.A).astype(complex)
 
     @property
     def growth(self) -> float:
-        """Growth rate of the fastest growing, or slowest decaying, pole (1/s); 0 for a platform that stays where it is
-        put.
+        """Growth rate of the fastest growing or slowest decaying pole (1/s).
+
+        It is 0 for a platform that stays where it is put.
         """
         return float(np.log(np.abs(self.poles).max()) / self.period)
 
@@ -219,7 +219,7 @@ class Hand:
 def robot_with(
     free: FreePlant, held: HandLoad, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
 ) -> control.StateSpace:
-    """Drives and plant from one call of the controller to the next, with `held` in the hand."""
+    """Build the map of drives and plant, with the load `held`, from one call of the controller to the next."""
     return loops.period_map(loops.tick_map(free.with_load(held), drives, stepping), stepping)
 
 

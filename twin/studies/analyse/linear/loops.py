@@ -6,8 +6,8 @@ values at the unit vectors. The estimator is nonlinear and is differentiated at 
 
 Drives, springs, mechanism and contact map one call of the controller to the next, as the master steps them. The map of
 one tick is composed of the parts' own maps in the master's order (`twin/kernel/cosim/master.py`): the drives see
-omega_ref(k) and tau_load(k), then the plant sees theta_m(k+1), or theta_m(k) with the Jacobi scheme. So poles and gains
-are those of the co-simulation, its coupling error included, rather than those of the differential equations.
+omega_ref(k) and tau_load(k), then the plant sees theta_m(k+1), or theta_m(k) with the Jacobi scheme. So the poles and
+gains include the coupling error of the co-simulation, unlike those from the differential equations.
 
 A drive is a linear model per tick, fitted to its frequency response: the shaft's advance per tick, w(k) = theta_m(k+1)
 - theta_m(k), over the command omega_ref(k) and the load tau_load(k), both held over the tick. The angle itself has a
@@ -94,7 +94,7 @@ class DriveModel:
         return (self.D + self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B))[0]
 
     def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Transfer functions (n, 2) at the points `z` (n,)."""
+        """Transfer functions of the model (n, 2) at the points `z` (n,)."""
         states = np.eye(len(self.A))
         return np.array([(self.D + self.C @ np.linalg.solve(point * states - self.A, self.B))[0] for point in z])
 
@@ -150,7 +150,7 @@ def fit_drive(
 def _rational_fit(
     variable: NDArray[np.complex128], response: NDArray[np.complex128], weight: Matrix, states: int
 ) -> tuple[Matrix, Matrix]:
-    """(denominator (states + 1,) with 1 first, numerators (states + 1, 2)): polynomials in 1 / `variable`."""
+    """Fit polynomials in 1 / `variable`: (denominator (states + 1,) with 1 first, numerators (states + 1, 2))."""
     powers = (1.0 / variable)[:, None] ** np.arange(states + 1)
     denominator = np.ones(len(variable), dtype=complex)
     for _ in range(FIT_ITERATIONS if states else 1):
@@ -171,7 +171,7 @@ def _rational_fit(
 
 
 def _state_space(denominator: Matrix, numerators: Matrix, p: float) -> DriveModel:
-    """The polynomials in 1/lambda as a state-space model in z.
+    """Convert the polynomials in 1/lambda to a state-space model in z.
 
     In lambda it is the observer form; with A, B, C, D there, (lambda 1 - A)^-1 = (1 - p z)(z 1 - A_z)^-1 (1 + p A)^-1
     for A_z = (1 + p A)^-1 (A + p 1), and (1 - p z)(z 1 - A_z)^-1 = -p 1 + (1 - p A_z)(z 1 - A_z)^-1.
@@ -298,7 +298,7 @@ def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
 
 
 def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
-    """(state, outputs) after one call of the controller, as `task_controller.py` puts it together."""
+    """Compute (state, outputs) after one call of the controller, composed as in `task_controller.py`."""
     angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
     h = settings.period
     p, F_ee_B = estimation.p_B @ angles, estimation.F_ee_B @ angles
@@ -314,14 +314,14 @@ def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs:
 
 
 def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:
-    """(output, state) of one unlimited loop; its state is integral, derivative, last error."""
+    """Compute (output, state) of one unlimited loop; its state is integral, derivative, last error."""
     pid = np.array([(*gains, *state, 1)], dtype=PID_RECORD)
     output = _control(pid, error, h)
     return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
 
 
 def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
-    """(motor speeds (3,) of the damping, low-passed torques (3,))."""
+    """Compute (motor speeds (3,) of the damping, low-passed torques (3,))."""
     lead = np.zeros(3)
     if settings.damping is None:
         return lead, slow
@@ -366,7 +366,8 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
 
 
 def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
-    """One tick: commands `SPEED_COMMANDS` in, `MEASURED_ANGLES` and `TRUE_SIGNALS` out, all as small deviations.
+    """Build the linear map of one tick: `SPEED_COMMANDS` in, `MEASURED_ANGLES` and `TRUE_SIGNALS` out, small
+    deviations.
 
     Args:
         plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
@@ -437,10 +438,11 @@ def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.Stat
 
 
 def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -> Loops:
-    """Open all loops: inputs `LOOPS`, `REFERENCE_SIGNALS`, `SPEED_COMMANDS`.
+    """Connect robot and law with all loops open.
 
-    The outputs are `LOOPS`, `ESTIMATED_SIGNALS`, `SPEED_COMMANDS` and the true signals. Inputs `SPEED_COMMANDS` are
-    added to the law's commands, after the outputs of that name.
+    The inputs are `LOOPS`, `REFERENCE_SIGNALS`, `SPEED_COMMANDS`; the outputs `LOOPS`, `ESTIMATED_SIGNALS`,
+    `SPEED_COMMANDS` and the true signals. Inputs `SPEED_COMMANDS` are added to the law's commands, after the outputs of
+    that name.
 
     Args:
         robot: result of `period_map`; its outputs must not depend directly on an input.
@@ -510,7 +512,7 @@ def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
 
 
 def spectral_radius(loops: Loops, gains: Mapping[str, float]) -> float:
-    """Largest magnitude of a pole with the loops closed; below 1: stable."""
+    """Largest magnitude of a pole with the loops closed; below 1 if stable."""
     return float(np.abs(closed_poles(loops, gains)).max())
 
 

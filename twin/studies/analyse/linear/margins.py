@@ -192,9 +192,7 @@ class Pole(NamedTuple):
 
 
 def poles(z: Complex, period: float) -> list[Pole]:
-    """Convert `z` (n,) to poles of swings, slowest decay first, one of each conjugate pair, without those due to pure
-    delays.
-    """
+    """Convert `z` (n,) to poles of swings, slowest decay first, without pure delays; one of each conjugate pair."""
     lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)]
     s = np.log(lasting) / period
     # a pole at z = 1 neither grows nor decays; avoid a division by zero
@@ -309,9 +307,7 @@ def smallest_disk(S: Complex, skew: float = 0.0) -> tuple[int, float]:
 
 
 def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) -> DiskMargin:
-    """Compute the disk margin of the loops opened at all `breaks` at once, see `sensitivity`; the system must be
-    stable.
-    """
+    """Compute the disk margin of a stable system's loops opened at all `breaks` at once, see `sensitivity`."""
     omega = frequencies(loops.dt)
     for _ in range(3):
         which, alpha = smallest_disk(sensitivity(loops, gains, breaks, omega))
