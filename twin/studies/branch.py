@@ -82,7 +82,7 @@ class BranchOutcome:
 def branch(
     run: Annotated[Path, Argument("A run's folder, its recording, or results/EXPERIMENT.", "RUN")],
     say: Say,
-    at: Annotated[float | None, Option("When the branches leave the run.", "S", least=0.0)] = None,
+    at: Annotated[float | None, Option("Time at which the branches leave the run.", "S", least=0.0)] = None,
     settings: Annotated[
         Sequence[str],
         Option("A branch with another value; several keys with ';'; may be repeated.", "KEY=VALUE", "--set"),
@@ -136,7 +136,7 @@ def branch(
     if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
     home = make_folder((out or RESULTS_FOLDER / base.name).absolute())
-    say("coming to the branch", 0.0)
+    say("restoring the branch point", 0.0)
     point = BranchPoint(base, recording, start)
     outcomes: list[BranchOutcome] = []
     plan = [(Branch("as it was"), base)]

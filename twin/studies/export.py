@@ -44,7 +44,7 @@ def export(
         Sequence[str], Option("Signal to export, such as plant.p_B, 'plant.*', '*.F_z'; may be repeated.", "NAME")
     ] = (),
     rate: Annotated[float | None, Option("Rows per second; default: the fastest signal's rate.", "HZ")] = None,
-    out: Annotated[Path | None, Option("Output file; default: beside the recording.", "PATH")] = None,
+    out: Annotated[Path | None, Option("Output file; default: next to the recording.", "PATH")] = None,
     force: Annotated[bool, Option("Replace an existing file.")] = False,
 ) -> Answer:
     """Write a recording as CSV, Parquet or MATLAB file, or as a bag of ROS 2.

@@ -35,7 +35,7 @@ ONE_TICK = "one tick"
 MAGNET_REASON = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
 NOT_MODELLED = (
     ("bending links, yielding rods", 0.013, "3 N at the end of 60 mm of 9 mm aluminium: 0.01 mm"),
-    ("play of ball joints", 0.0, "none: held closed by springs or magnets, as deltas are"),
+    ("play of ball joints", 0.0, "zero: closed by springs or magnets, as in delta robots"),
     ("tilt of the platform", 0.002, "1.1 N, 30 mm below O_P, on rods that yield: 3e-5 rad, 1 um"),
     ("rods that spin", 0.001, "3e-8 kg m2 about their own axis"),
     ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
@@ -272,7 +272,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
     imperfections = [
         line("encoder counts", added["counts"], "encoders as they are, instead of exact"),
         line("backlash", added["backlash"], "backlash as it is, taken off as far as the controller believes in it"),
-        line("statics only", ideal.error, "what is left when all else is perfect: inertia and joint friction"),
+        line("statics only", ideal.error, "the remainder if all else is perfect: inertia and joint friction"),
     ]
     if "belief" in added:
         imperfections.append(

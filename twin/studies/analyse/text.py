@@ -18,8 +18,8 @@ Numbers = NDArray[np.float64]
 DOUBTFUL_RESIDUAL = 0.03
 """Residual of a drive's model above which the report expresses doubt."""
 TURNING_NOTE = (
-    "measured while it turns: at rest its small signals drown in steps or sticking friction, "
-    "so the numbers are those of swings that are larger than these"
+    "measured while it turns: at rest its small signals drown in steps or stiction, "
+    "so the numbers are valid for larger swings only"
 )
 UNTRIED_NOTE = "the gain limits are the linear model's and were not tried in the co-simulation"
 SLIDING_NOTE = (
@@ -136,7 +136,7 @@ def _checked_limit_text(done: stability.Stability, check: limit_check.LimitCheck
         factor = check.simulated_limit
         found = f"a nudge lasts from {_gains(done, check.law, factor)} on, {factor:.3g} times what is set"
     return (
-        f"not predicted for this drive {where}: in the co-simulation {found}; the linear model says {linear}. "
+        f"not predicted for this drive {where}: in the co-simulation {found}; the linear model predicts {linear}. "
         f"Why: {check.reason}"
     )
 
@@ -163,7 +163,7 @@ def _growth(pole: Pole) -> str:
     if pole.zeta < -0.999:
         return f"it runs away, e-fold in {1.0 / rate:.2g} s"
     if rate <= 0.0:
-        return "it never comes to rest"
+        return "it never settles"
     return f"a swing of {_hertz(pole.omega)} Hz grows e-fold in {1.0 / rate:.2g} s"
 
 
@@ -242,7 +242,7 @@ def _rendering_text(width: rendering.ZWidth) -> str:
 
 def _carried_mass_text(trial: carried_mass.PassivityTrial | None) -> str:
     if trial is None:
-        return f"{passivity.MASS_RANGE[1]:g} kg on the platform in the air, as far as the linear model says"
+        return f"{passivity.MASS_RANGE[1]:g} kg on the platform in the air, by the linear model"
     inside, outside = (
         f"{factor * trial.mass:.3g} kg" for factor in (carried_mass.STABLE_SHARE, carried_mass.UNSTABLE_SHARE)
     )
@@ -251,7 +251,7 @@ def _carried_mass_text(trial: carried_mass.PassivityTrial | None) -> str:
     agrees = "the co-simulation agrees" if trial.agrees else "the co-simulation does NOT agree"
     return (
         f"up to {trial.mass:.3g} kg on the platform {point_name(trial.point)}; beyond, it swings; {agrees}: "
-        f"a nudge goes by {simulated[0]} with {inside} ({predicted[0]} predicted), by {simulated[1]} with {outside} "
+        f"a nudge grows at {simulated[0]} with {inside} ({predicted[0]} predicted), by {simulated[1]} with {outside} "
         f"({predicted[1]})"
     )
 
@@ -267,9 +267,7 @@ def _passive_point(point: passivity.PointPassivity) -> list[Block]:
         "",
         Note(point_name(point.point) + ("" if point.stable else ": UNSTABLE in an empty hand")),
         Table(AXIS_COLUMNS, rows),
-        Note(
-            f"worst environment: {swings if worst.swings else f'none swings; slowest to die out {environment}'}", "  "
-        ),
+        Note(f"worst environment: {swings if worst.swings else f'no swing; slowest decay {environment}'}", "  "),
     ]
 
 

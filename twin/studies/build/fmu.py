@@ -263,17 +263,17 @@ def part_description(part: RobotPart) -> str:
     if sampled:
         them = ", ".join(sampled)
         sentences.append(
-            f"Sampled at the start of a step and published at its end: {them}. In a master in which all exchange "
-            "their values between steps (Jacobi) that is a delay of one step; in one that steps it before those it "
-            "feeds, and hands its values on at once (Gauss-Seidel), there is none."
+            f"Sampled at the start of a step and published at its end: {them}. A master that exchanges all values "
+            "between steps (Jacobi) thereby adds a delay of one step; a master that steps this part first and passes "
+            "its outputs on at once (Gauss-Seidel) adds no delay."
         )
     for number, fault in enumerate(experiment.faults, start=1):
         if part.component(f"fault_{number}"):
             sentences.append(f"fault_{number}: {fault.kind} of {fault.target}.")
     if part.component("controller") and experiment.controller.bus_delay_ticks:
         sentences.append(
-            f"The delay of the bus, controller.bus_delay_ticks = {experiment.controller.bus_delay_ticks}, is not in "
-            "it: of these ticks a Jacobi master makes one."
+            f"The delay of the bus, controller.bus_delay_ticks = {experiment.controller.bus_delay_ticks}, is not "
+            "included; a Jacobi master itself adds one of these ticks."
         )
     return " ".join(sentences)
 
@@ -294,14 +294,13 @@ def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Se
             "",
             part_description(part),
             "",
-            f"Native code for {linking.names_of(platforms)}; it needs the C library with its mathematics and nothing "
-            "else.",
+            f"Native code for {linking.names_of(platforms)}; it needs only the C library with its mathematics.",
             "",
             "| variable | | unit | start | |",
             "|---|---|---|---|---|",
             *rows,
             "",
-            "Fixed, because something was worked out of it when this was built: " + ", ".join(closed) + ".",
+            "Fixed, because values were computed from these at build time: " + ", ".join(closed) + ".",
             "",
         ]
     )

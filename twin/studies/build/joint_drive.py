@@ -85,8 +85,8 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
         _refuse_unexportable(plan, experiment.cosim.tick)
     if need_processes(plans):
         raise InputRefused(
-            f"{plans[0].label}: can be instantiated only once in a process, so that three of it take three processes, "
-            "which an SSP cannot ask for; choose another drive"
+            f"{plans[0].label}: can be instantiated only once per process, so that three joints need three processes, "
+            "which an SSP cannot express; choose another drive"
         )
     plant, theta_m = resting_plant(experiment)
     build = Build(experiment, plans, IN_PROCESS_MAKER, plant, theta_m)
@@ -132,13 +132,13 @@ def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
     for fmu in plan.parts.values():
         if fmu.kind != "co_simulation":
             raise InputRefused(
-                f"{label}: is used for {KIND_NAMES[fmu.kind]}, whose solver here is ours; an SSP takes an FMU for "
+                f"{label}: is used for {KIND_NAMES[fmu.kind]}, with a solver of twin; an SSP needs an FMU for "
                 "co-simulation"
             )
     substeps, _ = rates("drive", plan.table, tick)
     if substeps > 1:
         loop = next((name for name in ("velocity_loop", "position_command") if getattr(plan.table, name)), "")
-        why = f"[drive.{loop}] of ours acts in each of them" if loop else "[drive] substeps asks for them"
+        why = f"twin's [drive.{loop}] acts in each of them" if loop else "[drive] substeps requires them"
         raise InputRefused(
             f"{label}: makes {substeps} steps in a tick of {1e3 * tick:g} ms, as {why}; an SSP has one step for all. "
             "Choose another drive, or a cosim.tick_ms as short as these steps"
@@ -148,7 +148,7 @@ def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
     for settings in plan.settings.values():
         for variable, value in settings:
             if isinstance(value, list) and any(isinstance(text, FilePath) for text in value):
-                raise InputRefused(f"{label}: its parameter {variable.name} is a file, which an SSP cannot take along")
+                raise InputRefused(f"{label}: its parameter {variable.name} is a file, which an SSP cannot include")
             if variable.size > 1:
                 raise InputRefused(f"{label}: its parameter {variable.name} is an array, which SSP 1.0 does not have")
 

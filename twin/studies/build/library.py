@@ -268,9 +268,9 @@ def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequ
     lines = [
         f"# The robot's computer of {experiment.title}",
         "",
-        f"{names}: from the counts of the encoders to the speeds of the drives, the very code that the twin runs.",
-        f"A step every {1e3 * step:g} ms takes the counts of that instant; in the twin the drives have what follows",
-        "from them at that same instant. `computer.h` says what goes in, what comes out, which parameters there are;",
+        f"{names}: from the counts of the encoders to the speeds of the drives, the same code that the twin runs.",
+        f"A step every {1e3 * step:g} ms reads the counts of that instant; in the twin the drives receive the result",
+        "at the same instant. `computer.h` declares the inputs, the outputs and the parameters;",
         "`main.c` reads counts from a file and prints the drives' commands:",
         "",
         "```sh",
@@ -279,13 +279,13 @@ def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequ
         "./main counts.csv",
         "```",
         "",
-        "A library needs libm, and `memcpy` and `memset`, which a compiler takes for granted; all names in it begin",
-        f"with `{SYMBOL_PREFIX}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end "
-        "`sin`, `cos` or",
-        "`exp` in another bit.",
+        "A library needs libm, and `memcpy` and `memset`, which compilers assume; all names in it begin",
+        f"with `{SYMBOL_PREFIX}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may "
+        "change the last bit of",
+        "`sin`, `cos` or `exp`.",
         "",
         *([f"`monitor.reason`: {reasons}.", ""] if part.component("monitor") else []),
-        f"Fixed, because something was worked out of it when this was built: {', '.join(closed)}.",
+        f"Fixed, because values were computed from these at build time: {', '.join(closed)}.",
         "",
     ]
     return "\n".join(lines)

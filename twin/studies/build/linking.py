@@ -230,7 +230,7 @@ def universal(slices: Mapping[str, bytes]) -> bytes:
 def _compiler(platform: Platform, wanted: Path) -> list[str]:
     tool = compiler_command(wanted) if platform is HOST_PLATFORM else [*zig_command(), "cc"]
     if platform is not HOST_PLATFORM and importlib.util.find_spec(ZIG_PACKAGE) is None:
-        raise InputRefused(f"{wanted}: there is no C compiler for {platform.name}; pip install {ZIG_PACKAGE}")
+        raise InputRefused(f"{wanted}: no C compiler for {platform.name}; pip install {ZIG_PACKAGE}")
     return [*tool, "-target", platform.target] if ZIG_PACKAGE in tool else tool
 
 
@@ -239,7 +239,7 @@ def _archiver(tool: Sequence[str], wanted: Path) -> list[str]:
         return [*zig_command(), "ar"]
     found = shutil.which("ar")
     if found is None:
-        raise InputRefused(f"{wanted}: there is no 'ar' beside the C compiler; install binutils")
+        raise InputRefused(f"{wanted}: the C compiler lacks 'ar'; install binutils")
     return [os.path.abspath(found)]
 
 

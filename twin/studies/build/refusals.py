@@ -27,7 +27,7 @@ def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str])
             "build the plant with --set cosim.inputs=hold"
         )
     if name == "body" and not motions(experiment):
-        raise InputRefused(f"{experiment.name}: its body does not move; there is nothing to build")
+        raise InputRefused(f"{experiment.name}: its body does not move, so it has no component to build")
     for number, fault in enumerate(experiment.faults, start=1):
         if name == f"fault_{number}":
             _refuse_alone(name, fault.kind)

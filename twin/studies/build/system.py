@@ -38,15 +38,15 @@ KIND_CONNECTORS: dict[Kind, ssp.ConnectorKind] = {
 }  # fmt: skip
 _SCHEME_TEXTS = {
     "gauss_seidel": (
-        "Step the elements one after the other in this order, and hand the values of each on at once (Gauss-Seidel): "
-        "the computer, the drives, the plant. What leads back in this order (angles to the computer, the load to the "
-        "drives) is what was valid before the step. In that order the system gives the trace of the twin's own run; "
-        "where all exchange their values between steps (Jacobi), the computer's come a tick later and the plant sees "
-        "the drives' angles of the tick before."
+        "Step the elements one after the other in this order, and pass the outputs of each on at once (Gauss-Seidel): "
+        "the computer, the drives, the plant. The feedback signals (angles to the computer, load to the drives) have "
+        "their values from before the step. This order reproduces the trace of the twin's own run. If all values are "
+        "exchanged between steps (Jacobi), the computer's outputs arrive a tick later and the plant sees the drives' "
+        "angles of the previous tick."
     ),
     "jacobi": (
-        "Let all elements make a step, and exchange their values between steps (Jacobi). The step that the computer's "
-        "values take to get to the drives is the tick of the bus that the experiment has (controller.bus_delay_ticks)."
+        "Step all elements, and exchange all values between steps (Jacobi). The delay of one step from the computer to "
+        "the drives is the tick of the experiment's bus (controller.bus_delay_ticks)."
     ),
 }
 COMPUTER_PART, BUS_PART, PLANT_PART = "computer", "bus", "plant"
@@ -98,7 +98,7 @@ def system_readme(
         "|---|---|---|---|",
         *(f"| `{m.name}` | `{m.entry}` | {f'`{m.values.source}`' if m.values else ''} | {m.about} |" for m in members),
         "",
-        f"FMUs of twin's own are native code for {', '.join(p.name for p in platforms)}; drives are as they came.",
+        f"FMUs of twin's own are native code for {', '.join(p.name for p in platforms)}; drives are unchanged.",
         "",
         "## How to step it",
         "",
@@ -107,10 +107,9 @@ def system_readme(
         "",
         "## Lines on connections",
         "",
-        "A drive counts from a zero of its own, and may have units and a gear of its own: these connections have a "
-        "LinearTransformation, factor * value + offset, and no other conversion. For a master that leaves the offset "
-        "away, set the start value of the drive's angle so that it begins where the robot rests; a last bit may be "
-        "another one then.",
+        "A drive has its own zero, and may have its own units and gear: these connections have a LinearTransformation, "
+        "factor * value + offset, and no other conversion. For a master without support for the offset, set the start "
+        "value of the drive's angle to the robot's rest position; a last bit may then differ.",
         "",
         "| from | to | factor | offset |",
         "|---|---|---|---|",
@@ -121,7 +120,7 @@ def system_readme(
             if c.transformation != ssp.IDENTITY_TRANSFORMATION
         ),
         "",
-        "## What it was made of",
+        "## Sources",
         "",
         "| file | SHA-256 |",
         "|---|---|",
@@ -213,8 +212,8 @@ def _refuse_unexportable(experiment: Experiment) -> None:
         )
     if cosim.scheme == "jacobi" and bus != 1:
         raise InputRefused(
-            f'{experiment.name}: [cosim] scheme = "jacobi" with controller.bus_delay_ticks = {bus}: where all exchange '
-            "their values between steps, the computer's come a tick later, which is a bus of 1 tick; build it with "
+            f'{experiment.name}: [cosim] scheme = "jacobi" with controller.bus_delay_ticks = {bus}: a Jacobi '
+            "master delays the computer's outputs by a tick, which is a bus of 1 tick; build it with "
             "--set controller.bus_delay_ticks=1, or --set cosim.scheme=gauss_seidel"
         )
 

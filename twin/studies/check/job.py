@@ -99,7 +99,7 @@ def _no_baseline(folder: Path, file: Path, drive: str) -> str:
     elsewhere = [] if folder == stored.BASELINE_FOLDER else ["--baselines", str(folder)]
     accept = shlex.join(["twin", "check", str(file), "--drive", drive, *elsewhere, "--update"])
     return (
-        f"{stored.baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
+        f"{stored.baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept its present values: "
         f'{accept} --reason "first"'
     )
 
@@ -149,8 +149,8 @@ def pairs(
         files = [_file_of(name) for name in stored.stored_experiments(baselines)]
     if not files:
         raise InputRefused(
-            f"{baselines}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
-            "where they are: --baselines DIR"
+            f"{baselines}: no baselines there; name an experiment: twin check EXPERIMENT --update --reason TEXT, or "
+            "their folder: --baselines DIR"
         )
     shelf = [fmu.stem for fmu in sorted(locate_file("fmus", Path.cwd()).glob("*/*.fmu"))]
     named = [name for drive in drives for name in (shelf if drive == ALL_DRIVES else [drive])]

@@ -216,9 +216,7 @@ class Measurement:
 def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
     """Evaluate the measures of `experiment` on the `signals` of its run."""
     if not experiment.measures:
-        raise InputRefused(
-            f"{experiment.name}: has no [[measure]] tables, so there is nothing to check; docs/regression.md has them"
-        )
+        raise InputRefused(f"{experiment.name}: has no [[measure]] tables to check; see docs/regression.md")
     metrics: Metrics = {}
     curves, mistakes = {}, []
     for measure in experiment.measures:

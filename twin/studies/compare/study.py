@@ -31,7 +31,7 @@ def compare(
         Argument(
             "A recording (its folder, its .mcap file, results/EXPERIMENT), another MCAP file or a CSV file. With "
             "--paper: fig4: the run with force control, then the one without, then the same two of the imperfect robot "
-            "for the forces in x; fig5: any runs of tasks; none: the latest of the figure's experiments in results/.",
+            "for the forces in x; fig5: any runs of tasks; default: the figure's latest runs in results/.",
             "A B",
         ),
     ] = (),

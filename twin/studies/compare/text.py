@@ -41,7 +41,7 @@ def differences_lines(differences: Differences | None) -> list[Note | str]:
     ]
     more = len(differences) - MAX_DIFFERENCES
     rest = [f"  and {count_text(more, 'more value')}"] if more > 0 else []
-    return ["", "What differs in the experiments, A and B:", *lines, *rest]
+    return ["", "Differences of the experiments, A and B:", *lines, *rest]
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
@@ -117,7 +117,7 @@ def _rows(row: SignalRow) -> list[Sequence[Cell] | str]:
 def _others(comparison: Comparison, partial: bool) -> Iterable[Block]:
     lacking, covered = comparison.least_coverage
     if covered < 1.0 and not partial:
-        yield _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
+        yield _note(f"{lacking}: B covers only a part of A; --partial accepts that")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):
         if names:
             yield _note(f"only in {name}: {some_signals(names, 4)}")

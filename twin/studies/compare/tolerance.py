@@ -260,7 +260,7 @@ def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
     if kind not in get_args(Kind):
         raise ComparisonError(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
     if kind in ("event", "fit") and not signal:
-        raise ComparisonError(f"--align {kind}: by which signal? Add --by SIGNAL")
+        raise ComparisonError(f"--align {kind}: expected a signal; add --by SIGNAL")
     if not 0.0 < max_shift < np.inf:
         raise ComparisonError(f"--max-shift {max_shift:g}: expected a time > 0 s")
     return Alignment(cast(Kind, kind), signal, max_shift)
@@ -275,7 +275,7 @@ def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
         return TimeShift(float(first[0] - first[1]))
     ours, theirs = a[how.signal], b[how.signal]
     if np.ptp(ours.values) == 0.0 or np.ptp(theirs.values) == 0.0:
-        raise ComparisonError(f"--by {how.signal}: is constant, so nothing in it can be aligned")
+        raise ComparisonError(f"--by {how.signal}: is constant and cannot be aligned")
     if how.kind == "event":
         return _event_shift(a, b, how.signal)
     return _best_shift(ours, theirs, how.max_shift)
@@ -392,7 +392,7 @@ def _nothing_in_common(a: Log, b: Log) -> str:
         for name in log.series:
             meant = [n for n in other.series if re.split(r"[./]", n)[-1] == name]
             if meant:
-                choice = f"say which with --map {meant[0]}=COLUMN[UNIT]"
+                choice = f"choose with --map {meant[0]}=COLUMN[UNIT]"
                 return f"{log.path}: '{name}' could be {' or '.join(meant)}; {choice}"
     there = "; ".join(f"{log.path} has {some_signals(log.series, 6)}" for log in (a, b))
     return f"no signal in common: {there}; name them with --map NAME=COLUMN[UNIT]"

@@ -41,7 +41,7 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
         by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))
         by_cost.xaxis.set_minor_formatter(NullFormatter())
         figure.legend(loc="outside lower center", fontsize="small", ncols=3)
-        by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
+        by_tick.set_title(f"{study.name}: cost of the coupling", loc="left", fontweight="bold")
 
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:

@@ -28,7 +28,7 @@ class SmoothExperiment:
 def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
     """Return the experiment with exact encoders and a force loop triggered at the original time instead of by force."""
     if experiment.faults:
-        raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
+        raise InputRefused(f"{experiment.name}: has faults, whose effect is not a coupling error; remove [[fault]]")
     if experiment.tasks:
         raise InputRefused(
             f"{experiment.name}: its tasks change phase at the measured force, so two runs are not comparable "

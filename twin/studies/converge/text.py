@@ -51,8 +51,8 @@ def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
 
 def _headline(study: CouplingStudy) -> list[Block]:
     if not study.reference.is_pressing:
-        why = "  so no tolerance of the force says which tick and coupling to use"
-        return [f"{study.name}: presses on nothing", why]
+        why = "  so a tolerance of the force cannot select a tick and coupling"
+        return [f"{study.name}: never presses", why]
     limit = f"{1e3 * study.tolerance:g} mN"
     if study.choice is None:
         return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]

@@ -117,7 +117,7 @@ FIG4_CLAIMS = (
         "z_place", "... error in place, without the lag", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
         lambda runs: measure.lag(runs.position)[1], high=0.5, unit="mm", scale=1e3, source=CURVE_SOURCE,
-        miss=KnownMiss("pressed in by the scale the drives give way, and z arrives late and 0.4 mm short", high=1.1),
+        miss=KnownMiss("the drives yield to the scale, and z arrives late and 0.4 mm short", high=1.1),
     ),
     Claim(
         "z_tracks", "whole curve, force-position: average difference", "4 A",
@@ -230,7 +230,7 @@ QUALITY_CLAIMS = (
     Claim(
         "true_overshoot", "overshoot of F_z", "truth", "ours: judged on the true contact force",
         lambda runs: overshoot(runs.force_position.true_F_z, runs.force_position.F_z_ref),
-        high=5.0, unit="%", scale=100.0, digits=1, source="ours: what a patient is spared",
+        high=5.0, unit="%", scale=100.0, digits=1, source="ours: comfort of a patient",
     ),
     Claim(
         "true_final", "F_z at the end", "truth", "ours: judged on the true contact force",

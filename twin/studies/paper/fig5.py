@@ -41,7 +41,7 @@ def _excess_claim(figure: str, quote: str, share: float, why: str) -> Claim:
 
 def _trip_claim(figure: str) -> Claim:
     return Claim(
-        "tripped", "safety monitor trips", figure, "ours: a massage that is broken off is none",
+        "tripped", "safety monitor trips", figure, "ours: a massage must not be broken off",
         lambda run: float(run.has_trip), high=0.0, digits=0, source="ours: none",
         trivial=lambda run: "" if run.has_monitor else "the run had no safety monitor",
     )  # fmt: skip

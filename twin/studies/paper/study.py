@@ -31,9 +31,7 @@ def fig4_result(score: Fig4Score) -> Result:
     """Report on Fig. 4: the claims of the paper, then our own on the true force."""
     lines: list[Block] = []
     if score.unscored_keys:
-        lines += [
-            f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, for want of what a run lacks:"
-        ]
+        lines += [f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, whose series a run lacks:"]
         lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
     lines += [_two_columns("Fig. 4", standing_text(score.claims, PAPER_CLAIMS)), _claims_table(score.claims)]
     if not score.without_x:

@@ -91,7 +91,7 @@ def provenance(log: Log) -> Provenance | None:
     time = next((found[name] for name in TIME_NAMES if name in found), None)
     if time is None or signal not in found:
         missing = "the time" if time is None else signal
-        raise LogError(f"{log.path}: [uncertainty] says nothing about {missing}; it has {', '.join(head.uncertainty)}")
+        raise LogError(f"{log.path}: [uncertainty] lacks {missing}; it has {', '.join(head.uncertainty)}")
     return Provenance(head, signal, found[signal], time)
 
 
