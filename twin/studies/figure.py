@@ -108,7 +108,7 @@ def write_for_paper(figure: "Figure", path: Path) -> None:
 
 
 def _resize_for_paper(figure: "Figure", columns: int) -> None:
-    """Resize a figure for the screen to the width, the letters and the lines of a paper."""
+    """Resize a figure for the screen to the width, font size and line weights of a paper."""
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
 

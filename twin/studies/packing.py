@@ -1,7 +1,7 @@
 """Compact text for samples: 32 bit floats, deflated (RFC 1950), in base 64.
 
-The bit patterns, taken as integers, are replaced by differences of neighbours, and the bytes of the same weight are
-grouped: neighbours differ in their low bits only, so the text takes a third of the size of the floats alone. Only the
+The bit patterns, read as integers, are replaced by differences of neighbours, and the bytes of the same weight are
+grouped: neighbours differ in their low bits only, so the text has a third of the size of the floats alone. Only the
 rounding to 32 bits is lost. The scripts of a page decode the same format.
 """
 
@@ -15,7 +15,7 @@ from twin.studies.metrics.response import Curve
 MAX_BYTES = 4_000_000
 """Maximum unpacked size (bytes): a million samples, eleven hours of a curve in a sweep."""
 COMPRESSION_LEVEL = 6
-"""Level of zlib: higher levels take twice as long for one percent."""
+"""Level of zlib: higher levels double the time for one percent."""
 
 
 def text_of(values: Curve) -> str:

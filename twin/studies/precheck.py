@@ -1,7 +1,7 @@
-"""Early checks of the files on a command line, before a study is loaded, which takes a second or two.
+"""Early checks of the files on a command line, before a study is loaded, because loading lasts a second or two.
 
-The study itself refuses the same input with the same message. Each function takes the values of a study's arguments by
-name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.
+The study itself refuses the same input with the same message. Each function receives the values of a study's arguments
+by name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.
 """
 
 import os

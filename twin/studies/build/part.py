@@ -126,7 +126,7 @@ class RobotPart:
 
 
 def drive_commands(part: RobotPart) -> dict[str, str]:
-    """Map each input port of the drives that the part feeds to its output, e.g. `monitor.omega_ref`."""
+    """Map each drive input that the part feeds to the output that feeds it, e.g. `monitor.omega_ref`."""
     (drives,) = (row for row in COMPONENT_ROWS if row.name == DRIVE_ROW)
     fed = {
         port: [

@@ -80,7 +80,7 @@ def measure_with_drive(file: Path, drive: str) -> tuple[Experiment, Measurement]
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
-    """Return the baseline of the experiment in `file` with `drive`; refuse if it is missing."""
+    """Return the baseline of the experiment in `file` with `drive`, or refuse."""
     known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
         # report a misspelt experiment or drive first
@@ -152,8 +152,8 @@ def pairs(
             f"{baselines}: no baselines there; name an experiment: twin check EXPERIMENT --update --reason TEXT, or "
             "their folder: --baselines DIR"
         )
-    shelf = [fmu.stem for fmu in sorted(locate_file("fmus", Path.cwd()).glob("*/*.fmu"))]
-    named = [name for drive in drives for name in (shelf if drive == ALL_DRIVES else [drive])]
+    shipped = [fmu.stem for fmu in sorted(locate_file("fmus", Path.cwd()).glob("*/*.fmu"))]
+    named = [name for drive in drives for name in (shipped if drive == ALL_DRIVES else [drive])]
     for name in named:
         if name != stored.OWN_DRIVE and not any(
             Path(locate_drive(name, file.resolve().parent)).exists() for file in files
@@ -220,19 +220,19 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
 
     say(f"0 of {len(pairs)} checks", 0.0)
 
-    def hear(note: dict[str, Any]) -> None:
+    def on_outcome(note: dict[str, Any]) -> None:
         outcome = CheckOutcome.from_note(note)
         found[outcome.pair] = outcome
         say(f"{len(found)} of {len(pairs)} checks", len(found) / len(pairs))
 
     if processes == 0:
-        check_pairs(DirectReporter(hear), pairs, **arguments)
+        check_pairs(DirectReporter(on_outcome), pairs, **arguments)
     else:
         stop = threading.Event()
         with ThreadPoolExecutor(processes) as pool:
             # every n-th pair per process, because speed depends far more on the drive than on the experiment
             shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
-            running = [pool.submit(_check_share, share, arguments, hear, stop) for share in shares]
+            running = [pool.submit(_check_share, share, arguments, on_outcome, stop) for share in shares]
             try:
                 for share in running:
                     share.result()
@@ -243,14 +243,17 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
 
 
 def _check_share(
-    pairs: Sequence[Pair], arguments: dict[str, Any], hear: Callable[[dict[str, Any]], None], stop: threading.Event
+    pairs: Sequence[Pair],
+    arguments: dict[str, Any],
+    on_outcome: Callable[[dict[str, Any]], None],
+    stop: threading.Event,
 ) -> None:
     """Check `pairs` in a process, and the remaining ones in a new process whenever a drive has ended the last."""
     left = list(pairs)
 
-    def take(note: dict[str, Any]) -> None:
+    def on_note(note: dict[str, Any]) -> None:
         del left[0]
-        hear(note)
+        on_outcome(note)
 
     def show(done: int, total: int) -> None:
         # the main thread alone receives Ctrl-C
@@ -259,8 +262,8 @@ def _check_share(
 
     while left and not stop.is_set():
         try:
-            run_guarded(CHECK_JOB, {"work": left, **arguments}, listen=take, show=show)
+            run_guarded(CHECK_JOB, {"work": left, **arguments}, listen=on_note, show=show)
         except TwinError as failure:
             if not left:
                 raise
-            take(asdict(CheckOutcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))
+            on_note(asdict(CheckOutcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))

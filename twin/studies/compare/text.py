@@ -26,7 +26,7 @@ SIGNAL_COLUMNS = (
     Column("of tube", 8, gap=0),
 )
 DISPLAY_UNITS = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
-"""Units for people and the factor to them, by SI unit."""
+"""SI unit -> displayed unit and the factor to it."""
 
 
 def differences_lines(differences: Differences | None) -> list[Note | str]:
@@ -62,7 +62,7 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
 
 
 def display_unit(unit: str) -> tuple[str, float]:
-    """Unit for people of an SI unit, and the factor to it."""
+    """Displayed unit for an SI unit, and the factor to it."""
     return DISPLAY_UNITS.get(unit, (unit, 1.0))
 
 

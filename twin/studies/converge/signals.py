@@ -16,7 +16,7 @@ Samples = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Signal:
-    """A compared signal: name as in recordings, unit for people, and number of these units per SI unit (`scale`)."""
+    """A compared signal: name as in recordings, displayed unit, and number of these units per SI unit (`scale`)."""
 
     name: str
     unit: str

@@ -1,4 +1,4 @@
-"""Impedance felt by a hand that holds the platform: driving-point impedance of drives, springs and sampled loops.
+"""Driving-point impedance felt by a hand at the platform: drives, springs and sampled loops.
 
 The body is removed; in its place a force F acts on the platform, held from one call of the controller to the next.
 During this time the platform moves by p(k+1) - p(k), so the hand's work is exactly F(k).(p(k+1) - p(k)). The admittance
@@ -204,10 +204,7 @@ class Hand:
 
     @property
     def growth(self) -> float:
-        """Growth rate of the fastest growing or slowest decaying pole (1/s).
-
-        It is 0 for a platform that stays where it is put.
-        """
+        """Growth rate of the fastest growing or slowest decaying pole (1/s); 0 if the platform stays anywhere."""
         return float(np.log(np.abs(self.poles).max()) / self.period)
 
     @property

@@ -366,8 +366,7 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
 
 
 def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
-    """Build the linear map of one tick: `SPEED_COMMANDS` in, `MEASURED_ANGLES` and `TRUE_SIGNALS` out, small
-    deviations.
+    """Build the linear map of one tick from `SPEED_COMMANDS` to `MEASURED_ANGLES` and `TRUE_SIGNALS`.
 
     Args:
         plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
