@@ -252,7 +252,7 @@ def test_an_experiment_that_an_ssp_cannot_say_is_refused(tmp_path: Path, setting
     ("drive", "settings", "told"),
     [
         ("brushed_dc", [], r"makes 4 steps in a tick of 1 ms, as twin's \[drive.velocity_loop\] acts"),
-        ("velocity_servo", ["drive.substeps=3"], r"makes 3 steps .* \[drive\] substeps asks for them"),
+        ("velocity_servo", ["drive.substeps=3"], r"makes 3 steps .* \[drive\] substeps requires them"),
         ("modelica_dc", ["drive.kind=model_exchange"], "is used for model exchange, with a solver of twin"),
         ("velocity_servo", ["drive.tolerance=1e-6"], r"\[drive\] tolerance cannot be expressed"),
         ("once", [], "only once per process, so that three joints need three processes"),
