@@ -37,7 +37,7 @@ def test_a_check_goes_from_accepted_to_as_it_was_to_deviating(root: Path, tmp_pa
         (["mine.toml", "--update", "--reason", " "], "--update and --reason"),
         (["mine.toml", "--reason", "why"], "--update and --reason"),
         ([], "tests/baselines: no baselines there"),
-        (["mine.toml"], "tests/baselines/mine/own.toml: no baseline of mine; accept what it comes to now: twin check"),
+        (["mine.toml"], "tests/baselines/mine/own.toml: no baseline of mine; accept its present values: twin check"),
         (["mine.toml", "--baselines", "kept"], "--drive own --baselines kept --update --reason"),
         (["mine.toml", "--drive", "steper"], "steper: no such drive"),
         (["mien.toml"], "no such experiment file"),

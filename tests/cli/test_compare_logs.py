@@ -121,7 +121,7 @@ def test_an_unfinished_run_is_compared_as_far_as_it_goes_and_says_so(
     share = float(answer.split()[3])
     assert answer == f"B covers only {share:.3g} % of A's time, within the tolerance tube there"
     assert 30.0 < share < 60.0
-    assert "plant.p_B[0]: what B does not cover of A is not compared; --partial" in " ".join(notes.split())
+    assert "plant.p_B[0]: B covers only a part of A; --partial" in " ".join(notes.split())
     assert "unfinished recording: read up to" in " ".join(notes.split())
     assert json.loads(Path("results/compare/compare.json").read_text())["covered"] == pytest.approx(
         share / 100, rel=0.01

@@ -37,7 +37,7 @@ def test_no_coupling_that_is_good_enough_is_exit_code_1(root: Path, tmp_path: Pa
 def test_an_experiment_in_the_air_has_orders_and_no_recommendation(root: Path, tmp_path: Path):
     done = twin("converge", root / "experiments/step_z_air.toml", "--duration", "0.8", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("step_z_air: presses on nothing\n")
+    assert done.stdout.startswith("step_z_air: never presses\n")
     assert done.stderr == ""
 
 

@@ -1,4 +1,4 @@
-"""`twin branch`: from one moment of a run, several ways to go on, side by side."""
+"""`twin branch`: several continuations of a run from one moment, compared."""
 
 import math
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 RESULTS_FOLDER = Path("results") / "branches"
 PICTURE_FILE = "branches.png"
 MIN_DIFFERENCE = 1e-3
-"""Difference (N) of the true force from which on a branch has left the run."""
+"""Minimum difference (N) of the true force that counts as a departure from the run."""
 PAST_DURATION = 1.0
-"""How much (s) of the shared past the picture shows."""
+"""Duration (s) of the shared past in the picture."""
 
 
 @dataclass(frozen=True)
 class Branch:
-    """One way to go on.
+    """One continuation of a run.
 
     Attributes:
-        name: what is other in it.
+        name: description of the change.
         settings, faults, body: see `twin.robot.run.branch.branched_experiment`.
     """
 
@@ -43,13 +43,12 @@ class Branch:
 
 @dataclass(frozen=True)
 class BranchOutcome:
-    """What became of a branch.
+    """Outcome of a branch.
 
     Attributes:
-        branch: which.
-        run: its run, from the branch on.
+        run: run of the branch, from its start on.
         t, F_z: times (s) and true pressing force (N), (n,).
-        apart: when the force left that of the run (s); None: it did not.
+        departure: time (s) of the first difference of the force from the run's; None if it never differs.
     """
 
     branch: Branch
@@ -60,7 +59,7 @@ class BranchOutcome:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """For programs, in SI units."""
+        """The outcome as a JSON-compatible dict in SI units."""
         outcome = self.run.outcome
         return {
             "branch": self.branch.name,
@@ -74,7 +73,7 @@ class BranchOutcome:
 
     @property
     def peak(self) -> tuple[float, float]:
-        """Largest pressing force (N) from the branch on, and when (s)."""
+        """Largest pressing force (N) of the branch, and its time (s)."""
         k = int(self.F_z.argmax())
         return float(self.F_z[k]), float(self.t[k])
 
@@ -83,7 +82,7 @@ class BranchOutcome:
 def branch(
     run: Annotated[Path, Argument("A run's folder, its recording, or results/EXPERIMENT.", "RUN")],
     say: Say,
-    at: Annotated[float | None, Option("When the branches leave the run.", "S", least=0.0)] = None,
+    at: Annotated[float | None, Option("Time at which the branches leave the run.", "S", least=0.0)] = None,
     settings: Annotated[
         Sequence[str],
         Option("A branch with another value; several keys with ';'; may be repeated.", "KEY=VALUE", "--set"),
@@ -94,11 +93,11 @@ def branch(
     body: BodyName = None,
     out: Annotated[Path | None, Option("Folder; default: results/branches/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
-    """Go on from one moment of a run in several ways, and compare them.
+    """Continue a run from one moment in several ways, and compare them.
 
     Each --set, --fault and --body is a branch of its own. The branches start from
-    the state at that moment: one kept in the recording, or one made by running
-    again from the start, as it is for parts without a state.
+    the state at that moment: one saved in the recording, or one made by running
+    again from the start, as for parts that cannot save their state.
 
     Exit code: 0 done, 2 input refused (a key that cannot change in mid-run), 3 a
     component failed.
@@ -106,7 +105,7 @@ def branch(
     Example: twin branch results/fig4_force_position --at 6.2 --set plant.k_s_Nm_per_rad=0.8
 
     Raises:
-        InputRefused: the run, the time or a change cannot be used.
+        InputRefused: the run, the time or a change is invalid.
         ComponentFailed: a component failed in a branch.
         NotWritten: the disk refuses.
     """
@@ -127,7 +126,7 @@ def branch(
     recording = recording_in(run).absolute()
     base = branched_experiment(recording)
     tick, period = base.cosim.tick, base.controller_ticks
-    # where the controller is called: whatever is new in a branch begins there
+    # changes take effect at a call of the controller
     start = period * round(at / (tick * period))
     if not 0 < start < base.duration_ticks:
         raise InputRefused(
@@ -137,7 +136,7 @@ def branch(
     if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
     home = make_folder((out or RESULTS_FOLDER / base.name).absolute())
-    say("coming to the branch", 0.0)
+    say("restoring the branch point", 0.0)
     point = BranchPoint(base, recording, start)
     outcomes: list[BranchOutcome] = []
     plan = [(Branch("as it was"), base)]
@@ -156,7 +155,7 @@ def branch(
 
 
 def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
-    """What became of a branch, beside the first of them, `other`."""
+    """Evaluate the run of a branch against the first branch, `other`."""
     import numpy as np
 
     from twin.kernel.recording.reader import read
@@ -232,7 +231,7 @@ def _reported_path(path: Path) -> Path:
 
 
 def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: Path) -> None:
-    """Write the picture to `path`: the true force, the shared past once."""
+    """Draw the true force of all branches to `path`, the shared past once."""
     from twin.kernel.recording.reader import read
     from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
 

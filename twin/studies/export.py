@@ -1,4 +1,4 @@
-"""A recording for other tools."""
+"""`twin export`: conversion of a recording for other tools."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ JOINT_FIELDS = {
     "omega_m": ("motor", "velocity"),
     "tau_motor": ("motor", "effort"),
 }
-"""Whose angle, speed or torque a field is."""
+"""Field -> shaft (joint or motor) and its quantity in a ROS 2 JointState."""
 
 
 def _check_format(asked: ArgumentValues) -> None:
@@ -44,13 +44,13 @@ def export(
         Sequence[str], Option("Signal to export, such as plant.p_B, 'plant.*', '*.F_z'; may be repeated.", "NAME")
     ] = (),
     rate: Annotated[float | None, Option("Rows per second; default: the fastest signal's rate.", "HZ")] = None,
-    out: Annotated[Path | None, Option("Output file; default: beside the recording.", "PATH")] = None,
+    out: Annotated[Path | None, Option("Output file; default: next to the recording.", "PATH")] = None,
     force: Annotated[bool, Option("Replace an existing file.")] = False,
 ) -> Answer:
     """Write a recording as CSV, Parquet or MATLAB file, or as a bag of ROS 2.
 
-    Numbers are SI. Each row holds the newest recorded value of each signal at
-    its time; nothing is interpolated. Exit code: 0 done, 2 input refused.
+    Numbers are SI. Each row has the newest recorded value of each signal at
+    its time, without interpolation. Exit code: 0 done, 2 input refused.
 
     Example: twin export results/fig4_force_position --csv --rate 100
 

@@ -1,7 +1,4 @@
-"""Style and saving of pictures.
-
-Pictures for a paper, as SVG or PDF: column width, font size, line weights.
-"""
+"""Style and saving of pictures: PNG for the screen, SVG and PDF for a paper."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,129 +10,34 @@ from typing import TYPE_CHECKING, Any
 from twin.kernel.atomic_write import atomic_write
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-COLUMN_WIDTHS = {1: 3.5, 2: 7.16}
-"""Width (in) of a picture in one column of a paper, and across two: those that IEEE asks for."""
-FONT_SIZE = 8.0
-"""Size of letters (pt)."""
-PANEL_HEIGHT = 1.9
-"""Height (in) of a panel in one column, where panels stand below each other."""
-HEAVY_LINE, FINE_LINE = 1.0, 0.6
-"""Weight (pt) of lines in a paper; on the screen a heavy one has more than 1 pt."""
-NO_DATE: Mapping[str, Mapping[str, None]] = {
-    "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Producer": None},
-}  # fmt: skip
-"""What a format would say of when and by what it was written."""
-
-
-@dataclass
-class Paper:
-    """What pictures are wanted for a paper, besides those for the screen.
-
-    Attributes:
-        formats: "svg", "pdf".
-        columns: 1 or 2.
-        written: the files, as they are.
-    """
-
-    formats: Sequence[str]
-    columns: int
-    written: list[Path] = field(default_factory=list)
-
-
-_paper: ContextVar[Paper | None] = ContextVar("paper", default=None)
-
-
-@contextmanager
-def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
-    """Whatever is drawn in the block is written in `formats`, too, for so many `columns`."""
-    paper = Paper(formats, columns)
-    before = _paper.set(paper)
-    try:
-        yield paper
-    finally:
-        _paper.reset(before)
-
-
-def write_for_paper(figure: "Figure", path: Path) -> None:
-    """Write `figure` beside `path` as it is wanted for a paper, if it is; it is another figure then.
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
-    paper = _paper.get()
-    if paper is None or not paper.formats:
-        return
-    # here, for who only draws for the screen or not at all
-    from matplotlib import rc_context
-
-    _resize_for_paper(figure, paper.columns)
-    # letters that can be searched; names of parts that are the same every time
-    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "twin"}):
-        for form in paper.formats:
-            vector = path.with_suffix(f".{form}")
-            with atomic_write(vector) as beside:
-                figure.savefig(beside, metadata=dict(NO_DATE[form]))
-            paper.written.append(vector)
-
-
-def _resize_for_paper(figure: "Figure", columns: int) -> None:
-    """Bring what was drawn for the screen to the width of a paper's columns, with letters and lines of a paper."""
-    from matplotlib.lines import Line2D
-    from matplotlib.text import Text
-
-    width, height = figure.get_size_inches()
-    stacked = _stack(figure) if columns == 1 else 0
-    # letters shrink less than the picture, which needs more height for them
-    figure.set_size_inches(
-        COLUMN_WIDTHS[columns], stacked * PANEL_HEIGHT or 1.1 * COLUMN_WIDTHS[columns] * height / width
-    )
-    figure.set_layout_engine("constrained")
-    for axes in figure.axes:
-        if legend := axes.get_legend():
-            # the distances in a legend are those of the letters that it was made with
-            names = [text.get_text() for text in legend.get_texts()]
-            handles = [handle for handle in legend.legend_handles if handle is not None]
-            loc: Any = getattr(legend, "_loc", "best")
-            axes.legend(handles, names, loc=loc, fontsize=FONT_SIZE, frameon=False)
-    for text in figure.findobj(Text):
-        text.set_fontsize(FONT_SIZE)
-    for line in figure.findobj(Line2D):
-        line.set_linewidth(HEAVY_LINE if line.get_linewidth() > 1.0 else FINE_LINE)
-        line.set_markersize(0.5 * line.get_markersize())
-
-
-def _stack(figure: "Figure") -> int:
-    """Put panels that stand beside each other below each other; how many there are, 0 where that cannot be done."""
-    panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
-    places = [axes.get_subplotspec() for axes in panels]
-    whole = {place.get_gridspec() for place in places if place}
-    single = all(place and len(place.rowspan) == len(place.colspan) == 1 for place in places)
-    if len(whole) != 1 or not single or len(panels) != len([axes for axes in figure.axes if axes.get_visible()]):
-        return 0
-    below = figure.add_gridspec(len(panels), 1)
-    for row, axes in enumerate(panels):
-        axes.set_subplotspec(below[row])
-        axes.tick_params(labelbottom=True)
-    return len(panels)
-
-
-if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
 else:
-    # matplotlib takes a while to load, and most of what a study says is text
+    # matplotlib loads slowly, and most studies only print text
     Axes = Figure = Any
 
+COLUMN_WIDTHS = {1: 3.5, 2: 7.16}
+"""Width (in) of a picture across one and two columns of a paper, as IEEE requires."""
+FONT_SIZE = 8.0
+"""Font size in a paper (pt)."""
+PANEL_HEIGHT = 1.9
+"""Height (in) of a panel in one column of stacked panels."""
+HEAVY_LINE, FINE_LINE = 1.0, 0.6
+"""Line weights (pt) in a paper; a heavy line has more than 1 pt on the screen."""
+NO_DATE: Mapping[str, Mapping[str, None]] = {
+    "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Producer": None},
+}  # fmt: skip
+"""Metadata that suppresses a file's date and writer, for reproducible files."""
 BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
-"""Okabe and Ito's (https://jfly.uni-koeln.de/color), which colour-blind readers can tell apart."""
+"""Colours of Okabe and Ito (https://jfly.uni-koeln.de/color), distinguishable for colour-blind readers."""
 PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
-"""As the caption of Fig. 4 names them; their lightness also tells them apart in print."""
+"""Colours named in the caption of Fig. 4; their lightness also distinguishes them in print."""
 JOINT_COLORS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
 LESS_IS_BETTER = "cividis_r"
-"""Colours of a map of something of which less is better. In every map light is good, so that they read alike, also in
-print; made for colour-blind readers."""
+"""Colour map for quantities that should be small.
+
+In every map light is good, so that all maps read alike, also in print; suitable for colour-blind readers.
+"""
 LIGHT_IS_GOOD = "(light is better)"
 INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
 Look = Mapping[Any, bool | float]
@@ -149,26 +51,116 @@ PICTURE_STYLE: Look = {
 }
 BARE_STYLE: Look = {"axes.grid": False}
 MAP_STYLE: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
-"""Of a panel that is filled."""
-
-
+"""Style of a filled panel."""
 OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
-"""Settings of matplotlib that belong to the process and have no effect on a picture in a file."""
+"""Settings of matplotlib that belong to the process and do not affect a picture in a file."""
+
+
+@dataclass
+class Paper:
+    """Request for copies of pictures for a paper, in addition to those for the screen.
+
+    Attributes:
+        formats: "svg", "pdf".
+        columns: 1 or 2.
+        written: files written so far.
+    """
+
+    formats: Sequence[str]
+    columns: int
+    written: list[Path] = field(default_factory=list)
+
+
+_paper: ContextVar[Paper | None] = ContextVar("paper", default=None)
+
+
+@contextmanager
+def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
+    """Write every picture drawn in the block also in `formats`, for so many `columns` of a paper."""
+    paper = Paper(formats, columns)
+    before = _paper.set(paper)
+    try:
+        yield paper
+    finally:
+        _paper.reset(before)
+
+
+def write_for_paper(figure: "Figure", path: Path) -> None:
+    """Write `figure` next to `path` in the formats of `for_paper`, if any; this resizes the figure.
+
+    Raises:
+        NotWritten: the disk refuses.
+    """
+    paper = _paper.get()
+    if paper is None or not paper.formats:
+        return
+    # imported here, so that other users need not load it
+    from matplotlib import rc_context
+
+    _resize_for_paper(figure, paper.columns)
+    # searchable text in PDF; reproducible element names in SVG
+    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "twin"}):
+        for form in paper.formats:
+            vector = path.with_suffix(f".{form}")
+            with atomic_write(vector) as beside:
+                figure.savefig(beside, metadata=dict(NO_DATE[form]))
+            paper.written.append(vector)
+
+
+def _resize_for_paper(figure: "Figure", columns: int) -> None:
+    """Resize a figure for the screen to the width, font size and line weights of a paper."""
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+    width, height = figure.get_size_inches()
+    stacked = _stack(figure) if columns == 1 else 0
+    # letters shrink less than the picture and need more height
+    figure.set_size_inches(
+        COLUMN_WIDTHS[columns], stacked * PANEL_HEIGHT or 1.1 * COLUMN_WIDTHS[columns] * height / width
+    )
+    figure.set_layout_engine("constrained")
+    for axes in figure.axes:
+        if legend := axes.get_legend():
+            # rebuild the legend, because its spacing depends on the font size at its creation
+            names = [text.get_text() for text in legend.get_texts()]
+            handles = [handle for handle in legend.legend_handles if handle is not None]
+            loc: Any = getattr(legend, "_loc", "best")
+            axes.legend(handles, names, loc=loc, fontsize=FONT_SIZE, frameon=False)
+    for text in figure.findobj(Text):
+        text.set_fontsize(FONT_SIZE)
+    for line in figure.findobj(Line2D):
+        line.set_linewidth(HEAVY_LINE if line.get_linewidth() > 1.0 else FINE_LINE)
+        line.set_markersize(0.5 * line.get_markersize())
+
+
+def _stack(figure: "Figure") -> int:
+    """Stack panels that are next to each other; return their number, or 0 if the layout does not allow it."""
+    panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
+    places = [axes.get_subplotspec() for axes in panels]
+    whole = {place.get_gridspec() for place in places if place}
+    single = all(place and len(place.rowspan) == len(place.colspan) == 1 for place in places)
+    if len(whole) != 1 or not single or len(panels) != len([axes for axes in figure.axes if axes.get_visible()]):
+        return 0
+    below = figure.add_gridspec(len(panels), 1)
+    for row, axes in enumerate(panels):
+        axes.set_subplotspec(below[row])
+        axes.tick_params(labelbottom=True)
+    return len(panels)
 
 
 @contextmanager
 def picture(
     path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = PICTURE_STYLE
 ) -> Iterator[Figure]:
-    """A figure to draw on, written to `path`, in the format of its suffix, when the block is done; see `for_paper`.
+    """Yield a figure to draw on, and write it to `path` in the format of its suffix at the end of the block.
 
-    The same figure gives the same bytes.
+    The same figure gives the same bytes. See `for_paper` for copies for a paper.
 
     Args:
         width, height: in inches.
         title: above all panels.
-        by_hand: panels are placed by the code that draws them.
-        look: what of `PICTURE_STYLE` is otherwise: `BARE_STYLE` or `MAP_STYLE`.
+        by_hand: whether the drawing code places the panels.
+        look: changes to `PICTURE_STYLE`: `BARE_STYLE` or `MAP_STYLE`.
 
     Raises:
         NotWritten: the folder or the disk refuses.
@@ -176,7 +168,7 @@ def picture(
     from matplotlib import rc_context, rcParamsDefault
     from matplotlib.figure import Figure
 
-    # whatever the user's matplotlibrc says
+    # ignore the user's matplotlibrc
     defaults = {key: value for key, value in rcParamsDefault.items() if key not in OF_PROCESS}
     with rc_context({**defaults, **PICTURE_STYLE, **look}):
         figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")

@@ -1,8 +1,8 @@
 """Compact text for samples: 32 bit floats, deflated (RFC 1950), in base 64.
 
-Their bit patterns, taken as integers, are replaced by differences of neighbours, and the bytes of like weight are put
-side by side: neighbours differ in their low bits only, and the whole takes a third of what the floats alone would.
-Nothing but the rounding to 32 bits is lost. The scripts of a page read the same.
+The bit patterns, read as integers, are replaced by differences of neighbours, and the bytes of the same weight are
+grouped: neighbours differ in their low bits only, so the text has a third of the size of the floats alone. Only the
+rounding to 32 bits is lost. The scripts of a page decode the same format.
 """
 
 import base64
@@ -13,23 +13,23 @@ import numpy as np
 from twin.studies.metrics.response import Curve
 
 MAX_BYTES = 4_000_000
-"""Bytes that are unpacked at most: a million samples, eleven hours of a curve in a sweep."""
+"""Maximum unpacked size (bytes): a million samples, eleven hours of a curve in a sweep."""
 COMPRESSION_LEVEL = 6
-"""Of zlib: higher ones take twice as long for one percent."""
+"""Level of zlib: higher levels double the time for one percent."""
 
 
 def text_of(values: Curve) -> str:
-    """`values` (n,) as text; the same values are the same text."""
+    """Encode `values` (n,) as text; equal values give equal text."""
     steps = np.diff(values.astype("<f4").view("<u4"), prepend=np.uint32(0))
     planes = np.ascontiguousarray(steps.view(np.uint8).reshape(-1, 4).T)
     return base64.b64encode(zlib.compress(planes.tobytes(), COMPRESSION_LEVEL)).decode("ascii")
 
 
 def values_of(text: str) -> Curve:
-    """The values (n,) that `text_of` made `text` of.
+    """Decode the values (n,) that `text_of` encoded.
 
     Raises:
-        ValueError: it did not make this.
+        ValueError: the text was not made by `text_of`.
     """
     try:
         content = zlib.decompressobj().decompress(base64.b64decode(text), MAX_BYTES)

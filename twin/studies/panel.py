@@ -21,10 +21,10 @@ class PanelCurve(NamedTuple):
 
     Attributes:
         role: meaning of the curve; decides colour and line style.
-        read: its samples.
-        member: joint or axis, 0..2, if the panel shows several; decides the colour then. -1: neither.
+        read: reader of its samples.
+        member: index of the joint or axis, 0..2, which decides the colour if the panel shows several; -1 otherwise.
         shown: whether the page shows it at first.
-        level: whether it is one number, drawn across the whole picture.
+        level: whether it is a constant, drawn across the whole picture.
     """
 
     label: str
@@ -36,7 +36,7 @@ class PanelCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One plot. Values in `unit`."""
+    """One plot, with all values in `unit`."""
 
     title: str
     unit: str
@@ -48,7 +48,7 @@ def draw_panel(axes: "Axes", panel: Panel, run: Any, looks: Mapping[str, Mapping
 
     Args:
         run: argument of the panel's readers.
-        looks: keywords of matplotlib's plot, by the label or the role of a curve; the order is that of drawing.
+        looks: keywords of matplotlib's plot, by the label or the role of a curve, in drawing order.
     """
     for name, look in looks.items():
         for curve in panel.quantities:

@@ -1,7 +1,7 @@
-"""Early checks of the files on a command line, made before a study is loaded, which takes a second or two.
+"""Early checks of the files on a command line, before a study is loaded, because loading lasts a second or two.
 
-Whatever is refused here the study would refuse, too, in the same sentence. Each function takes the values of a study's
-arguments by name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.
+The study itself refuses the same input with the same message. Each function receives the values of a study's arguments
+by name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.
 """
 
 import os
@@ -16,10 +16,10 @@ from twin.studies.command import ArgumentValues
 
 
 def load_experiments(asked: ArgumentValues) -> None:
-    """See whether each experiment can be loaded with each drive, the settings and the body; see `load_experiment`.
+    """Check that each experiment can be loaded with each drive, the settings and the body; see `load_experiment`.
 
     Raises:
-        InputRefused: it cannot.
+        InputRefused: an experiment cannot be loaded.
     """
     from twin.robot.assembly.load import load_experiment
 
@@ -30,10 +30,10 @@ def load_experiments(asked: ArgumentValues) -> None:
 
 
 def find_experiments(asked: ArgumentValues) -> None:
-    """See whether the files of experiments are there, and those that they extend; what they say is the study's.
+    """Check that the files of experiments and of those they extend exist and are TOML; the study checks the contents.
 
     Raises:
-        InputRefused: one is not, or is no TOML.
+        InputRefused: a file is missing or not TOML.
     """
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import read_source
@@ -43,16 +43,16 @@ def find_experiments(asked: ArgumentValues) -> None:
 
 
 def find_logs(asked: ArgumentValues) -> None:
-    """See whether there is anything at the path of each log: recordings, bags, files of others.
+    """Check that the path of each log exists: recordings, bags, third-party files.
 
     Raises:
-        InputRefused: there is not.
+        InputRefused: a path is missing.
     """
     from twin.kernel.files import open_regular
     from twin.kernel.recording.folder import recording_in
 
     for log in _logs(asked):
-        # not Path.exists, which raises for a name that is too long
+        # not Path.exists, which raises for names that are too long
         if os.path.lexists(log):
             continue
         if log.suffix:
@@ -61,12 +61,12 @@ def find_logs(asked: ArgumentValues) -> None:
 
 
 def print_latest(asked: ArgumentValues) -> dict[str, Any]:
-    """Print to standard error which run is read as the latest, and which settings were changed in it.
+    """Print to standard error which run is read as the latest, and its changed settings.
 
-    Nothing is printed of a file, of a run's own folder, or of a path that is no folder of runs: reading refuses that.
+    Prints nothing about a file, a run's own folder, or a path that is not a folder of runs, which reading refuses.
 
     Returns:
-        For `--json`: "read", the folder and the changed settings of each such run; empty if there is none.
+        For `--json`: "read", the folder and the changed settings of each such run; empty if no path needs it.
     """
     from twin.kernel.recording.folder import recording_in
 
@@ -77,7 +77,7 @@ def print_latest(asked: ArgumentValues) -> dict[str, Any]:
         except InputRefused:
             continue
         if path.is_dir() and recording.parent != path:
-            # takes half a second to load
+            # loads in half a second
             from twin.studies.results.stored import stored_run
 
             run = stored_run(recording)
@@ -89,7 +89,7 @@ def print_latest(asked: ArgumentValues) -> dict[str, Any]:
 
 
 def _logs(asked: ArgumentValues) -> Sequence[Path]:
-    # of shadow a log is one of several sources, as text
+    # shadow names its logs as text among several sources
     return (
         _argument_values(asked, "log")
         or _argument_values(asked, "run")
@@ -98,6 +98,6 @@ def _logs(asked: ArgumentValues) -> Sequence[Path]:
 
 
 def _argument_values(asked: ArgumentValues, name: str) -> Sequence:
-    """Values of an argument, or of that of several such."""
+    """Values of the argument `name`, or of its plural."""
     one = asked.get(name)
     return asked.get(f"{name}s") or () if one is None else [one]

@@ -1,6 +1,6 @@
-"""Temporary folders of killed studies: found and removed.
+"""Removal of temporary folders left behind by killed studies.
 
-The process of a folder holds a named pipe in it open: a folder whose pipe has no holder was left behind.
+The process of a folder keeps a named pipe in it open: a folder whose pipe is closed was left behind.
 """
 
 import os
@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 FOLDER_PREFIX = "twin_scratch_"
-"""Beginning of a folder's name."""
+"""Prefix of the folder names."""
 MIN_AGE = 60.0
 """Minimum age (s) of a folder that is removed: a younger one may not have its pipe yet."""
 
@@ -45,7 +45,7 @@ def held_folder() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix=FOLDER_PREFIX, ignore_cleanup_errors=True) as folder:
         pipe = Path(folder) / "held"
         os.mkfifo(pipe)
-        # at both ends, which does not block
+        # opened for reading and writing, which does not block
         held = os.open(pipe, os.O_RDWR)
         try:
             yield Path(folder)

@@ -251,11 +251,11 @@ def test_an_experiment_that_an_ssp_cannot_say_is_refused(tmp_path: Path, setting
 @pytest.mark.parametrize(
     ("drive", "settings", "told"),
     [
-        ("brushed_dc", [], r"makes 4 steps in a tick of 1 ms, as \[drive.velocity_loop\] of ours acts"),
-        ("velocity_servo", ["drive.substeps=3"], r"makes 3 steps .* \[drive\] substeps asks for them"),
-        ("modelica_dc", ["drive.kind=model_exchange"], "is used for model exchange, whose solver here is ours"),
+        ("brushed_dc", [], r"makes 4 steps in a tick of 1 ms, as twin's \[drive.velocity_loop\] acts"),
+        ("velocity_servo", ["drive.substeps=3"], r"makes 3 steps .* \[drive\] substeps requires them"),
+        ("modelica_dc", ["drive.kind=model_exchange"], "is used for model exchange, with a solver of twin"),
         ("velocity_servo", ["drive.tolerance=1e-6"], r"\[drive\] tolerance cannot be expressed"),
-        ("once", [], "only once in a process, so that three of it take three processes"),
+        ("once", [], "only once per process, so that three joints need three processes"),
         ("torque_motor_fmi3", [*FINE, "monitor.enabled=true"], "its input enable is of type Boolean"),
     ],
 )

@@ -98,7 +98,7 @@ def test_a_damaged_baseline_is_refused_in_one_sentence(tmp_path: Path, old: str,
     assert old in text
     with pytest.raises(InputRefused, match=said) as refused:
         read_baseline(stored(tmp_path, text.replace(old, new)))
-    assert str(refused.value).endswith("remove it and write it anew with --update")
+    assert str(refused.value).endswith("remove it and rewrite it with --update")
 
 
 def test_a_baseline_is_of_its_pair_and_another_file_of_the_drive_is_the_same_drive(tmp_path: Path):

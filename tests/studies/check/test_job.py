@@ -88,7 +88,7 @@ def test_a_check_that_is_refused_costs_the_others_nothing(root: Path, tmp_path: 
 
 def test_without_a_baseline_it_says_how_one_is_made(root: Path, tmp_path: Path):
     mine = step_file(root, tmp_path / "mine.toml")
-    with pytest.raises(InputRefused, match=r"no baseline of mine; accept what it comes to now: twin check .*--update"):
+    with pytest.raises(InputRefused, match=r"no baseline of mine; accept its present values: twin check .*--update"):
         check(mine, baselines=tmp_path)
 
 

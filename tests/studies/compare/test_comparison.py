@@ -22,7 +22,7 @@ from .logs import log_of
 def test_two_runs_say_what_differs_in_their_experiments(force_position: Recording, position: Recording, tmp_path: Path):
     done = twin("compare", force_position.path, position.path, "--signal", "plant.p_B", cwd=tmp_path)
     lines = done.stdout.splitlines()
-    place = lines.index("What differs in the experiments, A and B:")
+    place = lines.index("Differences of the experiments, A and B:")
     assert lines[place + 1 : place + 2] == ["  controller.mode  force_position and position"]
     assert max(map(len, lines[place:-2])) <= 80
 
@@ -228,7 +228,7 @@ def test_a_short_name_leads_to_the_long_ones():
     with pytest.raises(ComparisonError) as refused:
         against(log_of(T, {"controller.F_z": T, "scale.F_z": T}), log_of(T, F_z=T))
     assert str(refused.value) == (
-        "b.csv: 'F_z' could be controller.F_z or scale.F_z; say which with --map controller.F_z=COLUMN[UNIT]"
+        "b.csv: 'F_z' could be controller.F_z or scale.F_z; choose with --map controller.F_z=COLUMN[UNIT]"
     )
 
 

@@ -205,7 +205,7 @@ def test_events_are_aligned_where_the_signal_crosses_the_middle_of_the_range():
     ("kind", "signal", "max_shift", "expected"),
     [
         ("middle", "", 1.0, "--align middle: expected one of none, start, event, fit"),
-        ("fit", "", 1.0, "--align fit: by which signal"),
+        ("fit", "", 1.0, "--align fit: expected a signal"),
         ("fit", "F", 0.0, "--max-shift 0: expected a time > 0 s"),
     ],
 )

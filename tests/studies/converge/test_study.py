@@ -42,7 +42,7 @@ def test_the_experiments_own_coupling_and_tick_are_among_the_runs(study: Couplin
 def test_the_text_is_for_80_columns_and_begins_with_what_can_be_said(study: CouplingStudy):
     text = convergence_result(study, {"picture": "convergence.png"}).text
     assert max(map(len, text.splitlines())) <= 80
-    assert text.startswith("fig4_force_position: presses on nothing\n")
+    assert text.startswith("fig4_force_position: never presses\n")
     assert "largest error of p_B in um at" in text
 
 

@@ -1,1 +1,1 @@
-"""Where the error of the force comes from, in newtons: the same experiment with and without each cause."""
+"""Accuracy budget: the contribution of each imperfection to the force error, in newtons."""

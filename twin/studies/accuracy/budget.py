@@ -1,21 +1,17 @@
-"""The accuracy budget: what each imperfection adds to the error of the force, by running without it and with it.
+"""Accuracy budget: the contribution of each imperfection to the force error, from runs with and without it.
 
-The error is the estimated less the true pressing force at the controller's ticks, over the time in which the robot
-presses in every run. An ideal run has exact encoders, no backlash, a belief that is true and a fine coupling; its error
-is what statics leave out (inertia and the joints' friction, Eq. 21-27 know neither). Each contribution is the change of
-that error when one imperfection is put back, in a run of its own; the coupling's is the change of the true force, which
-is the twin's own error and not the robot's.
+The error is the estimated less the true pressing force at the controller's ticks, over the time that the robot presses
+in every run. An ideal run has exact encoders, no backlash, true model parameters and a fine coupling; its error is the
+effects that statics leave out (Eq. 21-27 have neither inertia nor joint friction). Each contribution is the change of
+that error when one imperfection is restored in a run of its own. The coupling's contribution is the change of the true
+force, i.e. the twin's own error and not the robot's.
 
-Biases add up with their signs, scatter adds up as squares. Both sums are set beside the error of the experiment as it
-is: what is missing there comes of imperfections that act on each other.
+Biases add with their signs, scatter adds as squares. Both sums are compared with the error of the unchanged experiment;
+the difference is due to imperfections that interact.
 
-Small effects of a real robot that an experiment leaves out as a rule: what they may be, and what is not modelled.
-Values are plausible ones of a hand-sized robot with plain bearings, belts and magnetic encoders; docs/small_effects.md
-says where each is from and what it moves.
-
-How well a robot's parameters are known: one standard uncertainty each, assumed, with the reason.
-
-An accuracy budget as text of at most 80 columns: the error first, then what it consists of.
+The small effects of a real robot that experiments usually leave out have plausible values of a hand-sized robot with
+plain bearings, belts and magnetic encoders; docs/small_effects.md has their sources. Each robot parameter has one
+assumed standard uncertainty, with its reason.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,12 +35,12 @@ ONE_TICK = "one tick"
 MAGNET_REASON = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
 NOT_MODELLED = (
     ("bending links, yielding rods", 0.013, "3 N at the end of 60 mm of 9 mm aluminium: 0.01 mm"),
-    ("play of ball joints", 0.0, "none: held closed by springs or magnets, as deltas are"),
+    ("play of ball joints", 0.0, "zero: closed by springs or magnets, as in delta robots"),
     ("tilt of the platform", 0.002, "1.1 N, 30 mm below O_P, on rods that yield: 3e-5 rad, 1 um"),
     ("rods that spin", 0.001, "3e-8 kg m2 about their own axis"),
     ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
 )
-"""(what, at most N, why): estimates of docs/small_effects.md."""
+"""(effect, upper bound (N), reason): estimates of docs/small_effects.md."""
 SPRING_REASON = "two fits of the same springs differ by this much; the paper's own fit has one pose"
 MASS_REASON = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
 LENGTH_REASON = "of machined parts with ball joints"
@@ -52,23 +48,25 @@ ZERO_REASON = "of a zero that is set against a mechanical stop"
 MIN_PRESSING_FORCE = 0.5
 """Pressing force (N) above which an instant counts."""
 TOUCHDOWN_TIME = 1.0
-"""Time (s) after the first such instant that is left out: the touch-down is not what a massage is."""
+"""Time (s) left out after the first pressing instant, because the touch-down is not part of a massage."""
 FINE_STEPS = 8
 """Steps of the fine coupling per tick of the experiment."""
 BELIEVED_PARAMETERS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
-"""What a controller believes besides its encoders' resolution."""
+"""The controller's model parameters without the encoder resolutions."""
 NAME_WIDTH = 36
 NUMBER_COLUMNS = (Column("bias", 8, "+.4f"), Column("std", 8, ".4f"), Column("rms", 8, ".4f"))
+Group = Literal["imperfection", "twin", "effect", "parameter", "total"]
+Row = tuple[str, float | None, float | None, float]
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Of the true robot.
+    """A small effect of the true robot that an experiment may leave out.
 
     Attributes:
-        name, amount: for people.
-        values: attributes of `robot.Plant`, SI: plausible ones; `ONE_TICK`: of the experiment.
-        reason: why these.
+        name, amount: text for the report.
+        values: plausible values of attributes of `robot.Plant` (SI); `ONE_TICK` for the tick of the experiment.
+        reason: source of the values.
     """
 
     name: str
@@ -78,15 +76,15 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """What is assumed, in words."""
+        """Name and assumed amount of the effect."""
         return f"{self.name}, {self.amount}"
 
     def is_present(self, experiment: Experiment) -> bool:
-        """Whether the experiment has it."""
+        """Whether the experiment has the effect."""
         return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def apply_to(self, experiment: Experiment, like: Experiment) -> Experiment:
-        """`experiment` with the effect as `like` has it, or, if it has not, a plausible one."""
+        """Return `experiment` with the effect at its values in `like`, or at plausible values if `like` lacks it."""
         given = {name: getattr(like.plant, name) for name in self.values}
         if not self.is_present(like):
             given = {name: experiment.cosim.tick if value is ONE_TICK else value for name, value in self.values.items()}
@@ -94,7 +92,7 @@ class Effect:
 
 
 def without_effects(experiment: Experiment) -> Experiment:
-    """A robot that has none of them."""
+    """Return the experiment with all `SMALL_EFFECTS` switched off."""
     names = {name for effect in SMALL_EFFECTS for name in effect.values}
     return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
@@ -123,14 +121,14 @@ SMALL_EFFECTS = (
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Of one believed parameter.
+    """An assumed error of one believed parameter.
 
     Attributes:
-        label: for people.
+        label: text for the report.
         names: attributes of `robot.Model` that are off by the same amount at once.
-        joint: which of three values, counted from 0; None: a single number.
+        joint: index of the affected element, from 0; None for a scalar parameter.
         share, amount: relative (1) and absolute (SI) part; one of them is 0.
-        reason: why that much.
+        reason: source of the amount.
     """
 
     label: str
@@ -141,7 +139,7 @@ class Uncertainty:
     reason: str = ""
 
     def apply_to(self, experiment: Experiment) -> Experiment:
-        """`experiment` whose controller believes otherwise by this; what is true stays."""
+        """Return `experiment` with the error in the controller's model; the true robot is unchanged."""
         model = experiment.controller.model
         off: dict[str, object] = {}
         for name in self.names:
@@ -155,7 +153,7 @@ class Uncertainty:
 
 UNCERTAINTIES = (
     Uncertainty("k_s +2 %", ("k_s",), share=0.02, reason=SPRING_REASON),
-    # less, because no belt gives back more than it is given
+    # negative only, because a belt never returns more power than it receives
     Uncertainty("eta -2 %", ("eta",), share=-0.02, reason="belts of this kind lose 0 to 4 %"),
     Uncertainty("masses +5 %", ("m_a", "m_b", "m_p"), share=0.05, reason=MASS_REASON),
     *(Uncertainty(f"{name} +0.1 mm", (name,), amount=1e-4, reason=LENGTH_REASON) for name in ("a", "b", "l_a", "l_b")),
@@ -166,21 +164,18 @@ UNCERTAINTIES = (
         for joint in range(3)
     ),
 )  # fmt: skip
-"""What the paper does not print is assumed: Sec. III.A identifies k_s and eta only, and gives no uncertainty."""
-
-
-Group = Literal["imperfection", "twin", "effect", "parameter", "total"]
+"""Assumed where the paper prints no value: Sec. III.A identifies k_s and eta only, without an uncertainty."""
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """One line of a budget, N.
+    """One row of a budget (N).
 
     Attributes:
-        label: for people.
+        label: text for the report.
         bias, std, rms: over the window; rms^2 = bias^2 + std^2.
-        meaning: what was compared with what.
-        group: "effect": not in the experiment, but plausible in a robot; "total": the experiment as it is.
+        meaning: description of the two compared runs.
+        group: "effect": plausible in a robot, but not in the experiment; "total": the unchanged experiment.
     """
 
     label: str
@@ -193,17 +188,16 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget:
-    """Of one experiment.
+    """The accuracy budget of one experiment.
 
     Attributes:
-        name: of the experiment.
-        start, end: of the window (s).
-        force: mean true pressing force in it (N).
+        start, end: evaluated window (s).
+        force: mean true pressing force in the window (N).
         contributions: imperfections, the twin's own error, effects that the experiment leaves out, parameters.
         bias: sum of the biases of the imperfections (N).
-        together: root of the sum of their squares.
-        parameters: likewise of the parameters, which the run does not contain: its belief is true.
-        as_is: the error of the experiment as it is.
+        together: root of the sum of squares of the imperfections (N).
+        parameters: root of the sum of squares of the parameters (N); the run lacks them, since its model is true.
+        as_is: error of the unchanged experiment.
     """
 
     name: str
@@ -234,10 +228,13 @@ class _Trace:
 
 
 def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budget:
-    """Run `experiment` as it is, without any imperfection, and with each of them alone; `say` is called with its name.
+    """Run `experiment` unchanged, without imperfections and with each alone, and return its accuracy budget.
+
+    `say` is called with the name of each run.
 
     Raises:
-        InputRefused: it has faults, taps, or never presses. ComponentFailed: a component failed.
+        InputRefused: the experiment has faults or taps, or never presses.
+        ComponentFailed: a component failed.
     """
     refuse_third_party_parts(experiment, "a budget of the force error", ("estimator",))
     if experiment.faults:
@@ -247,7 +244,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
             f"{experiment.name}: taps turn at the measured force, so two runs do not press at the same "
             "time; choose an experiment that presses, rolls or pushes"
         )
-    # a monitor that does not trip does nothing to the force, and one that believes in other encoders trips
+    # a monitor that does not trip leaves the force unchanged, and one that assumes other encoders would trip
     experiment = replace(experiment, monitor=None)
     exact = _perfect(experiment)
     traces, believed = {}, {}
@@ -259,7 +256,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
     others: list[tuple[Effect, _Trace]] = []
     for effect in SMALL_EFFECTS:
         steps.next(effect.label)
-        # the coupling's error is in both that are compared, so that no fine one is needed
+        # both compared runs contain the coupling's error, so a fine coupling is not needed
         others.append((effect, _trace(effect.apply_to(exact, experiment))))
     for uncertainty in UNCERTAINTIES:
         steps.next(uncertainty.label)
@@ -275,7 +272,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
     imperfections = [
         line("encoder counts", added["counts"], "encoders as they are, instead of exact"),
         line("backlash", added["backlash"], "backlash as it is, taken off as far as the controller believes in it"),
-        line("statics only", ideal.error, "what is left when all else is perfect: inertia and joint friction"),
+        line("statics only", ideal.error, "the remainder if all else is perfect: inertia and joint friction"),
     ]
     if "belief" in added:
         imperfections.append(
@@ -310,7 +307,7 @@ def accuracy_budget(experiment: Experiment, say: Say = ignore_progress) -> Budge
 
 
 def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str, Experiment]]:
-    """The ideal run, the experiment as it is, and one imperfection at a time, by name."""
+    """Yield (name, experiment) of the unchanged run, the ideal run and one imperfection at a time."""
     p, computer = experiment.plant, experiment.controller
     yield "as it is", experiment
     yield "ideal", _fine(exact)
@@ -326,7 +323,7 @@ def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str,
 
 
 def _perfect(experiment: Experiment) -> Experiment:
-    """Exact encoders, no backlash and no belief in any, none of `SMALL_EFFECTS`, a controller that knows every parameter."""
+    """Return `experiment` without imperfections: exact encoders, no backlash, no `SMALL_EFFECTS`, a true model."""
     exact = with_exact_encoders(without_effects(with_plant(experiment, backlash=0.0)))
     return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEVED_PARAMETERS}), 0.0)
 
@@ -346,7 +343,7 @@ def _trace(experiment: Experiment) -> _Trace:
 
 
 def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
-    """Instants at which the robot presses in every run, from `TOUCHDOWN_TIME` after the first on, (n,)."""
+    """Mask (n,) of the instants when the robot presses in every run, from `TOUCHDOWN_TIME` after the first on."""
     pressing = np.all([trace.true > MIN_PRESSING_FORCE for trace in traces], axis=0)
     if not pressing.any():
         raise InputRefused(
@@ -365,11 +362,8 @@ def _root_of_squares(contributions: list[Contribution]) -> float:
     return float(np.sqrt(sum(one.rms**2 for one in contributions)))
 
 
-Row = tuple[str, float | None, float | None, float]
-
-
 def accuracy_result(budget: Budget, facts: str) -> Result:
-    """The whole report. facts: path of the file."""
+    """Return the report of `budget`; `facts` is the path of the JSON file that it refers to."""
     imperfections, twin = budget.contributions_of("imperfection"), budget.contributions_of("twin")
     together = ("sum of biases, root of squares", budget.bias, None, budget.together)
     left_out = [
@@ -402,15 +396,15 @@ def _table(title: str, rows: Sequence[Row | str]) -> Table:
 
 
 def headline(budget: Budget) -> str:
-    """The whole in half a sentence."""
+    """The rms force error as a clause."""
     return f"the force is estimated to {budget.as_is.rms:.3f} N rms"
 
 
 def details(budget: Budget) -> tuple[str, str]:
-    """What the error consists of, and what might be added; half a sentence each."""
+    """Two clauses: the mean error and its largest cause; the possible addition by parameter errors."""
     total, worst = budget.as_is, max(budget.contributions_of("imperfection"), key=lambda one: one.rms)
     off = f"{abs(total.bias):.3f} N too {'high' if total.bias > 0.0 else 'low'}"
-    # three digits, as they are shown
+    # 0.5 mN rounds to zero in the three digits shown
     off = off if abs(total.bias) >= 5e-4 else "right"
     return (
         f"pressing {budget.force:.2f} N, {budget.start:.2f} to {budget.end:.2f} s: {off} on average, "
@@ -420,12 +414,12 @@ def details(budget: Budget) -> tuple[str, str]:
 
 
 def row(one: Contribution) -> Row:
-    """Label, bias, standard deviation and rms (N)."""
+    """Label, bias, standard deviation and rms (N) of a contribution."""
     return one.label, one.bias, one.std, one.rms
 
 
 def accuracy_facts(budget: Budget) -> dict[str, object]:
-    """Everything that a budget says, N and s: what `accuracy.json` holds."""
+    """All numbers of a budget (N, s) as the content of `accuracy.json`."""
     return {
         "experiment": budget.name,
         "start_s": budget.start,

@@ -1,4 +1,4 @@
-"""`twin accuracy`: where the error of the force comes from, in newtons."""
+"""`twin accuracy`: the contribution of each imperfection to the force error, in newtons."""
 
 from pathlib import Path
 from typing import Annotated
@@ -22,13 +22,13 @@ def accuracy(
     """Budget of the force error: encoders, backlash, statics, coupling, parameters.
 
     Runs the experiment without any imperfection and with each of them alone,
-    and says in newtons what each adds to the error of the estimated force.
+    and reports in newtons how much each adds to the error of the estimated force.
     Exit code: 0 done, 2 input refused, 3 a drive failed.
 
     Example: twin accuracy experiments/fig4_force_position.toml
 
     Raises:
-        InputRefused: the experiment, a drive or the folder cannot be used.
+        InputRefused: the experiment, a drive or the folder is invalid.
         ComponentFailed: a component failed.
     """
     from twin.kernel.atomic_write import make_folder, write_json

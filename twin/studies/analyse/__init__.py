@@ -1,1 +1,1 @@
-"""The loops of an experiment, linear: operating points, drives identified through their FMUs, stability."""
+"""Linear analysis of an experiment's loops: operating points, drives identified through their FMUs, stability."""

@@ -1,8 +1,8 @@
-"""A prediction of passivity tried: a mass that the robot should just carry, and one that should just make it swing.
+"""Check of a passivity prediction in the co-simulation, with a mass just below and just above the predicted limit.
 
-A robot that is not passive swings with some passive environment. The one that can be put into the co-simulation without
-a part of its own is a mass on the platform, of which the controller knows the weight; felt in all directions, it is a
-mass that a hand carries. With less than the predicted mass a nudge has to die out, with more it has to grow.
+A robot that is not passive swings with some passive environment. The only such environment that the co-simulation can
+have without a component of its own is a mass on the platform whose weight the controller knows; felt in all directions,
+it is a mass carried by a hand. A nudge must die out below the predicted mass and grow above it.
 """
 
 from dataclasses import dataclass
@@ -17,24 +17,24 @@ from twin.studies.analyse.nudge import NUDGE_TIME, nudged_paths
 from twin.studies.analyse.operating_point import OperatingPoint, resting_point
 
 STABLE_SHARE, UNSTABLE_SHARE = 0.85, 1.15
-"""Of the predicted mass: off by 15 % at most, as gain limits are allowed to be."""
+"""Shares of the predicted mass that are simulated: 15 % off, the same tolerance as for gain limits."""
 NUDGE_SIZE = 3e-4
-"""m: several counts of the encoders it would be, were they not exact; far below what drives saturate at."""
+"""Nudge (m): several counts of real encoders (those here are exact), far below saturation of the drives."""
 TRIAL_TIME = 25.0
-"""s. What changes by a tenth of its size a second is seen."""
+"""Duration of a trial (s); long enough to detect a change of a tenth per second."""
 SWING_WINDOW = 2.0
-"""s, of which the swing is taken."""
+"""Duration over which the swing is measured (s)."""
 MASS_HALVINGS = 20
 
 
 @dataclass(frozen=True)
 class PassivityTrial:
-    """A mass in the hand, in the air.
+    """Result of a trial with a mass in the hand, in the air.
 
     Attributes:
-        mass: at which the linear model begins to swing (kg).
-        predicted: growth at `STABLE_SHARE` and `UNSTABLE_SHARE` of it (1/s).
-        simulated: the same of the co-simulation; infinite: it flew off.
+        mass: smallest mass that makes the linear model swing (kg).
+        predicted: growth rates at `STABLE_SHARE` and `UNSTABLE_SHARE` of the mass (1/s).
+        simulated: the same growth rates in the co-simulation; infinite if the platform flew off.
     """
 
     point: OperatingPoint
@@ -44,12 +44,12 @@ class PassivityTrial:
 
     @property
     def agrees(self) -> bool:
-        """Whether a nudge dies out just inside and grows just outside."""
+        """Whether a nudge dies out at the smaller mass and grows at the larger one."""
         return self.simulated[0] < 0.0 < self.simulated[1]
 
     @property
     def tried_masses(self) -> tuple[float, float]:
-        """Masses (kg) that were tried."""
+        """The simulated masses (kg)."""
         return STABLE_SHARE * self.mass, UNSTABLE_SHARE * self.mass
 
     JSON_KEYS = (
@@ -58,7 +58,10 @@ class PassivityTrial:
 
 
 def tried_mass(shared: Linearisation, points: list[OperatingPoint], most: float) -> PassivityTrial | None:
-    """The mass on the platform with which the robot begins to swing in the air, tried; None: none up to `most` (kg)."""
+    """Find the smallest mass on the platform that makes the robot swing in the air, and check it in the co-simulation.
+
+    None if all masses up to `most` (kg) are stable.
+    """
     air = next((point for point in points if not point.in_contact), None)
     if air is None or _growth(shared, air, most) <= 0.0 or _growth(shared, air, 0.0) >= 0.0:
         return None
@@ -78,7 +81,7 @@ def _point_with_mass(point: OperatingPoint, mass: float) -> OperatingPoint:
 
 
 def _growth(shared: Linearisation, point: OperatingPoint, mass: float) -> float:
-    """1/s, of the linear model with `mass` (kg) more on the platform; infinite where it cannot rest."""
+    """Growth rate (1/s) of the linear model with `mass` (kg) added to the platform; infinite if it cannot rest."""
     try:
         linear = shared.with_experiment(_experiment_with_mass(shared.experiment, mass)).linear_point(
             _point_with_mass(point, mass)
@@ -90,13 +93,13 @@ def _growth(shared: Linearisation, point: OperatingPoint, mass: float) -> float:
 
 
 def _experiment_with_mass(experiment: Experiment, mass: float) -> Experiment:
-    """With `mass` (kg) on the platform, of which the controller knows."""
+    """Return the experiment with `mass` (kg) on the platform, known to the controller."""
     heavy = with_plant(experiment, m_p=experiment.plant.m_p + mass)
     return with_model(heavy, m_p=experiment.controller.model.m_p + mass)
 
 
 def _simulated_growth(experiment: Experiment, point: OperatingPoint, mass: float) -> float:
-    """Growth (1/s) of a nudge in the co-simulation; infinite: the platform flew off."""
+    """Growth rate (1/s) of a nudge in the co-simulation; infinite if the platform flew off."""
     law = "position"
     (path,) = nudged_paths(
         _experiment_with_mass(experiment, mass), _point_with_mass(point, mass), law, 1.0, [NUDGE_SIZE], TRIAL_TIME
@@ -110,7 +113,7 @@ def _simulated_growth(experiment: Experiment, point: OperatingPoint, mass: float
 
 
 def _swing(path: Matrix) -> float:
-    """rms about a straight line, all axes together (m)."""
+    """rms of a path about its straight line, all axes together (m)."""
     t = np.arange(len(path), dtype=float)
     rest = [p - np.polyval(np.polyfit(t, p, 1), t) for p in path.T]
     return float(np.sqrt(np.mean(np.square(rest))))

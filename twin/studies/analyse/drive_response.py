@@ -1,15 +1,15 @@
 """The small-signal frequency response of a drive, measured through its FMU.
 
-Where FMI offers partial derivatives (fmi2GetDirectionalDerivative, fmi3GetDirectionalDerivative) a co-simulation FMU
-gives those of its outputs at one instant, not of the step that the master makes with it: solver, sampled loops and
-delays inside are left out, and its states cannot be listed. None of the drives of fmus/ offers them. So the step itself
-is measured, which every FMU has.
+Where FMI offers partial derivatives (fmi2GetDirectionalDerivative, fmi3GetDirectionalDerivative), a co-simulation FMU
+returns those of its outputs at one instant, not of the master's step: solver, sampled loops and delays inside are left
+out, and its states cannot be listed. No drive of fmus/ offers them. Therefore the step itself is measured, which works
+for every FMU.
 
-On the steady command comes a periodic sum of sines with random phases, once on the command and once on the load, for
-several draws of the phases: of a drive that is not quite linear their mean is the best linear approximation (Pintelon
-and Schoukens 2012, System Identification, Ch. 3). It is taken at rest and with small sines, as the operating point
-asks: friction that is smooth about zero speed brakes there much more than while the shaft turns. A drive whose small
-signals drown in the steps of its registers, or in friction that sticks, is measured while it turns instead.
+A periodic sum of sines with random phases is added to the steady command, once on the command and once on the load, for
+several draws of the phases. For a slightly nonlinear drive, their mean is the best linear approximation (Pintelon and
+Schoukens 2012, System Identification, Ch. 3). It is measured at rest and with small sines, as at the operating point:
+friction that is smooth about zero speed damps there much more than while the shaft turns. A drive whose small signals
+drown in the quantisation of its registers, or in stiction, is measured while it turns instead.
 """
 
 from contextlib import suppress
@@ -28,19 +28,21 @@ from twin.studies.qualify.bench import on_bench, refuse_impossible
 from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE
 
 SINE_PERIOD = 1.0
-"""Of the sum of sines (s)."""
+"""Period of the sum of sines (s)."""
 LINE_COUNT = 32
-"""Sines, evenly spaced over the logarithm of the frequency as far as whole periods allow."""
+"""Number of sines, evenly spaced over the logarithm of the frequency as far as whole periods allow."""
 MAX_FREQUENCY_RATIO = 0.2
-"""Highest frequency over the rate of ticks."""
+"""Highest frequency over the tick rate."""
 PHASE_DRAWS = 4
 PHASE_SEED = 1
 MAX_LINEAR_RESIDUAL = 0.05
-"""Residual up to which a drive answers small signals in proportion."""
+"""Maximum residual of the fit of a drive that counts as linear for small signals."""
+Inputs = tuple[float, float]
+"""Command (rad/s) and load (N m)."""
 
 
 class Excitation(NamedTuple):
-    """What a drive is measured with: steady command, largest added command (rad/s), largest added load (N m)."""
+    """Excitation of a drive: steady command, largest added command (rad/s), largest added load (N m)."""
 
     steady: float
     command: float
@@ -49,18 +51,16 @@ class Excitation(NamedTuple):
 
 AT_REST = Excitation(0.0, 0.02 * SPEED_IN_USE, 0.02 * LOAD_IN_USE)
 WHILE_TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
-"""Fast enough that, with the sines and under load, friction does not change sign."""
-Inputs = tuple[float, float]
-"""Command (rad/s) and load (N m)."""
+"""Excitation of a shaft so fast that friction keeps its sign, with the sines and under load."""
 
 
 def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
-    """The linear model of a drive around a steady load `tau_load` (N m).
+    """Identify the linear model of a drive around a steady load `tau_load` (N m).
 
-    The same drive gives the same model: the draws of the phases are always the same.
+    The result is reproducible, because the phases are always drawn from the same seed.
     """
     measured = frequency_response(plan, tick, tau_load, AT_REST)
-    # whatever it refuses, the measurement of the turning shaft may still be shown
+    # if the fit at rest is refused, the measurement of the turning shaft may still be fitted
     with suppress(InputRefused):
         at_rest = fit_drive(*measured, tick, plan.label)
         if at_rest.residual <= MAX_LINEAR_RESIDUAL:
@@ -72,9 +72,11 @@ def identify_drive(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
 def frequency_response(
     plan: DrivePlan, tick: float, tau_load: float, excitation: Excitation
 ) -> tuple[Curve, NDArray[np.complex128], Curve]:
-    """(frequencies (n,) in Hz from 0, advance of the shaft per tick over command and load (n, 2), its uncertainty), SI.
+    """Measure the frequency response of the shaft's advance per tick (SI).
 
-    The uncertainty (n, 2) is the standard deviation of the mean over the draws.
+    Returns:
+        (frequencies (n,) in Hz from 0, advance over command and load (n, 2), uncertainty (n, 2)). The uncertainty is
+            the standard deviation of the mean over the draws.
     """
     samples = round(SINE_PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, MAX_FREQUENCY_RATIO * samples, LINE_COUNT)).astype(int))
@@ -92,9 +94,9 @@ def frequency_response(
 
 
 def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve:
-    """One period (samples,) of sines that fit into it `lines` (n,) times, with `phases` (n,); the largest value is 1.
+    """One period (samples,) of a sum of sines with `lines` (n,) periods and `phases` (n,), scaled to a maximum of 1.
 
-    Amplitudes fall with the square root of the frequency, so that high frequencies do not drive a drive to its limits.
+    Amplitudes fall with the square root of the frequency, so that high frequencies do not saturate a drive.
     """
     spectrum = np.zeros(samples // 2 + 1, dtype=complex)
     spectrum[lines] = np.exp(1j * phases) / np.sqrt(lines)
@@ -103,7 +105,7 @@ def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve
 
 
 def _steady_gain(plan: DrivePlan, tick: float, samples: int, steady: Inputs, channel: int, step: float) -> float:
-    """Mean advance over the second period with the input `channel` higher by `step`, less that with it lower."""
+    """Mean advance per unit of the input `channel`, from second periods with the input raised and lowered by `step`."""
     means = [
         np.mean(_advance(plan, tick, _input_samples(steady, channel, np.full(2 * samples, sign * step)))[samples:])
         for sign in (1.0, -1.0)
@@ -118,7 +120,7 @@ def _input_samples(steady: Inputs, channel: int, added: Curve) -> Curve:
 
 
 def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
-    """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; of three axes the first."""
+    """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; the first of three axes."""
     with on_bench(plan, tick, inputs) as system:
         rows = Simulation(system, len(inputs), len(inputs) + 1).run()
         refuse_impossible(plan, system, rows)

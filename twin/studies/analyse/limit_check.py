@@ -1,8 +1,8 @@
-"""Gain limits against the co-simulation: the linear model's are tried just below and just above, any drive's.
+"""Check of the linear model's gain limits in the co-simulation, just below and just above the prediction.
 
-Where they do not hold the limit is looked for in the co-simulation itself. Two sizes of nudges are tried, because what
-is not linear in a drive shows in that they differ: friction brakes small swings more than large ones, registers swallow
-them or keep them alive.
+A limit that fails the check is searched for in the co-simulation itself. Nudges of two sizes are tried, because a
+nonlinear drive responds differently to them: friction damps small swings more than large ones, quantised registers
+swallow them or keep them alive.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,28 +16,28 @@ from twin.studies.analyse.nudge import residual_swings
 from twin.studies.analyse.operating_point import OperatingPoint
 
 LIMIT_TOLERANCE = 0.15
-"""What a predicted gain limit may be off the simulated one, as a share of that."""
+"""Largest difference between predicted and simulated gain limit, as a share of the simulated one."""
 BRACKET_RATIO = 1.05
-"""Ratio of gains between which the simulated limit is left."""
+"""Ratio of the gains that bracket the simulated limit when the bisection stops."""
 SEARCH_RATIO = 1.5
-"""Ratio of one gain to the next while the limit is looked for."""
+"""Ratio of successive gains in the search for the limit."""
 MAX_SEARCH_FACTOR = 10.0
-"""How far from its prediction, as a factor, a limit is looked for."""
+"""Largest factor between the prediction and a searched limit."""
 SMALL_NUDGE, LARGE_NUDGE, PRESSING_NUDGE = 1e-4, 1e-3, 3e-4
-"""Nudges (m): about what the encoders resolve of the platform; a push in air; one that no contact is lost by."""
+"""Nudges (m): about the encoders' resolution of the platform; a push in air; one that keeps contact."""
 LastingNudges = tuple[float, ...]
 """Nudges (m) that last."""
 
 
 @dataclass(frozen=True)
 class LimitCheck:
-    """The gain limit of a law at an operating point, predicted and tried.
+    """The predicted and simulated gain limit of a law at an operating point.
 
     Attributes:
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
         holds: whether the prediction is confirmed within `LIMIT_TOLERANCE`.
-        reason: why not, as far as it was measured; "" if it holds.
+        reason: explanation of a failed prediction, as far as it was measured; "" if it holds.
     """
 
     law: str
@@ -50,28 +50,31 @@ class LimitCheck:
 
     @property
     def simulated_limit(self) -> float | None:
-        """Factor from which a nudge lasts, found by bisection; None if the prediction holds, or it was not found."""
+        """Lowest factor whose nudges last, by bisection; None if the prediction holds or the limit was not found."""
         if self.holds or self.high is None or self.low is None:
             return None
         return float((self.low * self.high) ** 0.5)
 
     @property
     def shakes(self) -> bool:
-        """Whether a nudge lasts with the gains as they are set."""
+        """Whether a nudge lasts at the gains as set."""
         return self.high is not None and self.high <= 1.0
 
     @property
     def limit_bounds(self) -> tuple[float | None, float | None]:
-        """`low` and `high`."""
+        """`low` and `high`, the factors that bracket the simulated limit."""
         return self.low, self.high
 
-    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated=simulated_limit simulated_between=limit_bounds reason"
+    JSON_KEYS = (
+        "law p_B=point.p_B F_z=point.F_z predicted holds simulated=simulated_limit "
+        "simulated_between=limit_bounds reason"
+    )
 
 
 def check_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-    """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides."""
+    """Check the `predicted` gain limit of `law` at `point` in the co-simulation, whose result decides."""
 
     @cache
     def lasting(factor: float) -> LastingNudges:
@@ -84,17 +87,18 @@ def check_limit(
 
 
 def borders(expected: float) -> tuple[float, float]:
-    """Between which the simulated limit has to be for `expected` to hold."""
+    """Lower and upper bound of the simulated limit if the prediction `expected` holds."""
     return expected / (1.0 + LIMIT_TOLERANCE), expected / (1.0 - LIMIT_TOLERANCE)
 
 
 def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:
-    """(highest factor tried at which no nudge lasts, next one at which one does), None for an end that is too far off.
+    """Return (highest tried factor whose nudges all die out, next factor, whose nudges last).
 
-    These are `borders` if the limit is between them, else at most `BRACKET_RATIO` apart.
+    An end is None if it is too far from `expected`. The two are `borders(expected)` if the limit is between them, else
+    their ratio is at most `BRACKET_RATIO`.
 
     Args:
-        ends: whether `expected` is a limit, not just a value up to which there is none.
+        ends: whether `expected` is a limit, not just the largest factor examined.
     """
     low, high = borders(expected)
     if lasts(low):
@@ -119,7 +123,7 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
 
 
 def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
-    """`low`, at which no nudge lasts, and `high`, at which one does, bisected until they are `BRACKET_RATIO`."""
+    """Bisect to `BRACKET_RATIO` between `low`, whose nudges all die out, and `high`, whose nudges last."""
     while high > BRACKET_RATIO * low:
         middle = (low * high) ** 0.5
         low, high = (low, middle) if lasts(middle) else (middle, high)
@@ -127,14 +131,14 @@ def bisect_limit(lasts: Callable[[float], bool], low: float, high: float) -> tup
 
 
 def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> LastingNudges:
-    """Which nudges, large and small, last at `point` with `factor` times the gains of `law`."""
+    """Simulate a large and a small nudge at `point` with `factor` times the gains of `law`; return those that last."""
     sizes = (PRESSING_NUDGE if point.in_contact else LARGE_NUDGE, SMALL_NUDGE)
     left = residual_swings(experiment, point, law, factor, sizes)
     return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
 
 
 def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], LastingNudges], high: float | None) -> str:
-    """What tells a drive from a linear one, of what was measured."""
+    """Explain a failed prediction by the measured nonlinearity of the drives."""
     reasons = []
     if any(drive.turning for drive in drives):
         reasons.append("at rest the drive is nonlinear for small signals; the linear model is of a turning shaft")

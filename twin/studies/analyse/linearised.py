@@ -1,4 +1,4 @@
-"""An experiment's loops at each operating point, linear and sampled as the co-simulation steps them."""
+"""Linear loops of an experiment at each operating point, sampled as the co-simulation steps them."""
 
 import copy
 from dataclasses import dataclass, field
@@ -38,11 +38,11 @@ ZERO_GAINS = Gains(0.0)
 
 @dataclass(frozen=True)
 class LinearPoint:
-    """The loops at one operating point.
+    """The linear loops at one operating point.
 
     Attributes:
-        loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
-        gains: 1 for each loop that is closed there.
+        loops: all loops, open; see `twin.studies.analyse.linear.loops.open_loops`.
+        gains: 1 for each loop that is closed at the point.
     """
 
     point: OperatingPoint
@@ -51,15 +51,15 @@ class LinearPoint:
 
 
 class Linearisation:
-    """What all operating points of an experiment share: drives, settings, stepping.
+    """The linear models shared by all operating points of an experiment: drives, settings, stepping.
 
     Args:
-        experiment: its faults are left out.
-        points: the drives are identified under the mean load of these.
+        experiment: experiment to linearise; its faults are left out.
+        points: operating points; the drives are identified under their mean load.
 
     Attributes:
         drives: one model per joint.
-        labels: what the drives are called.
+        labels: names of the drives in reports.
     """
 
     def __init__(self, experiment: Experiment, points: list[OperatingPoint]):
@@ -75,7 +75,7 @@ class Linearisation:
         self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
 
     def linear_point(self, point: OperatingPoint) -> LinearPoint:
-        """The loops at `point`."""
+        """Linearise the open loops at `point`."""
         plant = linear_plant(point.parameters, point.x, point.theta_m)
         robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
         settings = self.settings(point.force_on)
@@ -83,13 +83,13 @@ class Linearisation:
         return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_loop_names(settings), 1.0))
 
     def with_experiment(self, experiment: Experiment) -> Self:
-        """The same for `experiment`, which has the same drives."""
+        """Return a copy for `experiment`, which must have the same drives."""
         other = copy.copy(self)
         other.experiment = experiment
         return other
 
     def settings(self, force_on: bool) -> LoopSettings:
-        """Of the controller, with its force loop on or off."""
+        """Loop settings of the controller, with its force loop on or off."""
         c = self.experiment.controller
         damping = c.damping if self.experiment.tasks else None
         return LoopSettings(
@@ -103,13 +103,13 @@ class Linearisation:
         )
 
     def estimation(self, point: OperatingPoint) -> Estimation:
-        """What the controller's estimator makes of the angles near `point`."""
+        """Linearise the controller's estimator about the angles at `point`."""
         plant, parameters = self.experiment.plant, point.parameters
         geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
         motor, joint = shafts(plant)
         read = angles + np.concatenate([motor.error(angles[:3]), joint.error(angles[3:])])
-        # the command with which a drive stands still under its load
+        # the speed command that holds a drive still under its load
         gains = np.array([drive.steady_gain for drive in self.drives])
         standing = -gains[:, 1] / gains[:, 0] * _loads(point)
         compensation = self.experiment.controller.gravity_compensation
@@ -117,12 +117,12 @@ class Linearisation:
 
 
 def closed_loop_names(settings: LoopSettings) -> tuple[str, ...]:
-    """Those of `LOOPS` that a controller with these `settings` closes."""
+    """The `LOOPS` that a controller with these `settings` closes."""
     return LOOPS if any(settings.force[:3]) else LOOPS[:3]
 
 
 def _loads(point: OperatingPoint) -> np.ndarray:
-    """tau_load (3,) at rest (N m)."""
+    """Load torque tau_load (3,) of the drives at rest (N m)."""
     p = point.parameters
     geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
     d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
@@ -141,7 +141,7 @@ def _stepping(experiment: Experiment) -> LoopStepping:
             "commands on late; the analysis knows only monitors that divide the controller's period and delay"
         )
     jacobi = experiment.cosim.scheme == "jacobi"
-    # nothing behind the monitor and before the encoders is sampled
+    # no component after the monitor and before the encoders is sampled
     latency = whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0
     late = delay + c.bus_delay_ticks + latency
     return LoopStepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

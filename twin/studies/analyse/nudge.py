@@ -1,4 +1,4 @@
-"""What a nudge of the platform leaves in the co-simulation, with gains that are raised or lowered on the way."""
+"""Response of the platform to a nudge in the co-simulation, with gains that are raised or lowered beforehand."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,21 +22,21 @@ from twin.studies.analyse.linear.loops import Matrix
 from twin.studies.analyse.operating_point import OperatingPoint, undisturbed_experiment
 
 GAIN_START, GAIN_END, NUDGE_TIME, END_TIME = 0.5, 2.5, 3.0, 6.0
-"""Times (s): the gains begin to change, have changed; the nudge; the end."""
+"""Times (s): start and end of the gain ramp, nudge, end of the run."""
 SWING_WINDOW = 1.0
-"""How long (s) a swing is looked at: before the nudge and before the end."""
+"""Duration (s) over which a swing is measured: before the nudge and before the end."""
 GAIN_INTERVAL = 0.02
 """Time (s) between two changes of the gains."""
 MAX_DISTANCE = 0.01
-"""Distance (m) from where it is held at which no nudge leads a platform that comes to rest."""
+"""Distance (m) from the hold point that a platform never reaches if it comes to rest after a nudge."""
 HOLD_DURATION = 1e9
-"""s. A phase that long does not end."""
+"""Duration (s) of a phase that never ends."""
 LASTING_SHARE = 0.4
-"""Share of a nudge that is left in the end from which on it lasts: at the limit of a linear loop that much is."""
+"""Share of a nudge above which its remainder counts as lasting; at the limit of a linear loop that much remains."""
 SWING_RATIO = 3.0
-"""Times the swing before the nudge that a swing is compared with: a drive may hum all the time."""
+"""Factor on the swing before the nudge below which a swing does not count, because a drive may hum all the time."""
 MAX_IDLE_SWING = 1e-3
-"""m. A larger swing is no hum."""
+"""Largest swing (m) that counts as hum."""
 GAIN_NAMES = ("kp", "ki", "kd")
 NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "tissue": None, "breath": None, "energy_tank": None}
 
@@ -45,8 +45,8 @@ class ResidualSwing(NamedTuple):
     """Swings of the platform, peak to peak about a straight line in the worst direction (m).
 
     Attributes:
-        hum: before the nudge.
-        left: in the end; infinite if the platform went far off, or a component failed.
+        before: swing before the nudge.
+        after: swing at the end; infinite if the platform went far off or a component failed.
     """
 
     before: float
@@ -60,7 +60,10 @@ class ResidualSwing(NamedTuple):
 def residual_swings(
     experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float]
 ) -> list[ResidualSwing]:
-    """What each of `nudges` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force"."""
+    """Simulate each of `nudges` (m) at `point` with `factor` times the gains of `law` and return the residual swings.
+
+    `law` is "position" or "force".
+    """
     tick, found = experiment.cosim.tick, []
     width, before = round(SWING_WINDOW / tick), round(NUDGE_TIME / tick)
     for p_B in nudged_paths(experiment, point, law, factor, nudges):
@@ -81,9 +84,10 @@ def nudged_paths(
     nudges: Sequence[float],
     over: float = END_TIME,
 ) -> list[Matrix]:
-    """The platform's ways (n, 3) in m, tick by tick until `over` (s); shorter if it went far off or a component failed.
+    """Simulate nudges and return the platform's paths (n, 3) in m, tick by tick.
 
-    Args: as of `residual_swings`.
+    A path ends at `over` (s), earlier if the platform went far off or a component failed. For the other arguments see
+    `residual_swings`.
     """
     still = replace(holding_experiment(experiment, point), duration_ticks=round(over / experiment.cosim.tick))
 
@@ -99,7 +103,7 @@ def nudged_paths(
         lambda system: [_GainRamp(system, point, law, factor)],
         max(1, round(GAIN_INTERVAL / experiment.cosim.tick)),
     )
-    # what ends in the slice in which it goes far off has been seen to its end, too
+    # a run that goes far off in its last slice has all its rows: drop the last one so that it counts as shorter
     paths = [path["plant.p_B"] for _, path in runs]
     return [p_B[:-1] if len(p_B) and _is_far_off(p_B[-1], point) else p_B for p_B in paths]
 
@@ -115,7 +119,7 @@ def swing(p_B: Matrix) -> float:
 
 
 def holding_experiment(experiment: Experiment, point: OperatingPoint) -> Experiment:
-    """Held at `point` by way points, which tasks do not heed; nothing else moves or breaks."""
+    """Return the experiment held at `point` by way points, which tasks ignore, without other motion or faults."""
     period = experiment.controller.period
     c = experiment.controller
     force = {"reference": point.F_z, "trigger": None, "trigger_time": 0.0, "limit": 1.0}
@@ -131,9 +135,9 @@ def holding_experiment(experiment: Experiment, point: OperatingPoint) -> Experim
 
 
 class _GainRamp(Observer):
-    """Lets gains go evenly, in their logarithm, to `factor` times theirs; has seen enough once the platform is far off.
+    """Observer that ramps gains evenly, in their logarithm, to `factor` times their values, and stops once far off.
 
-    Gains that are lowered are low from the beginning: with the higher ones the robot may shake.
+    Gains to be lowered are low from the beginning, because the robot may shake with the higher ones.
     """
 
     def __init__(self, system: System, point: OperatingPoint, law: str, factor: float):
@@ -155,9 +159,9 @@ class _GainRamp(Observer):
 
 
 def holding_controller(experiment: Experiment, point: OperatingPoint) -> Controller | TaskController:
-    """That of tasks, with all that acts only in them, which for ever does one thing: hold `point`."""
+    """Return the experiment's controller, including its task-only laws, with one endless phase that holds `point`."""
     hold = Phase(PhaseKind.HOLD, 1, force_on=point.force_on, F_end=point.F_z, duration=HOLD_DURATION)
     found = controller(experiment, [hold])
-    # as if it had pressed before
+    # initialise the force as if the robot had been pressing
     found.memory["F_z"], found.memory["machine"]["F_ref"] = point.F_z, point.F_z
     return found

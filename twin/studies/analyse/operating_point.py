@@ -1,4 +1,4 @@
-"""Where an experiment's loops are looked at: the robot at rest, in free air and pressing."""
+"""Operating points of an experiment's loops: the robot at rest, in free air and pressing."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,16 +19,16 @@ from twin.robot.plant.contact import contact_force, surface_depth
 from twin.robot.plant.dynamics import PlantParameters
 
 AIR_CLEARANCE = 1e-3
-"""Height (m) over the surface at which a pose is looked at in free air, too."""
+"""Height (m) above the surface of the free-air point over each pressed place."""
 MAX_DEPTH = 0.1
-"""Depth (m) beyond which no surface is pressed."""
+"""Maximum depth (m) that a surface is pressed in."""
 MIN_DEFLECTION = 2e-5
-"""Least deflection (rad) of a spring with backlash: ten times the steps by which the plant is differentiated."""
+"""Minimum deflection (rad) of a spring with backlash: ten times the differentiation step of the plant."""
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """The robot at rest.
+    """A state of the robot at rest, about which the loops are linearised.
 
     Attributes:
         p_B: platform position (m).
@@ -50,10 +50,10 @@ class OperatingPoint:
 
 
 def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list[str]]:
-    """(points, sentences about those that have no linear model): the start, and each place that is pressed on, touching
-    and 1 mm above.
+    """Return (operating points, messages about points without a linear model).
 
-    A surface that moves is taken where it is at the beginning.
+    The points are the start and each pressed place, touching and 1 mm above. A moving surface is taken at its initial
+    position.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     points: list[OperatingPoint] = []
@@ -79,10 +79,10 @@ def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list
 def resting_point(
     name: str, parameters: PlantParameters, p_B: tuple[float, float, float], force_on: bool = False
 ) -> OperatingPoint:
-    """The robot at rest at `p_B` (m).
+    """Compute the state of the robot at rest at `p_B` (m).
 
     Raises:
-        InputRefused: `p_B` is out of reach, or a spring carries so little there that it hangs in its backlash.
+        InputRefused: `p_B` is unreachable, or a spring is so little loaded there that it hangs in its backlash.
     """
     where = "({:g}, {:g}, {:g}) mm".format(*(round(1e3 * value, 3) for value in p_B))
     try:
@@ -111,10 +111,10 @@ def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
 
 
 def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
-    """Height (m) of the platform at which the surface answers with the vertical force `F_z` (N) at rest.
+    """Height (m) of the platform if the surface answers with the vertical force `F_z` (N) at rest.
 
     Raises:
-        InputRefused: the surface does not, down to `MAX_DEPTH`.
+        InputRefused: the surface does not reach `F_z` within `MAX_DEPTH`.
     """
     top = surface_height(parameters, x, y)
     lack = F_z + _force(parameters, (x, y, top - MAX_DEPTH))
@@ -127,10 +127,10 @@ def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float)
 
 
 def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
-    """The same pose and force on a surface of stiffness `K` (N/m), which is moved up or down for it.
+    """Move the surface of stiffness `K` (N/m) up or down to keep the pose and force of `point`.
 
     Raises:
-        InputRefused: it would have to be pressed in deeper than `MAX_DEPTH`.
+        InputRefused: the surface would be pressed deeper than `MAX_DEPTH`.
     """
     parameters, (x, y, z) = point.parameters._replace(K=K), point.p_B
 
@@ -145,12 +145,12 @@ def point_on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
 
 
 def _force(parameters: PlantParameters, p: tuple[float, float, float]) -> float:
-    """F_ee_B_z (N) at rest at `p`."""
+    """Vertical contact force F_ee_B_z (N) at rest at `p` (m)."""
     return float(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0)[2])
 
 
 class PressPlace(NamedTuple):
-    """A place that is pressed on: with the force F_z (N), or, if that is None, as deep as z (m) says."""
+    """A pressed place: with the force F_z (N), or, if that is None, at the height z (m)."""
 
     x: float
     y: float
@@ -165,7 +165,7 @@ def _pressing(parameters: PlantParameters, place: PressPlace) -> OperatingPoint:
 
 
 def _press_places(experiment: Experiment, parameters: PlantParameters) -> list[PressPlace]:
-    """Each place that is pressed on, once. In a tap the force loop is off."""
+    """List the distinct pressed places; the force loop is off in a tap."""
     found: list[PressPlace] = []
     for task in experiment.tasks:
         corners = [task.point, task.to] if isinstance(task, Push) else [task.point]
@@ -180,6 +180,6 @@ def _press_places(experiment: Experiment, parameters: PlantParameters) -> list[P
 
 
 def undisturbed_experiment(experiment: Experiment, **contact: float) -> Experiment:
-    """With values of its contact, which stands still; no fault, change, monitor or display."""
+    """Return the experiment on a still surface with `contact` values, without faults, changes, monitor and scale."""
     still = experiment.contact.model_copy(update={"breathing": None, "shift": None, **contact})
     return replace(experiment, contact=still, faults=(), changes=(), monitor=None, scale=None)

@@ -1,4 +1,4 @@
-"""How passive a robot is in the hand: where it gives energy away, what it renders passively, what makes it swing."""
+"""Passivity of a robot in the hand: non-passive frequency bands, rendered stiffness, worst environment."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,18 +32,18 @@ from twin.studies.analyse.rendering import ZWidth, z_width
 from twin.studies.command import Say
 
 FREQUENCY_COUNT = 240
-"""So many are looked at of a point."""
+"""Number of frequencies evaluated per point."""
 MASS_RANGE, STIFFNESS_RANGE = (0.01, 5.0), (1.0, 50_000.0)
-"""kg and N/m: from a fingertip to a forearm, from nothing to a table."""
+"""Mass (kg) and stiffness (N/m) of environments: fingertip to forearm, almost nothing to a table."""
 
 
 class Band(NamedTuple):
-    """Where something feeds a swing.
+    """A frequency band where the robot supplies energy to a swing.
 
     Attributes:
-        low, high: of the lowest and the highest frequency that does (Hz).
-        least: see `power_share`, at the worst of them.
-        at: that one (Hz).
+        low, high: lowest and highest such frequency (Hz).
+        least: smallest `power_share` in the band.
+        at: frequency of `least` (Hz).
     """
 
     low: float
@@ -58,9 +58,9 @@ class Environment(NamedTuple):
     Attributes:
         mass: kg.
         stiffness: N/m.
-        direction: (3,), of length 1.
-        growth: of what then grows fastest, 1/s; negative: everything dies out.
-        frequency: of that (Hz).
+        direction: unit vector (3,).
+        growth: growth rate of the fastest growing pole with the robot (1/s); negative if everything dies out.
+        frequency: frequency of that pole (Hz).
     """
 
     mass: float
@@ -71,20 +71,20 @@ class Environment(NamedTuple):
 
     @property
     def swings(self) -> bool:
-        """Whether it swings for ever with the robot, growing."""
+        """Whether the environment swings with the robot at a growing amplitude."""
         return self.growth > DRIFT_RATE
 
 
 @dataclass(frozen=True)
 class PointPassivity:
-    """What a hand feels at one operating point.
+    """The impedance that a hand feels at one operating point.
 
     Attributes:
         frequency: Hz (n,).
         admittance: (n, 3, 3), m/s per N.
-        springs: stiffness (3,) with the motors held and the other axes held (N/m).
-        bands: by axis, and "all" for the three at once; None: passive.
-        worst: of all masses on springs the one that makes it swing most.
+        springs: stiffness (3,) with the motors and the other axes held (N/m).
+        bands: axis, or "all" for the three at once -> band; None if passive.
+        worst: the mass on a spring that swings most with the robot.
     """
 
     point: OperatingPoint
@@ -103,12 +103,12 @@ class PointPassivity:
 
 @dataclass(frozen=True)
 class Passivity:
-    """A robot in the hand, judged.
+    """Result of the passivity analysis of a robot.
 
     Attributes:
-        problems: sentences about points that have no linear model.
-        width: None where no force loop presses.
-        trial: what came of it; None: there was nothing to try.
+        problems: messages about points that have no linear model.
+        width: None if no force loop presses.
+        trial: check in the co-simulation; None without a mass to try.
     """
 
     experiment: Experiment
@@ -122,7 +122,7 @@ class Passivity:
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
-    """Judge `experiment`, of which the body is taken away; its drives are run in this process."""
+    """Analyse the passivity of the robot in a hand instead of on the body; its drives run in this process."""
     refuse_third_party_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)
@@ -138,7 +138,7 @@ def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
 
 
 def judge_point(shared: Linearisation, point: OperatingPoint) -> PointPassivity:
-    """What a hand feels at `point`."""
+    """Compute the impedance that a hand feels at `point`, its passivity and its worst environment."""
     free, settings = FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), shared.settings(point.force_on)
     law, gains = linear_law(settings, shared.estimation(point)), dict.fromkeys(closed_loop_names(settings), 1.0)
 
@@ -156,7 +156,7 @@ def judge_point(shared: Linearisation, point: OperatingPoint) -> PointPassivity:
 
 
 def band(frequency: Matrix, Y: Complex) -> Band | None:
-    """Where `Y` (n, k, k) at `frequency` (Hz) is not passive; None: nowhere."""
+    """The band where the admittance `Y` (n, k, k) at `frequency` (Hz) is not passive; None if passive everywhere."""
     share = power_share(Y)
     feeding = frequency[share < -ROUNDING_TOLERANCE]
     if len(feeding) == 0:
@@ -166,12 +166,12 @@ def band(frequency: Matrix, Y: Complex) -> Band | None:
 
 
 def worst_environment(holding: Callable[[Matrix, float, float], Hand]) -> Environment:
-    """Of all masses and springs along one direction what grows fastest with a robot, by differential evolution.
+    """Find the mass on a spring along one direction that grows fastest with the robot, by differential evolution.
 
-    Lossless ones are enough: a passive environment takes nothing away at its worst.
+    Lossless environments suffice: at its worst a passive environment dissipates nothing.
 
     Args:
-        holding: the robot with a direction, a mass (kg) and a stiffness (N/m) in the hand.
+        holding: function of direction, mass (kg) and stiffness (N/m) that returns the robot with them in the hand.
     """
 
     def made(x: Matrix) -> tuple[Matrix, float, float]:

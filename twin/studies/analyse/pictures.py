@@ -1,4 +1,4 @@
-"""The loops of an experiment, and the impedance felt by a hand, as pictures."""
+"""Pictures of the linear analysis: loops, stability maps, and the impedance felt by a hand."""
 
 from pathlib import Path
 from typing import Any
@@ -30,16 +30,25 @@ from twin.studies.figure import (
 SHOWN_GAIN = (1e-4, 1e3)
 CURVE_COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)
 LOCUS_GAINS = np.geomspace(1e-2, 1.0, 60)
-"""Gains of a root locus below the present or critical one, as a share of its largest."""
+"""Gains of a root locus below the current or critical one, as a share of its largest."""
 MAX_SWING_DAMPING = 0.3
-"""Damping ratio below which a pole is one of the platform on its springs, which a root locus shows."""
+"""Damping ratio below which a root locus counts a pole as the platform's swing on its springs."""
 Curve = tuple[stability.PointStability, str]
+DISK_COLORS = {"laws": BLUE, "motors": ORANGE, "both": GREEN}
+MAX_DECIBELS = 24.0
+"""Largest gain drawn (dB)."""
+DAMPING_LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
+UNSTABLE_COLOR, NO_POINT_COLOR = VERMILION, "#d9d9d9"
+DAMPING_SHADES = ("#2a788e", "#5aa6a9", "#9accc4", "#cfe6df", "#f4f0dc", "#fdf9cf")
+"""Colours from weakly damped to well damped: light is good, as in every map."""
+PASSIVITY_COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))
+PASSIVITY_LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
 
 
 def draw_analysis(done: stability.Stability, path: Path) -> None:
-    """Write the picture to `path` (PNG).
+    """Draw the loops of an experiment to `path` (PNG).
 
-    Shown are the points that leave the gains of the two laws least room; an unstable one only as a root locus.
+    The points shown are those with the lowest gain limits of the two laws; an unstable one only as a root locus.
     """
     title = f"Loops of {done.experiment.name}: {'stable' if done.stable else 'UNSTABLE'}"
     with picture(path, 13, 8.5, title) as figure:
@@ -60,7 +69,7 @@ def draw_analysis(done: stability.Stability, path: Path) -> None:
             sensitivity.loglog(hertz, np.abs(L / (1.0 + L)), color=color, lw=1.0, ls=":")
         magnitude.set(title="Loop gain |L|, bars: gain margins", xlabel="frequency (Hz)", ylabel="factor")
         magnitude.set_ylim(*SHOWN_GAIN)
-        # an axis of its own: one that follows a logarithmic axis cannot go below 0
+        # an independent axis: one derived from a logarithmic axis cannot go below 0
         in_dB = magnitude.twinx()
         in_dB.set(ylabel="dB", ylim=tuple(decibels(SHOWN_GAIN)))
         in_dB.yaxis.set_major_locator(MultipleLocator(20.0))
@@ -79,7 +88,7 @@ def draw_analysis(done: stability.Stability, path: Path) -> None:
 
 
 def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[Numbers, Numbers], color: str) -> None:
-    """A bar from |L| up to 1 where the phase is -180 degrees, and one from there to the phase where |L| is 1."""
+    """Draw the gain margin as a bar from |L| to 1, and the phase margin as one to -180 degrees."""
     look: dict[str, Any] = {"color": color, "lw": 2.4, "alpha": 0.7, "marker": "_", "ms": 7}
     if margins.gain is not None and margins.gain_frequency is not None:
         at = margins.gain_frequency / (2.0 * np.pi)
@@ -87,12 +96,12 @@ def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[N
     if margins.phase is not None and margins.crossover is not None:
         at, own = margins.crossover / (2.0 * np.pi), np.degrees(margins.phase)
         degrees = np.interp(at, *curve)
-        # whole turns are no difference
+        # the margin is invariant under whole turns
         phase.plot([at, at], [degrees - own, degrees], **look)
 
 
 def shown_loops(done: stability.Stability) -> list[Curve]:
-    """Position x, y and z of the critical point of the position law, then z and force of that of the force law."""
+    """The loops to draw: position x, y, z at the critical point of the position law, z and force at the force law's."""
     curves: list[Curve] = []
     for law, names in (("position", stability.POSITION_LOOPS), ("force", ("position_z", *stability.FORCE_LOOPS))):
         critical = done.critical(law)
@@ -102,7 +111,7 @@ def shown_loops(done: stability.Stability) -> list[Curve]:
 
 
 def _draw_locus(axes: Axes, done: stability.Stability, law: str, names: tuple[str, ...]) -> None:
-    """Closed-loop poles s = ln(z) / T while all gains of a law grow from nothing to 1.5 times their limit."""
+    """Draw the closed-loop poles s = ln(z) / T for all gains of a law from 0 to 1.5 times their limit."""
     critical = done.critical(law)
     limit = critical.limits[law] if critical else None
     if critical is None or not limit:
@@ -131,13 +140,8 @@ def _dress_nyquist(axes: Axes) -> None:
     axes.set(title="Nyquist; inside the dotted circle M_s > 2", xlabel="Re L", ylabel="Im L")
 
 
-DISK_COLORS = {"laws": BLUE, "motors": ORANGE, "both": GREEN}
-MAX_DECIBELS = 24.0
-"""dB that are drawn."""
-
-
 def draw_disks(done: stability.Stability, path: Path) -> None:
-    """Write the picture to `path` (PNG): the stable point with the smallest disk, in air and pressing."""
+    """Draw the disk margins to `path` (PNG), at the stable points with the smallest disk, in air and pressing."""
     shown = [point for in_contact in (False, True) if (point := _tightest(done, in_contact)) is not None]
     with picture(path, 11, 4.6, f"All loops of {done.experiment.name} off at once") as figure:
         for axes, point in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
@@ -151,7 +155,7 @@ def draw_disks(done: stability.Stability, path: Path) -> None:
 
 
 def outline(disk: DiskMargin) -> tuple[Matrix, Matrix]:
-    """Gain (dB) and phase (degrees) along the edge of the disk."""
+    """Gain (dB) and phase (degrees) along the edge of a disk margin."""
     delta = disk.alpha * np.exp(1j * np.linspace(1e-6, 2.0 * np.pi - 1e-6, 721))
     f = (1.0 + 0.5 * delta) / (1.0 - 0.5 * delta)
     return 20.0 * np.log10(np.abs(f)), np.angle(f, deg=True)
@@ -162,14 +166,8 @@ def _tightest(done: stability.Stability, in_contact: bool) -> stability.PointSta
     return min(there, key=lambda point: min(disk.alpha for disk in point.disks.values()), default=None)
 
 
-DAMPING_LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
-UNSTABLE_COLOR, NO_POINT_COLOR = VERMILION, "#d9d9d9"
-DAMPING_SHADES = ("#2a788e", "#5aa6a9", "#9accc4", "#cfe6df", "#f4f0dc", "#fdf9cf")
-"""From hardly damped to well damped: light is good, as in every map."""
-
-
 def draw_stability_maps(done: stability.Stability, path: Path) -> None:
-    """Write the picture to `path` (PNG); `done` has at least one map."""
+    """Draw the stability maps to `path` (PNG); `done` must have at least one map."""
     title = f"{done.experiment.name}: {point_name(done.maps[0].at.point)}, on surfaces of other stiffness"
     with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP_STYLE) as figure:
         shades, norm = (
@@ -211,12 +209,8 @@ def _gain(done: stability.Stability, chart: stability.StabilityMap) -> np.ndarra
     return chart.factors * (_kp(done, chart) or 1.0)
 
 
-PASSIVITY_COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))
-PASSIVITY_LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
-
-
 def draw_passivity(done: passivity.Passivity, path: Path) -> None:
-    """Write the picture to `path` (PNG): the last point in air and the first pressing, and the map if there is one."""
+    """Draw the passivity of the last point in air and the first one pressing, and the map if any, to `path` (PNG)."""
     air = [point for point in done.points if not point.point.in_contact]
     pressing = [point for point in done.points if point.point.in_contact]
     shown = [*air[-1:], *pressing[:1]]

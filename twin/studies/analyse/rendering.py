@@ -1,4 +1,4 @@
-"""The stiffness that the force loop renders along z, over virtual stiffness and damping; how much of it passively."""
+"""Stiffness that the force loop renders passively along z, over virtual stiffness and damping."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,28 +22,28 @@ from twin.studies.analyse.linearised import Linearisation
 from twin.studies.analyse.operating_point import OperatingPoint
 
 WIDTH_FREQUENCIES = 70
-"""So many are looked at of a cell of the map."""
+"""Number of frequencies evaluated per cell of the map."""
 VIRTUAL_STIFFNESS = np.geomspace(50.0, 8000.0, 28)
 """Virtual stiffness (N/m)."""
 VIRTUAL_DAMPING = np.geomspace(10.0, 3000.0, 22)
 """Virtual damping (N s/m)."""
 WIDTH_HALVINGS = 18
-"""Of the interval in which the largest stiffness is looked for."""
+"""Number of bisections of the interval of the largest passive stiffness."""
 
 
 @dataclass(frozen=True)
 class ZWidth:
-    """What the force loop can render along z without an integral (Z-width, Colgate and Brown 1994).
+    """Range of impedances that the force loop can render along z without an integral (Z-width, Colgate and Brown 1994).
 
-    The law asks for kp (p_ref - kp_F (F_ref - F_z) - p) of speed, which is a spring of 1/kp_F with a damper of
-    1/(kp kp_F) beside it.
+    The law commands a speed of kp (p_ref - kp_F (F_ref - F_z) - p), i.e. a spring of 1/kp_F parallel to a damper of
+    1/(kp kp_F).
 
     Attributes:
         stiffness, damping: virtual, N/m (n,) and N s/m (m,).
-        least: smallest `power_share` (m, n); NaN: unstable in the air.
-        largest: stiffness at rest that the robot renders passively (N/m), and the virtual stiffness and damping with
-            which it does; 0: none.
-        spring: the physical springs' there, with the other axes held (N/m).
+        least: smallest `power_share` (m, n); NaN if unstable in the air.
+        largest: largest stiffness at rest that the robot renders passively (N/m), with its virtual stiffness and
+            damping; 0 without such a stiffness.
+        spring: stiffness of the physical springs at the point, with the other axes held (N/m).
     """
 
     point: OperatingPoint
@@ -61,7 +61,7 @@ class ZWidth:
 
 
 def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
-    """What can be rendered along z at `point`, where the force loop presses."""
+    """Compute the impedances that can be rendered along z at `point`, where the force loop presses."""
     free = FreePlant(linear_plant(point.parameters, point.x, point.theta_m))
     robot = robot_with(free, EMPTY_HAND, shared.drives, shared.stepping)
     settings, estimation = shared.settings(True), shared.estimation(point)
@@ -87,7 +87,7 @@ def z_width(shared: Linearisation, point: OperatingPoint) -> ZWidth:
 
 
 def largest_passive(least: Callable[[float], float], row: Matrix) -> float:
-    """The virtual stiffness (N/m) up to which `least` is not negative; 0: not even the softest.
+    """Largest virtual stiffness (N/m) with a non-negative `least`; 0 if `least` is negative even for the softest.
 
     Args:
         row: `least` at `VIRTUAL_STIFFNESS`.

@@ -1,4 +1,4 @@
-"""How stable an experiment's loops are: at each operating point, and over contact stiffness and gains."""
+"""Stability of an experiment's loops at each operating point, and over contact stiffness and gains."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,23 +28,23 @@ from twin.studies.command import Say, Steps, ignore_progress
 POSITION_LOOPS, FORCE_LOOPS = LOOPS[:3], LOOPS[3:]
 LAW_LOOPS = {"position": POSITION_LOOPS, "force": FORCE_LOOPS}
 ROUNDING_TOLERANCE = 1e-9
-"""What rounding may add to the magnitude of a pole."""
+"""Tolerance for rounding in the magnitude of a pole."""
 MAP_STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
-"""N/m: from fat to a table."""
+"""Contact stiffnesses of a stability map (N/m), from fat to a table."""
 MAP_FACTORS = np.geomspace(0.1, 300.0, 61)
 MAX_POLES = 6
 
 
 @dataclass(frozen=True)
 class PointStability:
-    """One operating point, judged; margins only where it is stable, for elsewhere they mean nothing.
+    """Stability of one operating point; margins only where it is stable, since they are meaningless elsewhere.
 
     Attributes:
         stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
-        disks: of all loops at once, opened at the "laws", at the "motors", or at "both".
-        sensitivity: of all loops at once, largest singular value; None if unstable.
-        limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
+        disks: disk margins of all loops at once, opened at the "laws", at the "motors", or at "both".
+        sensitivity: largest singular value of the sensitivity of all loops at once; None if unstable.
+        limits: "position", "force" -> largest factor on all gains of that law that keeps the point stable, see
             `twin.studies.analyse.linear.margins.gain_limit`.
     """
 
@@ -58,28 +58,29 @@ class PointStability:
 
     @property
     def least_damped_pole(self) -> Pole:
-        """The pole of the smallest damping ratio."""
+        """The pole with the smallest damping ratio."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
     @property
     def slowest_poles(self) -> list[Pole]:
-        """The poles of the slowest decay."""
+        """The `MAX_POLES` poles with the slowest decay."""
         return self.poles[:MAX_POLES]
 
     JSON_KEYS = (
         "name=linear.point.name p_B=linear.point.p_B F_z=linear.point.F_z force_loop=linear.point.force_on "
-        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest_poles least_damped=least_damped_pole"
+        "stable loops=margins disk_margins=disks sensitivity "
+        "gain_limits=limits poles=slowest_poles least_damped=least_damped_pole"
     )
 
 
 @dataclass(frozen=True)
 class StabilityMap:
-    """Damping over contact stiffness and gains at one pressing point, its pose and force kept.
+    """Damping over contact stiffness and gains at one pressing point, at constant pose and force.
 
     Attributes:
-        stiffness: N/m (n,).
-        factors: on all gains of the law (m,).
-        zeta: smallest damping ratio of a pole (m, n); < 0: unstable; NaN: no operating point.
+        stiffness: contact stiffness (N/m) (n,).
+        factors: factor on all gains of the law (m,).
+        zeta: smallest damping ratio of a pole (m, n); < 0 if unstable, NaN without an operating point.
     """
 
     law: str
@@ -93,12 +94,12 @@ class StabilityMap:
 
 @dataclass(frozen=True)
 class Stability:
-    """An experiment's loops, judged.
+    """Result of the stability analysis of an experiment.
 
     Attributes:
-        problems: sentences about points that have no linear model.
-        maps: empty where nothing is pressed on.
-        checks: the gain limits that were tried in the co-simulation.
+        problems: messages about points that have no linear model.
+        maps: empty if no surface is pressed.
+        checks: gain limits that were checked in the co-simulation.
     """
 
     experiment: Experiment
@@ -110,16 +111,16 @@ class Stability:
 
     @property
     def stable(self) -> bool:
-        """Whether the linear model is at every point, and no nudge lasts with the gains as they are set."""
+        """Whether the linear model is stable at every point and no nudge lasts at the gains as set."""
         return all(point.stable for point in self.points) and not any(check.shakes for check in self.checks)
 
     def critical(self, law: str) -> PointStability | None:
-        """The point at which the gains of `law` can be raised least; None if nothing limits them."""
+        """The point with the lowest gain limit of `law`; None if the gains are unlimited."""
         limits = [(limit, point) for point in self.points if (limit := point.limits.get(law)) is not None]
         return min(limits, key=lambda pair: pair[0])[1] if limits else None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, SI."""
+        """The analysis as a JSON-compatible dict (SI)."""
         c = self.experiment.controller
         return {
             "experiment": self.experiment.name,
@@ -138,7 +139,7 @@ class Stability:
 
 
 def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_progress) -> Stability:
-    """Judge the loops of `experiment`; its drives are run in this process, its faults are left out."""
+    """Analyse the stability of the loops of `experiment`, without its faults; the drives run in this process."""
     _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
     steps = Steps(say, len(points) + 2 + tried)
@@ -156,7 +157,7 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = ignore_pro
 
 
 def force_loop_margins(experiment: Experiment) -> list[Margins]:
-    """Compute the margins of the force loop at each operating point in contact; its drives are run in this process."""
+    """Compute the margins of the force loop at each operating point in contact; the drives run in this process."""
     _refuse_other_laws(experiment)
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:
@@ -181,9 +182,9 @@ def _refuse_other_laws(experiment: Experiment) -> None:
 
 
 def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[LimitCheck]:
-    """The limits of each law in air and in contact, each tried where it is lowest.
+    """Check the gain limits of each law in air and in contact in the co-simulation, each at its lowest point.
 
-    Where no gain of a law makes the robot stable there is nothing to try.
+    Laws without a stabilising gain are skipped.
     """
     checks: list[LimitCheck] = []
     for law, loops in LAW_LOOPS.items():
@@ -197,7 +198,7 @@ def limit_checks(shared: Linearisation, judged: list[PointStability]) -> list[Li
 
 
 def _maps(shared: Linearisation, judged: list[PointStability]) -> list[StabilityMap]:
-    """Of the pressing point with the least room for its gains, of those with a force loop if there are any."""
+    """Stability maps of the pressing point with the lowest gain limit, preferably one with a force loop."""
     pressing = [point for point in judged if point.linear.point.in_contact]
     with_force = [point for point in pressing if "force" in point.linear.gains]
     law = "force" if with_force else "position"
@@ -215,7 +216,7 @@ def _room(point: PointStability, law: str) -> float:
 
 
 def judge_point(linear: LinearPoint) -> PointStability:
-    """Poles, and where they are stable margins and limits."""
+    """Compute the poles and gain limits of a linear point, and its margins if it is stable."""
     loops, gains = linear.loops, linear.gains
     stable = spectral_radius(loops, gains) < 1.0 - ROUNDING_TOLERANCE
     found = poles(closed_poles(loops, gains), loops.dt)
@@ -229,7 +230,7 @@ def judge_point(linear: LinearPoint) -> PointStability:
 
 
 def stability_map(shared: Linearisation, at: LinearPoint, law: str, names: tuple[str, ...]) -> StabilityMap:
-    """Damping with the gains of `names` raised and lowered together, over the contact's stiffness."""
+    """Compute the damping over the contact stiffness and a common factor on the gains of `names`."""
     zeta = np.full((len(MAP_FACTORS), len(MAP_STIFFNESSES)), np.nan)
     for column, K in enumerate(MAP_STIFFNESSES):
         try:

@@ -1,4 +1,4 @@
-"""`twin analyse`: the loops of an experiment, linear; or what a hand feels of its robot."""
+"""`twin analyse`: linear stability analysis of an experiment's loops, or passivity of the robot in a hand."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""The loops of an experiment, and the impedance felt by a hand, as text of at most 80 columns."""
+"""Text of the linear analysis and of the impedance felt by a hand, at most 80 columns wide."""
 
 import math
 import re
@@ -15,25 +15,11 @@ from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.result import NO_BREAK_SPACE, Block, Column, Note, Result, Row, Table, count_text
 
 Numbers = NDArray[np.float64]
-
-
-def decibels(factor: ArrayLike) -> Numbers:
-    """20 log10 of a factor; of none at all the least that a double holds."""
-    return 20.0 * np.log10(np.maximum(factor, np.finfo(float).tiny))
-
-
-def margins_text(margins: Margins) -> str:
-    """`: 22 dB, 88 deg`; "" without either."""
-    found = [] if margins.gain is None else [f"{decibels(margins.gain):.0f} dB"]
-    found += [] if margins.phase is None else [f"{np.degrees(margins.phase):.0f} deg"]
-    return f": {', '.join(found)}" if found else ""
-
-
 DOUBTFUL_RESIDUAL = 0.03
-"""Distance of a drive's model from what was measured that a reader has to know of."""
+"""Residual of a drive's model above which the report expresses doubt."""
 TURNING_NOTE = (
-    "measured while it turns: at rest its small signals drown in steps or sticking friction, "
-    "so the numbers are those of swings that are larger than these"
+    "measured while it turns: at rest its small signals drown in steps or stiction, "
+    "so the numbers are valid for larger swings only"
 )
 UNTRIED_NOTE = "the gain limits are the linear model's and were not tried in the co-simulation"
 SLIDING_NOTE = (
@@ -53,8 +39,20 @@ LOOP_COLUMNS = (
 AXIS_COLUMNS = (Column("axis", 6, left=True), Column("springs", 14), Column("passive", gap=3, left=True))
 
 
+def decibels(factor: ArrayLike) -> Numbers:
+    """20 log10 of a factor; 0 counts as the smallest positive double."""
+    return 20.0 * np.log10(np.maximum(factor, np.finfo(float).tiny))
+
+
+def margins_text(margins: Margins) -> str:
+    """Gain and phase margin as `: 22 dB, 88 deg`; "" without either."""
+    found = [] if margins.gain is None else [f"{decibels(margins.gain):.0f} dB"]
+    found += [] if margins.phase is None else [f"{np.degrees(margins.phase):.0f} deg"]
+    return f": {', '.join(found)}" if found else ""
+
+
 def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Result:
-    """The verdict first, then where its numbers come from, then where `files` are."""
+    """Return the report of a stability analysis: verdict, sources of the numbers, paths of `files`."""
     first, *verdict = _verdict(done)
     plant = done.experiment.plant
     remarks = [
@@ -80,14 +78,14 @@ def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Res
 
 
 def point_name(point: OperatingPoint) -> str:
-    """`pressing with 5 N at (0, 20, -105) mm`."""
+    """Text of an operating point, such as `pressing with 5 N at (0, 20, -105) mm`."""
     x, y, z = (round(1e3 * value, 2) + 0.0 for value in point.p_B)
     doing = f"pressing with {point.F_z:.3g} N" if point.in_contact else "in air"
     return f"{doing} at ({x:g}, {y:g}, {z:g}) mm"
 
 
 def loop_name(name: str) -> str:
-    """`position z`."""
+    """Text of a loop's name, such as `position z`."""
     return name.replace("_", " ")
 
 
@@ -138,7 +136,7 @@ def _checked_limit_text(done: stability.Stability, check: limit_check.LimitCheck
         factor = check.simulated_limit
         found = f"a nudge lasts from {_gains(done, check.law, factor)} on, {factor:.3g} times what is set"
     return (
-        f"not predicted for this drive {where}: in the co-simulation {found}; the linear model says {linear}. "
+        f"not predicted for this drive {where}: in the co-simulation {found}; the linear model predicts {linear}. "
         f"Why: {check.reason}"
     )
 
@@ -165,7 +163,7 @@ def _growth(pole: Pole) -> str:
     if pole.zeta < -0.999:
         return f"it runs away, e-fold in {1.0 / rate:.2g} s"
     if rate <= 0.0:
-        return "it never comes to rest"
+        return "it never settles"
     return f"a swing of {_hertz(pole.omega)} Hz grows e-fold in {1.0 / rate:.2g} s"
 
 
@@ -212,13 +210,13 @@ def _hertz(omega: float | None) -> str:
 
 
 def _unbroken_note(head: str, text: str) -> Note:
-    """`text` after `head`; numbers stay with their units, and what stands in brackets together."""
+    """Return a note of `text` after `head` that breaks neither a number from its unit nor a bracketed group."""
     tied = VALUE_PATTERN.sub(lambda found: found.group().replace(" ", NO_BREAK_SPACE), text)
     return Note(tied, head, max(2, len(head)), whole=True)
 
 
 def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Result:
-    """The verdict first: how many points are passive, what is rendered, what was tried; then where `files` are."""
+    """Return the report of a passivity analysis: passive points, rendered stiffness, trial, paths of `files`."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
         *([Note(_rendering_text(done.width), "  renders   ")] if done.width is not None else []),
@@ -244,7 +242,7 @@ def _rendering_text(width: rendering.ZWidth) -> str:
 
 def _carried_mass_text(trial: carried_mass.PassivityTrial | None) -> str:
     if trial is None:
-        return f"{passivity.MASS_RANGE[1]:g} kg on the platform in the air, as far as the linear model says"
+        return f"{passivity.MASS_RANGE[1]:g} kg on the platform in the air, by the linear model"
     inside, outside = (
         f"{factor * trial.mass:.3g} kg" for factor in (carried_mass.STABLE_SHARE, carried_mass.UNSTABLE_SHARE)
     )
@@ -253,7 +251,7 @@ def _carried_mass_text(trial: carried_mass.PassivityTrial | None) -> str:
     agrees = "the co-simulation agrees" if trial.agrees else "the co-simulation does NOT agree"
     return (
         f"up to {trial.mass:.3g} kg on the platform {point_name(trial.point)}; beyond, it swings; {agrees}: "
-        f"a nudge goes by {simulated[0]} with {inside} ({predicted[0]} predicted), by {simulated[1]} with {outside} "
+        f"a nudge grows at {simulated[0]} with {inside} ({predicted[0]} predicted), by {simulated[1]} with {outside} "
         f"({predicted[1]})"
     )
 
@@ -269,9 +267,7 @@ def _passive_point(point: passivity.PointPassivity) -> list[Block]:
         "",
         Note(point_name(point.point) + ("" if point.stable else ": UNSTABLE in an empty hand")),
         Table(AXIS_COLUMNS, rows),
-        Note(
-            f"worst environment: {swings if worst.swings else f'none swings; slowest to die out {environment}'}", "  "
-        ),
+        Note(f"worst environment: {swings if worst.swings else f'no swing; slowest decay {environment}'}", "  "),
     ]
 
 

@@ -1,7 +1,4 @@
-"""The .fmu file of a part: its steps emitted, FMI's calls compiled in front of them, linked and packed.
-
-modelDescription.xml of a part, for FMI 2.0 and 3.0.
-"""
+"""The .fmu file of a robot part: compiled steps, FMI functions in C, modelDescription.xml for FMI 2.0 and 3.0."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
@@ -31,17 +28,18 @@ _KIND_VARIABILITY: dict[Kind, str] = {
     "input": "continuous",
     "output": "continuous",
 }
+RESULTS_FOLDER = Path("results/build")
 
 
 def model_description(
     fmi: str, name: str, guid: str, about: str, variables: Sequence[ExportedVariable], tick: float, duration: float
 ) -> bytes:
-    """modelDescription.xml, UTF-8, the same bytes for the same part.
+    """Format modelDescription.xml as UTF-8, reproducible byte for byte.
 
     Args:
-        guid: that the binary knows.
-        about: what the part is, and what delay its steps mean.
-        variables: of scalars in FMI 2.0; the value reference is the place in it.
+        guid: the GUID compiled into the binary.
+        about: description of the part and of the delay of its steps.
+        variables: scalars in FMI 2.0; the value reference is the index.
     """
     new = fmi == "3.0"
     root = ET.Element(
@@ -129,7 +127,7 @@ def _append_array(inside: ET.Element, variable: ExportedVariable, reference: int
 
 
 def _append_structure(structure: ET.Element, variables: Sequence[ExportedVariable], new: bool) -> None:
-    # outputs change with a step, never with an input at the same instant; at the start they follow from all there is
+    # outputs change only with a step, never with an input at the same instant; at the start they depend on everything
     outputs = [reference for reference, variable in enumerate(variables) if variable.kind == "output"]
     if new:
         for tag, more in (("Output", {"dependencies": ""}), ("InitialUnknown", {})):
@@ -152,7 +150,7 @@ def pack_fmu(
     wanted: Path,
     say: Callable[[str], None],
 ) -> bytes:
-    """The archive."""
+    """Compile and link a part for all `platforms` and return the FMU archive."""
     steps = linking.emit_steps(layout, platforms, say)
     variables = layout.variables if fmi == "3.0" else layout.scalars()
     experiment = part.experiment
@@ -164,7 +162,7 @@ def pack_fmu(
     source = tables_source(layout, variables)
     front = f"fmi{fmi[0]}.c"
     ceremony = linking.c_files("part.h", "part.c", "instance.h", "instance.c", front)
-    # of the steps for this platform: the others are the same ones
+    # hash only the steps for this platform: the others are compiled from the same modules
     guid = linking.guid_of(
         *(step.content for step in steps[linking.HOST_PLATFORM]), source.encode(), description(""), *ceremony.values()
     )
@@ -189,15 +187,12 @@ def pack_fmu(
 
 
 def _binaries(name: str, fmi: str, libraries: dict[linking.Platform, bytes]) -> dict[str, bytes]:
-    """Libraries by their places in the archive; FMI 2.0 has one for all processors of macOS."""
+    """Libraries by their paths in the archive; FMI 2.0 has one library for all processors of macOS."""
     places: dict[str, dict[str, bytes]] = {}
     for platform, library in libraries.items():
         folder = platform.name if fmi == "3.0" else platform.fmi2
         places.setdefault(f"binaries/{folder}/{name}.{platform.suffix}", {})[platform.triple] = library
     return {place: next(iter(s.values())) if len(s) == 1 else linking.universal(s) for place, s in places.items()}
-
-
-RESULTS_FOLDER = Path("results/build")
 
 
 def build_fmu(
@@ -213,8 +208,8 @@ def build_fmu(
 
     Args:
         part: "plant", "computer", or a component by its name.
-        platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
-        out: the file; None: results/build/EXPERIMENT/PART.fmu.
+        platforms: target platforms apart from x86-64 Linux, as FMI 3.0 names them.
+        out: path of the FMU; None for results/build/EXPERIMENT/PART.fmu.
     """
     targets = linking.select_platforms(platforms, fmi)
     loaded = load_experiment(experiment, settings)
@@ -257,7 +252,7 @@ def build_fmu(
 
 
 def part_description(part: RobotPart) -> str:
-    """What the part is, and what its steps mean, in some sentences."""
+    """Description of a part and the meaning of its steps, in some sentences."""
     experiment = part.experiment
     names = ", ".join(component.name for component in part.components)
     sampled = [component.name for component in part.components if component.sampled]
@@ -268,17 +263,17 @@ def part_description(part: RobotPart) -> str:
     if sampled:
         them = ", ".join(sampled)
         sentences.append(
-            f"Sampled at the start of a step and published at its end: {them}. In a master in which all exchange "
-            "their values between steps (Jacobi) that is a delay of one step; in one that steps it before those it "
-            "feeds, and hands its values on at once (Gauss-Seidel), there is none."
+            f"Sampled at the start of a step and published at its end: {them}. A master that exchanges all values "
+            "between steps (Jacobi) thereby adds a delay of one step; a master that steps this part first and passes "
+            "its outputs on at once (Gauss-Seidel) adds no delay."
         )
     for number, fault in enumerate(experiment.faults, start=1):
         if part.component(f"fault_{number}"):
             sentences.append(f"fault_{number}: {fault.kind} of {fault.target}.")
     if part.component("controller") and experiment.controller.bus_delay_ticks:
         sentences.append(
-            f"The delay of the bus, controller.bus_delay_ticks = {experiment.controller.bus_delay_ticks}, is not in "
-            "it: of these ticks a Jacobi master makes one."
+            f"The delay of the bus, controller.bus_delay_ticks = {experiment.controller.bus_delay_ticks}, is not "
+            "included; a Jacobi master itself adds one of these ticks."
         )
     return " ".join(sentences)
 
@@ -299,14 +294,13 @@ def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Se
             "",
             part_description(part),
             "",
-            f"Native code for {linking.names_of(platforms)}; it needs the C library with its mathematics and nothing "
-            "else.",
+            f"Native code for {linking.names_of(platforms)}; it needs only the C library with its mathematics.",
             "",
             "| variable | | unit | start | |",
             "|---|---|---|---|---|",
             *rows,
             "",
-            "Fixed, because something was worked out of it when this was built: " + ", ".join(closed) + ".",
+            "Fixed, because values were computed from these at build time: " + ", ".join(closed) + ".",
             "",
         ]
     )

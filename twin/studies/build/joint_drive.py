@@ -1,6 +1,6 @@
-"""The drives of an experiment for export: their FMUs as delivered, and adapters of ours around them.
+"""Export of an experiment's drives: their FMUs as delivered, and twin's own adapter components around them.
 
-The master of a system of FMUs makes one step of all of them in each tick; a drive travels if that is all it needs.
+The master of a system of FMUs makes one step of every FMU per tick; a drive can be exported if that suffices.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ REAL_TYPES = ("Real", "Float64", "Float32")
 
 
 class Socket(NamedTuple):
-    """A variable of an element of the system, and what the robot takes it for: SI value = gain * value + offset."""
+    """A variable of an element of the system, converted to the robot's signal: SI value = gain * value + offset."""
 
     element: str
     variable: str
@@ -41,14 +41,14 @@ class Socket(NamedTuple):
 
 @dataclass(frozen=True)
 class Element:
-    """An FMU of a drive, or a component of ours around it.
+    """An FMU of a drive, or one of twin's own components around it.
 
     Attributes:
-        name: in the system, "drive_1".
-        part: of the drive, "" if it is but one FMU.
-        settings: of an FMU, in its own units: values of parameters, and of inputs at the start.
-        variables: of an FMU, that have a role.
-        starts: of a component of ours, by input, at the start.
+        name: name in the system, e.g. "drive_1".
+        part: name of the part within the drive; "" if the drive is a single FMU.
+        settings: values of an FMU's parameters and start values of its inputs, in its own units.
+        variables: variables of an FMU that have a role.
+        starts: start values of the inputs of one of twin's own components.
     """
 
     name: str
@@ -61,13 +61,13 @@ class Element:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """What drives a joint.
+    """The drive of one joint for export.
 
     Attributes:
         elements: in the order of a tick.
-        connections: between them, (from, to).
-        inputs: by the port of the drive, `omega_ref`, what it feeds.
-        theta_m: the angle of its shaft.
+        connections: connections between the elements, (from, to).
+        inputs: port of the drive, e.g. `omega_ref` -> the sockets it feeds.
+        theta_m: the angle of the shaft.
     """
 
     elements: tuple[Element, ...]
@@ -77,7 +77,7 @@ class JointDrive:
 
 
 def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
-    """The drives of the three joints."""
+    """Return the exportable drives of the three joints."""
     plans = planned_drives(experiment)
     if experiment.monitor is not None:
         plans = tuple(plan.with_enable_input() for plan in plans)
@@ -85,8 +85,8 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
         _refuse_unexportable(plan, experiment.cosim.tick)
     if need_processes(plans):
         raise InputRefused(
-            f"{plans[0].label}: can be instantiated only once in a process, so that three of it take three processes, "
-            "which an SSP cannot ask for; choose another drive"
+            f"{plans[0].label}: can be instantiated only once per process, so that three joints need three processes, "
+            "which an SSP cannot express; choose another drive"
         )
     plant, theta_m = resting_plant(experiment)
     build = Build(experiment, plans, IN_PROCESS_MAKER, plant, theta_m)
@@ -105,7 +105,7 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
 
 
 def _with_unpowered_shaft(joint: JointDrive, shaft: Component) -> JointDrive:
-    """`joint` with what its shaft does without power, which is what all others see of it."""
+    """Append a component for the shaft without power to `joint`, whose angle replaces the drive's."""
     name = f"drive_{shaft.name.rpartition('_')[2]}_unpowered"
     starts = (float(shaft.initial("theta_m")[0]), 0.0, 1.0, 0.0)
     own = {port.name: Socket(name, port.name) for port in shaft.inputs}
@@ -123,7 +123,7 @@ def _with_unpowered_shaft(joint: JointDrive, shaft: Component) -> JointDrive:
 
 
 def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
-    """Refuse a drive that cannot leave our master."""
+    """Refuse a drive that depends on twin's own master."""
     label = plan.label
     if plan.system is not None:
         raise InputRefused(f"{label}: is an SSP itself, which is not taken apart; `twin drive new` makes parts of it")
@@ -132,13 +132,13 @@ def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
     for fmu in plan.parts.values():
         if fmu.kind != "co_simulation":
             raise InputRefused(
-                f"{label}: is used for {KIND_NAMES[fmu.kind]}, whose solver here is ours; an SSP takes an FMU for "
+                f"{label}: is used for {KIND_NAMES[fmu.kind]}, with a solver of twin; an SSP needs an FMU for "
                 "co-simulation"
             )
     substeps, _ = rates("drive", plan.table, tick)
     if substeps > 1:
         loop = next((name for name in ("velocity_loop", "position_command") if getattr(plan.table, name)), "")
-        why = f"[drive.{loop}] of ours acts in each of them" if loop else "[drive] substeps asks for them"
+        why = f"twin's [drive.{loop}] acts in each of them" if loop else "[drive] substeps requires them"
         raise InputRefused(
             f"{label}: makes {substeps} steps in a tick of {1e3 * tick:g} ms, as {why}; an SSP has one step for all. "
             "Choose another drive, or a cosim.tick_ms as short as these steps"
@@ -148,7 +148,7 @@ def _refuse_unexportable(plan: DrivePlan, tick: float) -> None:
     for settings in plan.settings.values():
         for variable, value in settings:
             if isinstance(value, list) and any(isinstance(text, FilePath) for text in value):
-                raise InputRefused(f"{label}: its parameter {variable.name} is a file, which an SSP cannot take along")
+                raise InputRefused(f"{label}: its parameter {variable.name} is a file, which an SSP cannot include")
             if variable.size > 1:
                 raise InputRefused(f"{label}: its parameter {variable.name} is an array, which SSP 1.0 does not have")
 

@@ -1,6 +1,6 @@
-"""The memory layout of an exported part: FMI variables, inputs and outputs of its components, one block.
+"""Memory layout of an exported part in one block: FMI variables, inputs and outputs, component memory; and its C.
 
-A layout as C: what `part.h` declares.
+`part.h` declares the C tables.
 """
 
 import math
@@ -18,19 +18,21 @@ from twin.kernel.units import Unit, known_unit
 from twin.studies.build.part import NO_LIMITS, Beginning, Destination, Limits, OpenParameter, RobotPart
 
 MEMORY_ALIGNMENT = 64
-"""Bytes to whose multiples components and what they point to begin."""
+"""Alignment (bytes) of component memory and of the arrays it points to."""
 
 Kind = Literal["parameter", "tunable", "input", "output"]
+STATUS_TEXTS = {"plant": "left the workspace, a leg cannot reach the platform"}
+"""Message for status 2 of a component whose own explanation depends on its current state."""
 
 
 class ExportedVariable(NamedTuple):
     """A variable of the FMU: one value, or an array of several.
 
     Attributes:
-        name: `plant.F_ee_B`.
-        unit, text: what its values are in, and as it is written.
-        first: where its values begin.
-        start: they, at the start; an output's before anything is known of inputs.
+        name: e.g. `plant.F_ee_B`.
+        unit, text: unit of the values, and its spelling.
+        first: index of its first value.
+        start: start values; for an output, before any input is known.
     """
 
     name: str
@@ -54,12 +56,12 @@ class Slot(NamedTuple):
 
 
 class EntryRow(NamedTuple):
-    """A component's row of the table of C, or that of what begins it.
+    """A component's row of the C table, or the row of one of its initial functions.
 
     Attributes:
-        period: in ticks; 0: before the first step only.
-        memory: where its memory begins (bytes).
-        u, y: where its inputs begin, and among the values its outputs.
+        period: in ticks; 0 for a call before the first step only.
+        memory: offset of its memory (bytes).
+        u, y: index of its first input, and index of its first output among the values.
     """
 
     component: NativeComponent
@@ -74,7 +76,7 @@ class EntryRow(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """See the tables of `part.h`, whose names these are."""
+    """The tables of `part.h`, under the same names."""
 
     variables: tuple[ExportedVariable, ...]
     rows: tuple[EntryRow, ...]
@@ -85,11 +87,11 @@ class Layout:
 
     @property
     def values(self) -> int:
-        """How many values the variables have."""
+        """Number of values of all variables."""
         return sum(len(variable.start) for variable in self.variables)
 
     def scalars(self) -> tuple[ExportedVariable, ...]:
-        """The same variables for who knows no arrays: `p_B[1]`, `p_B[2]`, `p_B[3]`."""
+        """The same variables split into scalars for standards without arrays: `p_B[1]`, `p_B[2]`, `p_B[3]`."""
         return tuple(
             variable
             if len(variable.start) == 1
@@ -100,7 +102,7 @@ class Layout:
 
 
 def layout_of(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
-    """The layout of `part` with its open `parameters`."""
+    """Build the layout of `part` with its open `parameters`."""
     blocks = list(_blocks(part))
     variables = list(_variables(part, parameters))
     first_of = {variable.name: variable.first for variable in variables}
@@ -146,7 +148,7 @@ def _blocks(part: RobotPart) -> Iterator[_Block]:
 
 
 def _offset(blocks: Sequence[_Block], memory: np.ndarray) -> int:
-    """Where `memory`, a view of one of the blocks, begins."""
+    """Offset of `memory`, a view of one of the blocks (bytes)."""
     address = memory.ctypes.data
     for block in blocks:
         inside = address - block.array.ctypes.data
@@ -161,7 +163,7 @@ def _image(part: RobotPart, blocks: Sequence[_Block]) -> bytes:
     for block in blocks:
         image[block.offset : block.offset + block.array.nbytes] = block.array.tobytes()
     for component in part.components:
-        # an address of this process means nothing elsewhere
+        # addresses are only valid in this process
         for field in component.pointers:
             at = _offset(blocks, component.memory[field])
             image[at : at + 8] = bytes(8)
@@ -174,7 +176,7 @@ def _places(blocks: Sequence[_Block], parameter: OpenParameter, first: int, dest
     for n, index in enumerate(np.ndindex(memory.shape)):
         address = memory[tuple(slice(i, i + 1) for i in index)]
         value = first + (n if len(parameter.start) > 1 else 0)
-        # one of both is 1 wherever a place has a divisor
+        # only one divisor can differ from 1, because the factors are multiplied
         assert destination.divisor == 1.0 or divisor == 1.0
         yield Slot(value, _offset(blocks, address), factor, divisor * destination.divisor, destination.times)
 
@@ -199,14 +201,14 @@ def _variables(part: RobotPart, parameters: Sequence[OpenParameter]) -> Iterator
 
 
 def _bracket_unit(text: str) -> str:
-    """`mm/(N.s)` for what we spell `mm/N.s`."""
+    """A unit with its denominator in brackets: `mm/(N.s)` for twin's `mm/N.s`."""
     above, per, below = text.partition("/")
     below = below.replace("/", ".")
     return f"{above}{per}({below})" if "." in below else f"{above}{per}{below}"
 
 
 def _outputs(part: RobotPart) -> Iterator[tuple[str, Port, np.ndarray]]:
-    """(component, port, values at the start) of all values of y in their order."""
+    """Yield (component, port, start values) of all values of y, in their order."""
     for component in part.components:
         for port, start in zip(
             component.outputs, by_port(component.outputs, component.initial_outputs).values(), strict=True
@@ -245,19 +247,15 @@ def _first(component: str, outputs: Sequence[Port], first_of: dict[str, int]) ->
 
 
 def _source(part: RobotPart, component: NativeComponent, port: Port, n: int, first_of: dict[str, int]) -> int:
-    """The value that feeds a value of an input."""
+    """Index of the value that feeds one element of an input."""
     end = part.feeds.get(End(component.name, port.name, n))
     if end is None:
         return first_of[port.name] + n
     return first_of[f"{end.component}.{end.port}"] + end.element
 
 
-STATUS_TEXTS = {"plant": "left the workspace, a leg cannot reach the platform"}
-"""What status 2 means of a component whose own words are of this moment."""
-
-
 def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick: float) -> str:
-    """The header `sizes.h`."""
+    """The content of the header `sizes.h`."""
     numbers = {
         "N_VARIABLES": len(variables),
         "N_VALUES": layout.values,
@@ -272,7 +270,7 @@ def sizes_header(layout: Layout, variables: Sequence[ExportedVariable], guid: st
 
 
 def tables_source(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
-    """The source `tables.c`."""
+    """The content of the source `tables.c`."""
     steps = {row.symbol for row in layout.rows}
     doubles = struct.unpack(f"<{len(layout.image) // 8}Q", layout.image)
     return "\n".join(
@@ -291,7 +289,7 @@ def tables_source(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
             _array("Pointer", "pointers[N_POINTERS + 1]", (f"{{{field}, {at}}}" for field, at in layout.pointers)),
             _array("Component", "components[N_COMPONENTS]", map(_component, layout.rows)),
             _array("unsigned", "sources[N_U + 1]", map(str, layout.sources)),
-            # whole numbers: a double that is none would not survive as text
+            # integers, because a NaN or an infinity would not survive as text
             _array("uint64_t", "image[(MEMORY_BYTES + 7) / 8]", (f"{word}u" for word in doubles)),
             "",
         ]
@@ -324,7 +322,7 @@ def _component(row: EntryRow) -> str:
 
 
 def _number(value: float) -> str:
-    """`value` as C reads exactly it."""
+    """A hexadecimal C literal that is exactly `value`."""
     if math.isinf(value):
         return "-HUGE_VAL" if value < 0 else "HUGE_VAL"
     return float(value).hex()

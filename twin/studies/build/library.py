@@ -1,7 +1,4 @@
-"""The robot's computer as a C interface: header, static libraries, an example that calls it.
-
-The C of the robot's computer that is the experiment's own: the types of its header, and what fills them.
-"""
+"""C library of the robot's computer: header, field tables, static libraries, example program."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,22 +23,26 @@ COUNT_PORTS = (
     Port("count_l", 3, "1", "encoders of the proximal links", "int"),
     Port("sample", 1, "1", "number of the encoder message, from 1, one more with each; a monitor looks at it", "int"),
 )
-"""What goes in, whether or not this part has somebody who looks at it."""
+"""Inputs of the library, whether or not the part has a component that reads them."""
 COMMAND_PORTS = {
     "omega_ref": Port("omega_ref", 3, "rad/s", "speeds of the motor shafts, for the drives"),
     "enable": Port("power", 1, "1", "whether the drives may have power; without a monitor always", "bool"),
 }
-"""What the drives get, by their own inputs."""
+"""Commands for the drives, by input of the drives."""
 C_TYPES = {"double": "double", "int": "int64_t", "bool": "bool"}
+LIBRARY_PART = "controls"
+LIBRARY_FILE = "libcomputer.a"
+SYMBOL_PREFIX = "computer_"
+"""Prefix of all exported names of the library."""
 
 
 def step_ticks(part: RobotPart) -> int:
-    """Ticks of one step: the most between which no component is due."""
+    """Ticks per library step: the greatest common divisor of the component periods."""
     return math.gcd(*(component.period for component in part.components))
 
 
 def header(part: RobotPart, layout: Layout) -> bytes:
-    """The file computer.h."""
+    """The content of computer.h."""
     experiment = part.experiment
     tick = experiment.cosim.tick
     parameters: dict[str, Any] = {}
@@ -77,7 +78,7 @@ def header(part: RobotPart, layout: Layout) -> bytes:
 
 
 def fields(part: RobotPart, layout: Layout) -> bytes:
-    """The file fields.c, see `computer.c`."""
+    """The content of fields.c, see `computer.c`."""
     parameters = parameters_of(layout)
     places = [
         f"{{offsetof(computer_parameters, {v.name}), {_text(f'{v.name}: expected {expected_range(v.limits)}')}, "
@@ -85,7 +86,8 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
         for v in parameters
     ]
     failures = [
-        f"{{{_text(f'{c.name}: {STATUS_TEXTS.get(c.name) or c.explain(2)}')}, {_text(f'{c.name}: an output is not finite')}}}"
+        f"{{{_text(f'{c.name}: {STATUS_TEXTS.get(c.name) or c.explain(2)}')}, "
+        f"{_text(f'{c.name}: an output is not finite')}}}"
         for c in (row.component for row in layout.rows)
     ]
     first = {v.name: v.first for v in layout.variables}
@@ -116,12 +118,12 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
 
 
 def parameters_of(layout: Layout) -> list[ExportedVariable]:
-    """The first of its variables."""
+    """The variables of `layout` that are parameters; these come first."""
     return [v for v in layout.variables if v.kind in ("parameter", "tunable")]
 
 
 def expected_range(limits: Limits) -> str:
-    """`more than 0, at most 1`, for people."""
+    """Text of a parameter's limits, such as `more than 0, at most 1`."""
     words = zip(("more than", "at least", "less than", "at most"), limits, strict=True)
     return ", ".join(f"{word} {limit:g}" for word, limit in words if limit is not None) or "a finite number"
 
@@ -150,7 +152,7 @@ def _element_name(port: Port, n: int) -> str:
 
 
 def _words(layout: Layout) -> int:
-    """8 bytes each that a `State` of part.h takes: stamp, mode, two ticks, and what is of this layout."""
+    """Size of a `State` of part.h in 8-byte words: stamp, mode, two ticks, and the arrays of this layout."""
     return 4 + layout.values + len(layout.sources) + 1 + -(-len(layout.image) // 8)
 
 
@@ -184,12 +186,6 @@ def _text(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-LIBRARY_PART = "controls"
-LIBRARY_FILE = "libcomputer.a"
-SYMBOL_PREFIX = "computer_"
-"""What all names of the library begin with that a program sees."""
-
-
 def build_c(
     experiment: Path,
     platforms: Sequence[str],
@@ -197,11 +193,11 @@ def build_c(
     settings: Sequence[str],
     say: Callable[[str], None],
 ) -> Answer:
-    """Write what the robot's own computer runs, from the counts of the encoders to the speeds of the drives, as C.
+    """Write the robot's own computer as C, from encoder counts to motor speeds.
 
     Args:
-        platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
-        out: the folder; None: results/build/EXPERIMENT/c.
+        platforms: target platforms apart from x86-64 Linux, as FMI 3.0 names them.
+        out: output folder; None for results/build/EXPERIMENT/c.
     """
     targets = linking.select_platforms(platforms)
     loaded = load_experiment(experiment, settings)
@@ -212,7 +208,7 @@ def build_c(
     layout = layout_of(part, offered)
     layout = replace(layout, rows=tuple(row._replace(symbol=SYMBOL_PREFIX + row.symbol) for row in layout.rows))
     closed = fixed_keys(part, offered)
-    # before what takes long
+    # fail before the slow compilation
     make_folder(folder)
     steps = linking.emit_steps(layout, targets, say)
     source = tables_source(layout, layout.variables).encode()
@@ -238,7 +234,7 @@ def build_c(
         make_folder((folder / name).parent)
         write_bytes(folder / name, content)
     with translate_disk_errors(folder, "cannot be tidied"):
-        # what an earlier build has left does not belong to this header
+        # libraries of an earlier build do not match this header
         for other in linking.PLATFORMS.keys() - {target.name for target in targets}:
             (folder / other / LIBRARY_FILE).unlink(missing_ok=True)
     names = [variable.name for variable in parameters_of(layout)]
@@ -272,9 +268,9 @@ def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequ
     lines = [
         f"# The robot's computer of {experiment.title}",
         "",
-        f"{names}: from the counts of the encoders to the speeds of the drives, the very code that the twin runs.",
-        f"A step every {1e3 * step:g} ms takes the counts of that instant; in the twin the drives have what follows",
-        "from them at that same instant. `computer.h` says what goes in, what comes out, which parameters there are;",
+        f"{names}: from the counts of the encoders to the speeds of the drives, the same code that the twin runs.",
+        f"A step every {1e3 * step:g} ms reads the counts of that instant; in the twin the drives receive the result",
+        "at the same instant. `computer.h` declares the inputs, the outputs and the parameters;",
         "`main.c` reads counts from a file and prints the drives' commands:",
         "",
         "```sh",
@@ -283,12 +279,13 @@ def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequ
         "./main counts.csv",
         "```",
         "",
-        "A library needs libm, and `memcpy` and `memset`, which a compiler takes for granted; all names in it begin",
-        f"with `{SYMBOL_PREFIX}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end `sin`, `cos` or",
-        "`exp` in another bit.",
+        "A library needs libm, and `memcpy` and `memset`, which compilers assume; all names in it begin",
+        f"with `{SYMBOL_PREFIX}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may "
+        "change the last bit of",
+        "`sin`, `cos` or `exp`.",
         "",
         *([f"`monitor.reason`: {reasons}.", ""] if part.component("monitor") else []),
-        f"Fixed, because something was worked out of it when this was built: {', '.join(closed)}.",
+        f"Fixed, because values were computed from these at build time: {', '.join(closed)}.",
         "",
     ]
     return "\n".join(lines)

@@ -1,15 +1,13 @@
-"""Platform libraries linked from C and object files.
+"""Libraries for several platforms, linked from C and from object files of compiled steps.
 
-For the machine on which it is built any C compiler will do, for others that of the package ziglang, which brings the
-headers and libraries of all of them.
+Any C compiler serves for the build machine; other platforms need the package ziglang, which includes the headers and
+libraries of them all.
 
-Platforms that machine code is written for.
+The object files are emitted from the modules of `twin.kernel.compiled.machine`. Such a module is platform independent:
+its types fix the size of its numbers, pointers have 64 bits, and its interface consists of pointers and doubles, which
+every C ABI passes in the same way. So LLVM can emit it for any platform.
 
-Compiled steps as object files for any platform, see `twin.kernel.compiled.machine`. Such a module knows no platform:
-its numbers have their sizes in their types, its pointers 64 bits, and what it takes and gives are pointers and doubles,
-which every C takes in the same way. So LLVM writes it for any of them.
-
-LLVM ends the process where it cannot write code for a platform: the caller should be ready to lose it.
+LLVM ends the process if it cannot emit code for a platform: the caller must survive that.
 """
 
 import hashlib
@@ -37,20 +35,26 @@ ALL_PLATFORMS = "all"
 
 
 ARM_FORMS = (ProcessorForm("", ""),)
+# no contraction to fused multiply-add: results must equal the twin's
+COMPILER_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
+GUID_NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
+C_FOLDER = Path(__file__).parent / "c"
+# Mach-O fields by the first word of a triple: cputype, cpusubtype (<mach/machine.h>), log2 of the page size
+_MACHO_FIELDS = {"x86_64": (0x01000007, 3, 12), "arm64": (0x0100000C, 0, 14)}
 
 
 class Platform(NamedTuple):
-    """A processor and a system.
+    """A processor and an operating system.
 
     Attributes:
-        name: its tuple in FMI 3.0, which is its folder there.
-        fmi2: its folder in FMI 2.0; None: that has none.
-        suffix: of shared libraries.
-        triple: what LLVM calls it.
-        target: what the compiler of ziglang calls it. glibc 2.17 is of 2012, macOS 11 the first for both processors;
-            what is linked against them runs on every system since.
+        name: platform tuple of FMI 3.0, which names the folder.
+        fmi2: folder in FMI 2.0; None if FMI 2.0 lacks the platform.
+        suffix: suffix of shared libraries.
+        triple: LLVM's name.
+        target: ziglang's name. glibc 2.17 is of 2012, macOS 11 the first for both processors; a library linked against
+            them runs on every later system.
         cpu: the oldest processor of this kind.
-        forms: in which its code is written.
+        forms: variants of the compiled code.
     """
 
     name: str
@@ -63,7 +67,7 @@ class Platform(NamedTuple):
 
     @property
     def is_elf(self) -> bool:
-        """Whether its libraries are of the kind that Linux has."""
+        """Whether the libraries are ELF files, as on Linux."""
         return self.suffix == "so"
 
 
@@ -78,11 +82,11 @@ PLATFORMS = {
     )
 }
 HOST_PLATFORM = PLATFORMS["x86_64-linux"]
-"""Where it is built, and the only one where it can be tried."""
+"""The build platform, and the only one whose libraries can be tested."""
 
 
 def select_platforms(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
-    """The platform where it is built, and those of `names` beside it; "all" are all."""
+    """Return the build platform and the platforms in `names`; "all" selects every platform that `fmi` supports."""
     able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
     for name in names:
         if name == ALL_PLATFORMS or name in able:
@@ -94,17 +98,17 @@ def select_platforms(names: Sequence[str], fmi: str | None = None) -> list[Platf
 
 
 def names_of(platforms: Iterable[Platform]) -> str:
-    """Their names, as a sentence has them."""
+    """The names of platforms, separated by commas."""
     return ", ".join(platform.name for platform in platforms)
 
 
 def summary(title: str, rows: Mapping[str, str]) -> str:
-    """What was built, as text: a title, and a line for each thing to know about it."""
+    """Text about a build: a title and one line per row."""
     return "\n".join([title, *(f"  {label:<8} {text}" for label, text in rows.items())])
 
 
 class EmittedStep(NamedTuple):
-    """A step for one platform."""
+    """A compiled step for one platform: symbol, LLVM text, object file."""
 
     symbol: str
     text: str
@@ -112,14 +116,14 @@ class EmittedStep(NamedTuple):
 
 
 def emit_step(step: Module, platform: Platform, form: ProcessorForm) -> EmittedStep:
-    """A form of `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
+    """Emit a form of `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
 
     Raises:
-        InputRefused: the step needs something that is not mathematics, memory of its own say.
+        InputRefused: the step needs more than mathematics, e.g. memory of its own.
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    # not the code model of numba, which puts its code wherever there is room
+    # numba's code model is for code at any address
     machine = llvm.Target.from_triple(platform.triple).create_target_machine(
         cpu=platform.cpu, features=form.features, opt=3, reloc="pic", codemodel="default"
     )
@@ -127,7 +131,7 @@ def emit_step(step: Module, platform: Platform, form: ProcessorForm) -> EmittedS
     if foreign:
         raise InputRefused(f"{step.symbol}: its compiled step needs {', '.join(foreign)}; it cannot leave Python")
     function = module.get_function(step.inner)
-    # hidden: two parts in one process have steps of the same name
+    # hidden, because two parts in one process have steps of the same name
     function.name, function.visibility = step.symbol + form.suffix, "hidden"
     return EmittedStep(function.name, str(module), machine.emit_object(module))
 
@@ -135,7 +139,7 @@ def emit_step(step: Module, platform: Platform, form: ProcessorForm) -> EmittedS
 def emit_steps(
     layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
 ) -> dict[Platform, list[EmittedStep]]:
-    """All steps of a layout in all forms for each platform."""
+    """Compile all steps of a layout, in all forms, for each platform."""
     modules = []
     for row in layout.rows:
         say(f"compiling {row.component.name}")
@@ -148,25 +152,17 @@ def emit_steps(
 
 
 def object_files(steps: Sequence[EmittedStep]) -> dict[str, bytes]:
-    """Object files by their names."""
+    """Object files of `steps` by file name."""
     return {f"{step.symbol}.o": step.content for step in steps}
 
 
-# no contraction to fused multiply-add: the same numbers as here
-COMPILER_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
-GUID_NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
-C_FOLDER = Path(__file__).parent / "c"
-# Mach-O by the first word of a triple: cputype, cpusubtype (<mach/machine.h>), log2 of the page size
-_MACHO_FIELDS = {"x86_64": (0x01000007, 3, 12), "arm64": (0x0100000C, 0, 14)}
-
-
 def c_files(*names: str) -> dict[str, bytes]:
-    """Files of C that every part shares, by their names."""
+    """The named C files shared by all parts, as name -> content."""
     return {name: (C_FOLDER / name).read_bytes() for name in names}
 
 
 def guid_of(*contents: bytes) -> str:
-    """A GUID that is another one for other contents."""
+    """A GUID derived from the hash of `contents`."""
     digest = hashlib.sha256()
     for content in contents:
         digest.update(f"{len(content)}\n".encode() + content)
@@ -174,7 +170,7 @@ def guid_of(*contents: bytes) -> str:
 
 
 def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
-    """Refuse where code cannot be linked for all of `platforms`, or cannot be tried."""
+    """Refuse to build on another system than x86-64 Linux, or without a compiler for one of `platforms`."""
     if sys.platform != "linux" or machine.machine() not in ("x86_64", "AMD64"):
         here = f"{machine.machine()} {machine.system()}"
         raise InputRefused(f"{wanted}: native code is built on x86-64 Linux; this is {here}")
@@ -185,20 +181,20 @@ def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
 def shared_library(
     name: str, source: str, platform: Platform, files: Mapping[str, bytes], options: Sequence[str], wanted: Path
 ) -> bytes:
-    """A shared library of one C file, and of the object files beside it.
+    """Compile a C file and link it with the object files of `files` to a shared library.
 
     Args:
-        name: without a suffix.
-        files: it, what it includes, and object files, by name.
+        name: library name without suffix.
+        files: the source, its includes and the object files, by name.
     """
-    # nothing undefined but what the system's own libraries have
+    # refuse undefined symbols that the system's own libraries lack
     elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
-    # by default the place where it was linked
+    # the default install name is the path of the build
     macos = ("-install_name", f"@rpath/{name}.dylib")
     linking = {"so": elf, "dll": (), "dylib": macos}[platform.suffix]
     library = f"{name}.{platform.suffix}"
     with _folder_of(files) as folder:
-        # relative: the name of a folder would end in the library
+        # relative, because the path would be embedded in the library
         inputs = [source, *(file for file in files if file.endswith(".o"))]
         flags = [*COMPILER_FLAGS, "-shared", "-s", "-I.", *options]
         _call([*_compiler(platform, wanted), *flags, *inputs, *linking, "-o", library], folder, wanted)
@@ -206,21 +202,21 @@ def shared_library(
 
 
 def static_library(source: str, platform: Platform, files: Mapping[str, bytes], wanted: Path) -> bytes:
-    """A static library of one C file, and of the object files beside it, which needs libm at most."""
-    # none of what a system adds to have its C library look on
+    """Compile a C file and archive it with the object files of `files` to a static library that needs at most libm."""
+    # no hardening that needs a system's C library
     bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")
     built = Path(source).with_suffix(".o").name
     with _folder_of(files) as folder:
         tool = _compiler(platform, wanted)
         _call([*tool, *COMPILER_FLAGS, *bare, "-I.", "-c", source, "-o", built], folder, wanted)
         objects = [built, *(file for file in files if file.endswith(".o"))]
-        # D: no times and owners
+        # D: deterministic, without times and owners
         _call([*_archiver(tool, wanted), "rcsD", "library.a", *objects], folder, wanted)
         return (folder / "library.a").read_bytes()
 
 
 def universal(slices: Mapping[str, bytes]) -> bytes:
-    """One library of macOS out of those of several processors, by triple (layout: <mach-o/fat.h>, big-endian)."""
+    """Combine macOS libraries of several processors, by triple, to one (layout: <mach-o/fat.h>, big-endian)."""
     header = struct.pack(">II", 0xCAFEBABE, len(slices))
     body, start = b"", 8 + 20 * len(slices)
     for triple, content in slices.items():
@@ -234,7 +230,7 @@ def universal(slices: Mapping[str, bytes]) -> bytes:
 def _compiler(platform: Platform, wanted: Path) -> list[str]:
     tool = compiler_command(wanted) if platform is HOST_PLATFORM else [*zig_command(), "cc"]
     if platform is not HOST_PLATFORM and importlib.util.find_spec(ZIG_PACKAGE) is None:
-        raise InputRefused(f"{wanted}: there is no C compiler for {platform.name}; pip install {ZIG_PACKAGE}")
+        raise InputRefused(f"{wanted}: no C compiler for {platform.name}; pip install {ZIG_PACKAGE}")
     return [*tool, "-target", platform.target] if ZIG_PACKAGE in tool else tool
 
 
@@ -243,7 +239,7 @@ def _archiver(tool: Sequence[str], wanted: Path) -> list[str]:
         return [*zig_command(), "ar"]
     found = shutil.which("ar")
     if found is None:
-        raise InputRefused(f"{wanted}: there is no 'ar' beside the C compiler; install binutils")
+        raise InputRefused(f"{wanted}: the C compiler lacks 'ar'; install binutils")
     return [os.path.abspath(found)]
 
 

@@ -1,4 +1,4 @@
-"""Units and values of the elements of an SSP, and where each value comes from."""
+"""Units and values of the elements of an SSP, with the source of each value."""
 
 from collections.abc import Iterable, Sequence
 
@@ -11,13 +11,19 @@ from twin.kernel.units import Dimension, known_unit
 from twin.robot.experiment.experiment import Experiment
 
 ConnectorUnit = tuple[ssp.Connector, ssp.UnitDefinition | None]
-"""A connector, and the unit that it names."""
+"""A connector and its unit."""
 FROM_ROBOT = ("plant", "controller.model")
-"""Tables that the robot's own fills where they say nothing."""
+"""Tables whose missing keys are filled in from the robot's table."""
+SSP_TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
+# some tools declare their outputs as local
+FOREIGN_KINDS: dict[str, ssp.ConnectorKind] = {
+    "input": "input", "output": "output", "local": "output", "parameter": "parameter",
+    "structuralParameter": "parameter",
+}  # fmt: skip
 
 
 def unambiguous_units(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, ssp.UnitDefinition]:
-    """Units of one file by their names; where two mean different things by one name, it is ambiguous."""
+    """Collect the units of one file by name, without names that have two meanings."""
     found: dict[str, ssp.UnitDefinition] = {}
     disputed: set[str] = set()
     for unit in units:
@@ -27,27 +33,19 @@ def unambiguous_units(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, s
 
 
 def origin(experiment: Experiment, key: str) -> str:
-    """Where the value of a key of the experiment's file comes from; "" if not stated."""
+    """The source of the value of a key of the experiment's file; "" if not stated."""
     for table in FROM_ROBOT:
         if key.startswith(f"{table}.") and key not in experiment.origins:
             key = f"robot{key.removeprefix(table)}"
     return experiment.origins.get(key, "")
 
 
-SSP_TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
-# some tools leave their outputs marked as local
-FOREIGN_KINDS: dict[str, ssp.ConnectorKind] = {
-    "input": "input", "output": "output", "local": "output", "parameter": "parameter",
-    "structuralParameter": "parameter",
-}  # fmt: skip
-
-
 def foreign_connectors(description: FmuDescription, variables: Sequence[Variable]) -> tuple[ConnectorUnit, ...]:
-    """Of a third-party FMU, for some of its variables."""
+    """Connectors of a third-party FMU for some of its variables."""
     found = []
     for v in variables:
         kind, unit = _type(v), _unit(v, description)
-        # which enumeration, the FMU tells
+        # the FMU itself declares the enumeration
         type_ = "" if kind == "Enumeration" else kind
         connector = ssp.Connector(
             v.name, FOREIGN_KINDS[v.causality], type_, unit.name if unit else "", (), v.description
@@ -65,11 +63,11 @@ def foreign_values(
     source: str,
     metadata: ssp.Metadata,
 ) -> ssp.ParameterSet:
-    """What an FMU of a drive is set to before it is initialised.
+    """Parameter set of an FMU of a drive before its initialisation.
 
     Args:
-        table: of the experiment that says its parameters, "drive.parameters".
-        settings: in its own units.
+        table: table of the experiment with the FMU's parameters, "drive.parameters".
+        settings: values in the FMU's own units.
         source: entry of the archive.
     """
     facts = {variable.name: (_type(variable), _unit(variable, description)) for variable, _ in settings}
@@ -86,7 +84,7 @@ def foreign_values(
 
 
 def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] | list[bytes]) -> float | str:
-    """A value as a parameter set has it: texts, bytes in hexadecimal, items by their names."""
+    """Convert a value to the form of a parameter set: text, bytes as hex, items by their names."""
     one = value if isinstance(value, float) else value[0]
     if isinstance(one, bytes):
         return one.hex()
@@ -96,12 +94,12 @@ def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] 
 
 
 def _type(variable: Variable) -> str:
-    """As SSP 1.0 calls it; a whole number of FMI 3.0 is an Integer."""
+    """SSP 1.0 type of a variable; all integers of FMI 3.0 are Integer."""
     return SSP_TYPES.get(variable.type, "Integer")
 
 
 def _unit(variable: Variable, description: FmuDescription) -> ssp.UnitDefinition | None:
-    """What its values are in; None: not stated."""
+    """Unit of a variable; None if not stated."""
     text = variable.unit
     if not text or _type(variable) != "Real":
         return None

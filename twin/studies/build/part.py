@@ -1,12 +1,8 @@
-"""An exported part of the robot: components, inner wires, outer inputs.
+"""An exported part of the robot: components, inner connections, outer inputs, open parameters and fixed keys.
 
-Parameters that stay open in an exported part, and their place in its components' memory.
-
-A number has a place in the memory of a component, which is its SI value, or that divided or multiplied by a constant:
-so all that is derived of it is derived again when it is put there. What is not in these tables is fixed: it decides how
-many ticks or phases there are, or which law holds, or something is worked out of it in Python.
-
-What of an experiment's file decides on a part and cannot be set in it any more.
+An open parameter has a place in the memory of a component that contains its SI value, possibly divided or multiplied by
+a constant; so all derived values follow when it is written. Keys without such a place are fixed: they determine the
+number of ticks or phases or the active law, or Python computes values from them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -48,17 +44,56 @@ PART_COMPONENTS = {
     "computer": ("latency", "encoder", "estimator", "controller", "tank", "delay", "monitor"),
     "controls": ("estimator", "controller", "tank", "delay", "monitor"),
 }
-"""Parts of several components, as far as an experiment has them; any other component is one by its name. The bus is not
-the computer's: where all exchange their values between steps, these take the time that it takes."""
+"""Components of each part, as far as an experiment has them; any other component is a part under its own name.
+
+The bus is not in the computer: a Jacobi master delays by a tick as the bus does.
+"""
+START_KEY = "start.p_B"
+_TABLE_ORDER = (
+    "plant", "robot", "contact", "contact.breathing", "contact.shift", "scale", "controller", "controller.model",
+    "controller.force", "controller.position", "controller.touch", "controller.feed_forward", "controller.damping",
+    "controller.tissue", "controller.breath", "controller.energy_tank",
+)  # fmt: skip
+"""Order of the parameters by table."""
+_FIRST_KEYS = {
+    "contact": (
+        "height", "tilt", "tilt_x", "stiffness", "friction", "bristle", "bristle_damping", "damping", "exponent",
+        "reference_depth", "damper", "touch_depth", "stiffening", "radius",
+    ),
+    "contact.breathing": ("amplitude", "start", "rate", "end"),
+    "controller.force": ("limit", "filter", "kp", "ki", "kd", "derivative_filter", "follow", "rate"),
+    "controller.energy_tank": ("size", "horizon", "touch", "bias", "release"),
+}  # fmt: skip
+"""Keys per table that come first, as in FMUs of earlier builds; the others follow in memory order."""
+_TABLE_MODELS = {path: table for table, path in TABLE_PATHS.items()}
+Limits = tuple[float | None, float | None, float | None, float | None]
+NO_LIMITS: Limits = (None, None, None, None)
+_FIXED_KEYS = {
+    "plant": ("plant.substeps", "contact.law", "contact.shape"),
+    "scale": ("scale.period_ms",),
+    "latency": ("plant.encoder_latency_ms",),
+    "encoder": ("seed", "controller.period_ms"),
+    "estimator": ("controller.gravity_compensation", "controller.period_ms"),
+    "controller": (
+        "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
+        "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
+        "[approach]", "[[task]]", "controller.force.schedule",
+    ),
+    "tank": ("controller.period_ms",),
+    "delay": ("controller.delay_ticks",),
+    "monitor": ("[monitor]",),
+    **{f"shaft_{joint}": ("[drive.unpowered]",) for joint in range(1, JOINTS + 1)},
+}  # fmt: skip
+"""Keys that affect each component and may be fixed in it, unless they are open parameters."""
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """A compiled function that is called before the first step, as a step is; it works on its component's memory.
+    """A compiled function called once before the first step, with a step's signature and its component's memory.
 
     Attributes:
-        step: it.
-        outputs: ports of its own; none: it writes those of the component.
+        step: the compiled function.
+        outputs: outputs of its own; empty if it writes the component's.
     """
 
     step: Any
@@ -67,14 +102,14 @@ class Beginning:
 
 @dataclass(frozen=True)
 class RobotPart:
-    """What is built.
+    """A part of the robot to build.
 
     Attributes:
         components: in the order of a tick, sampled ones first.
-        feeds: what joins them.
-        beginnings: by component.
-        starts: of each input port that nothing within feeds, by its name; its port and its values at the start.
-        start: where the platform is at the beginning (3,), m.
+        feeds: inner connections.
+        beginnings: initial functions by component.
+        starts: name of each input port without an inner source -> its port and start values.
+        start: position of the platform at the start (3,), m.
     """
 
     name: str
@@ -86,12 +121,12 @@ class RobotPart:
     start: Sequence[float]
 
     def component(self, name: str) -> NativeComponent | None:
-        """The component called that, if the part has it."""
+        """The component called `name`; None if the part lacks it."""
         return next((component for component in self.components if component.name == name), None)
 
 
 def drive_commands(part: RobotPart) -> dict[str, str]:
-    """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
+    """Map each drive input that the part feeds to the output that feeds it, e.g. `monitor.omega_ref`."""
     (drives,) = (row for row in COMPONENT_ROWS if row.name == DRIVE_ROW)
     fed = {
         port: [
@@ -105,7 +140,7 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
 
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:
-    """The part `name` of the robot of `experiment`."""
+    """Build the part `name` of the robot of `experiment`."""
     plant, theta_m = resting_plant(experiment, "body" in experiment.stand_ins)
     build = Build(experiment, (), IN_PROCESS_MAKER, plant, theta_m)
     made = {row.name: _row_components(row, build) for row in COMPONENT_ROWS}
@@ -138,7 +173,7 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
 
 
 def _row_components(row: ComponentRow, build: Build) -> list[Component]:
-    """The components of a row; of drives and third-party parts nothing but the ports."""
+    """Components of a row; drives and third-party parts are represented by their ports only."""
     if row.name == DRIVE_ROW:
         return [Component(DRIVE_ROW, DRIVE_INPUTS, DRIVE_OUTPUTS, False, 0, 0, build.theta_m)]
     if row.name in build.experiment.stand_ins:
@@ -148,7 +183,7 @@ def _row_components(row: ComponentRow, build: Build) -> list[Component]:
 
 
 def _start_values(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
-    """What comes in at the start of the experiment, the robot at rest; 0 for an input without a source."""
+    """Values of an input at the start of the experiment, with the robot at rest; 0 without a source."""
     values = np.zeros(port.size)
     for n in range(port.size):
         source = feeds.get(End(component.name, port.name, n))
@@ -159,12 +194,12 @@ def _start_values(component: Component, port: Port, components: Sequence[Compone
 
 
 def fault_of(experiment: Experiment, name: str) -> Fault | None:
-    """The fault whose component is called `name`, `fault_1` of the first; None if that is no fault."""
+    """The fault of the component `name`, e.g. `fault_1` for the first; None if `name` is another component."""
     return next((fault for n, fault in enumerate(experiment.faults, start=1) if name == f"fault_{n}"), None)
 
 
 def related_keys(fault: Fault) -> tuple[str, ...]:
-    """Keys of other tables that decide on the component of `fault`."""
+    """Keys of other tables that affect the component of `fault`."""
     match FAULT_KINDS[fault.kind].mechanism:
         case "counts":
             side = "motor" if fault.target.startswith("motor") else "joint"
@@ -176,35 +211,12 @@ def related_keys(fault: Fault) -> tuple[str, ...]:
     return ("controller.speed_limit_rad_per_s",) if fault.kind == "brown_out" else ()
 
 
-START_KEY = "start.p_B"
-_TABLE_ORDER = (
-    "plant", "robot", "contact", "contact.breathing", "contact.shift", "scale", "controller", "controller.model",
-    "controller.force", "controller.position", "controller.touch", "controller.feed_forward", "controller.damping",
-    "controller.tissue", "controller.breath", "controller.energy_tank",
-)  # fmt: skip
-"""The order in which their parameters stand."""
-_FIRST_KEYS = {
-    "contact": (
-        "height", "tilt", "tilt_x", "stiffness", "friction", "bristle", "bristle_damping", "damping", "exponent",
-        "reference_depth", "damper", "touch_depth", "stiffening", "radius",
-    ),
-    "contact.breathing": ("amplitude", "start", "rate", "end"),
-    "controller.force": ("limit", "filter", "kp", "ki", "kd", "derivative_filter", "follow", "rate"),
-    "controller.energy_tank": ("size", "horizon", "touch", "bias", "release"),
-}  # fmt: skip
-"""Of a table, what stands before all else, as in FMUs that were built before; the rest as it lies in memory."""
-_TABLE_MODELS = {path: table for table, path in TABLE_PATHS.items()}
-
-Limits = tuple[float | None, float | None, float | None, float | None]
-NO_LIMITS: Limits = (None, None, None, None)
-
-
 class Destination(NamedTuple):
-    """Where a number goes.
+    """A place of a number in memory.
 
     Attributes:
-        component: whose memory it is.
-        memory: the numbers there, one for each value, or any number of the same.
+        component: component that owns the memory.
+        memory: target elements, one per value, or any number that share one value.
         divisor, times: memory = SI value / divisor * times.
     """
 
@@ -215,13 +227,12 @@ class Destination(NamedTuple):
 
 
 class OpenParameter(NamedTuple):
-    """A number of the experiment's file that stays open.
+    """A number of the experiment's file that can still be set in the exported part.
 
     Attributes:
-        key: of the file, `plant.k_s_Nm_per_rad`.
-        start: its values.
-        unit: of them; `text` as the file spells it.
-        limits: above, at least, below, at most; None where there is none.
+        key: key of the file, e.g. `plant.k_s_Nm_per_rad`.
+        unit: unit of the values; `text` as the file spells it.
+        limits: above, at least, below, at most; None where unlimited.
         tunable: whether it may change between two steps.
     """
 
@@ -236,7 +247,7 @@ class OpenParameter(NamedTuple):
 
 
 def open_parameters(part: RobotPart) -> list[OpenParameter]:
-    """All of them, in the order of the tables of the file."""
+    """List the open parameters of `part`, in the order of the file's tables."""
     found: dict[str, list[Destination]] = {}
     worked_out = {f"controller.model.{name}" for name in Model.model_fields} if has_tissue_estimate(part) else set()
     for component in part.components:
@@ -289,7 +300,7 @@ Destinations = Iterator[tuple[str, Destination]]
 
 
 def _numbers(part: RobotPart, component: NativeComponent) -> Destinations:
-    """What of the file is in the memory of a `component`: key by attribute, and where it is."""
+    """Yield the key and the memory of each number of the file in the memory of a `component`."""
     name = component.name
     for memory in SETTING_MEMORIES:
         for field, source in memory.fields.items() if memory.component == name else ():
@@ -304,7 +315,7 @@ def _numbers(part: RobotPart, component: NativeComponent) -> Destinations:
 
 
 def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
-    """Whether a number is one that the experiment has, and that nothing is worked out of."""
+    """Whether a number can stay a parameter: the experiment sets it and nothing is precomputed from it."""
     c, watched = part.experiment.controller, part.experiment.monitor
     table: Any = part.experiment
     for inner in path.split("."):
@@ -313,7 +324,7 @@ def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
         return False
     match record, name:
         case "law", "speed_limit":
-            # the limits of a monitor are worked out of it where it has no limit of its own
+            # a monitor without its own limit derives its limits from it
             return watched is None or watched.command_limit is not None or part.component("monitor") is None
         case "law", "reference":
             return part.experiment.reference is not None
@@ -334,18 +345,18 @@ def _body(part: RobotPart) -> Destinations:
         for field, source in setting_fields(type(table)).items():
             if getattr(table, source.name) is not None:
                 numbers = motions[row : row + 1][field].reshape(-1)
-                # an amplitude is the last of the three numbers of its displacement
+                # the last of the three numbers of a displacement is its amplitude
                 there = numbers if source.form == "3f8" else numbers[-1:]
                 yield f"{TABLE_PATHS[type(table)]}.{source.name}", Destination("body", there)
 
 
 def has_tissue_estimate(part: RobotPart) -> bool:
-    """Whether its controller senses the tissue: masses and springs are worked out of its model then, in Python."""
+    """Whether the part's controller estimates the tissue, which needs masses and springs precomputed in Python."""
     return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 
 def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
-    """What the experiment says in `table`, `controller.force`, or `fault_2` for the second [[fault]]."""
+    """The experiment's values in `table`, e.g. `controller.force`, or `fault_2` for the second [[fault]]."""
     values: Any = experiment.values
     if fault_of(experiment, table):
         return values["fault"][int(table.rpartition("_")[2]) - 1]
@@ -354,27 +365,8 @@ def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
     return values if isinstance(values, Mapping) else {}
 
 
-_FIXED_KEYS = {
-    "plant": ("plant.substeps", "contact.law", "contact.shape"),
-    "scale": ("scale.period_ms",),
-    "latency": ("plant.encoder_latency_ms",),
-    "encoder": ("seed", "controller.period_ms"),
-    "estimator": ("controller.gravity_compensation", "controller.period_ms"),
-    "controller": (
-        "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
-        "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
-        "[approach]", "[[task]]", "controller.force.schedule",
-    ),
-    "tank": ("controller.period_ms",),
-    "delay": ("controller.delay_ticks",),
-    "monitor": ("[monitor]",),
-    **{f"shaft_{joint}": ("[drive.unpowered]",) for joint in range(1, JOINTS + 1)},
-}  # fmt: skip
-"""What decides on a component and may be fixed in it; what is offered after all is not."""
-
-
 def fixed_keys(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
-    """The keys of the experiment's file that decide on the part, and cannot be set any more."""
+    """Keys of the experiment's file that affect the part and cannot be set any more."""
     open_ones = {parameter.key for parameter in offered}
     experiment = part.experiment
     keys: dict[str, None] = {}
@@ -390,7 +382,7 @@ def fixed_keys(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
 
 
 def _is_stated_key(experiment: Experiment, key: str) -> bool:
-    """Whether the experiment says it, or has such a table."""
+    """Whether the experiment sets the key, or has the table."""
     table, _, name = key.strip("[]").rpartition(".")
     value = stated_values(experiment, table).get(name)
     return bool(value) or value == 0

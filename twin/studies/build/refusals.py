@@ -1,4 +1,4 @@
-"""What of an experiment cannot be built, and why."""
+"""Refusals of experiments and parts that cannot be built."""
 
 from collections.abc import Sequence
 
@@ -11,11 +11,11 @@ from twin.robot.experiment.fault import FAULT_KINDS
 
 
 def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
-    """Refuse what is not twin's own, or is nothing that a master could step."""
+    """Refuse third-party components, and parts that a master could not step."""
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
     for role in wanted:
-        # the body's values come in from outside then
+        # a third-party body is fine for the plant, whose body values are then inputs
         if role in experiment.stand_ins and name != "plant":
             label = experiment.stand_ins[role].label
             raise InputRefused(
@@ -27,14 +27,14 @@ def refuse_unbuildable(experiment: Experiment, name: str, wanted: Sequence[str])
             "build the plant with --set cosim.inputs=hold"
         )
     if name == "body" and not motions(experiment):
-        raise InputRefused(f"{experiment.name}: its body does not move; there is nothing to build")
+        raise InputRefused(f"{experiment.name}: its body does not move, so it has no component to build")
     for number, fault in enumerate(experiment.faults, start=1):
         if name == f"fault_{number}":
             _refuse_alone(name, fault.kind)
 
 
 def _refuse_alone(name: str, kind: str) -> None:
-    """A fault that is no component between wires."""
+    """Refuse a fault that is not a component of its own."""
     if kind in FAULT_PLACES:
         owner = FAULT_PLACES[kind].component
         raise InputRefused(
@@ -45,7 +45,7 @@ def _refuse_alone(name: str, kind: str) -> None:
 
 
 def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
-    """Refuse components that the experiment itself changes on the way."""
+    """Refuse components that the experiment's [[change]] tables modify."""
     for change in experiment.changes:
         if TUNABLE_PLACES[change.key].component in wanted:
             raise InputRefused(
@@ -55,10 +55,10 @@ def refuse_changes(experiment: Experiment, wanted: Sequence[str]) -> None:
 
 
 def refuse_inner_faults(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
-    """Refuse a part within which something breaks: a fault is a part of its own.
+    """Refuse a part with a fault between its own components: a fault must be a part of its own.
 
     Args:
-        sound, feeds: what joins all components without faults, and with them.
+        sound, feeds: connections of all components without and with faults.
     """
     instead = f"or build the sound {name} with --set fault=[]"
     for target, source in sound.items():

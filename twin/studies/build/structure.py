@@ -23,8 +23,8 @@ class Member:
     """An element of the system.
 
     Attributes:
-        about: what it is, one sentence.
-        entry: of the archive, its FMU.
+        about: description in one sentence.
+        entry: archive path of its FMU.
     """
 
     name: str
@@ -41,10 +41,10 @@ def structure(
     hashes: Mapping[str, str],
     metadata: ssp.Metadata,
 ) -> ssp.Structure:
-    """The whole of it.
+    """Return the complete SSP structure of the robot.
 
     Args:
-        members: elements in the order in which a Gauss-Seidel master steps them.
+        members: elements in the order of a Gauss-Seidel master.
         hashes: SHA-256 by entry of the archive.
     """
     units = unambiguous_units(unit for member in members for _, unit in member.connectors)
@@ -54,7 +54,7 @@ def structure(
         elements=tuple(_component(member, units) for member in members),
         connections=tuple(_connections(members, drives)),
         description=experiment.title,
-        # OMSimulator reads the first one, and no file with one outside of the system
+        # OMSimulator reads only the first annotation, and rejects files with one outside of the system
         annotations=(
             ssp.Annotation("org.openmodelica", _fixed_steps(tick)),
             ssp.Annotation("twin", _provenance(experiment, hashes)),
@@ -108,11 +108,11 @@ def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Ite
 
 
 def _feeding_socket(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive]) -> Socket:
-    """What feeds an input of a part of ours."""
+    """Socket that feeds an input of one of twin's own parts."""
     port, bracket, number = name.removesuffix("]").partition("[")
     if port == "theta_m":
         return drives[int(number) - 1].theta_m
-    # what the bus takes is what is in front of it
+    # the bus itself reads the source before it in the list
     lines = {
         "omega_ref": COMMAND_SOURCES,
         "power": POWER_SOURCES,
@@ -124,7 +124,7 @@ def _feeding_socket(name: str, given: Mapping[str, Socket], drives: Sequence[Joi
 
 
 def _first_available(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
-    """The first of `sources` that is there, as a whole or by its elements; "" if none is."""
+    """The first of `sources` in `given`, as a whole or by its elements; "" if all are missing."""
     return next((name for name in sources if name in given or f"{name}[1]" in given), "")
 
 
@@ -132,12 +132,12 @@ def _connection(source: Socket, target: Socket) -> ssp.Connection:
     factor, offset = source.gain / target.gain, (source.offset - target.offset) / target.gain
     line = ssp.Transformation(factor, offset)
     ends = ssp.Endpoint(source.element, source.variable), ssp.Endpoint(target.element, target.variable)
-    # a line does all of it: a tool that converts units as well would do it twice
+    # a tool that also converted the units would apply the conversion twice
     return ssp.Connection(*ends, line, suppress_unit_conversion=line != ssp.Transformation())
 
 
 def _fixed_steps(tick: float) -> str:
-    """What OMSimulator reads and writes of a master with fixed steps; SSP has no word for them."""
+    """Annotation of a fixed-step master for OMSimulator; SSP itself cannot express one."""
     root = ET.Element(f"{{{OPEN_MODELICA}}}Annotations")
     about = ET.SubElement(root, f"{{{OPEN_MODELICA}}}SimulationInformation")
     steps = {"description": "oms-ma", "stepSize": repr(tick), "absoluteTolerance": "1e-4", "relativeTolerance": "1e-4"}
@@ -146,7 +146,7 @@ def _fixed_steps(tick: float) -> str:
 
 
 def _provenance(experiment: Experiment, hashes: Mapping[str, str]) -> str:
-    """What it was made of and by what, and in which scheme the twin runs it."""
+    """Annotation of the sources and the software of the build, and of the twin's coupling scheme."""
     cosim = experiment.cosim
     stated = {"experiment": experiment.name, "scheme": cosim.scheme, "stepSize": repr(cosim.tick)}
     root = ET.Element(f"{{{BUILD_NAMESPACE}}}Build", stated)

@@ -11,7 +11,7 @@ from twin.studies.precheck import load_experiments
 
 def _check_options(asked: ArgumentValues) -> None:
     if asked["c"] + asked["ssp"] + (asked["fmu"] is not None) != 1:
-        raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
+        raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp")
     if asked["drive"] is not None and not asked["ssp"]:
         raise InputRefused("twin build: --drive belongs to a whole robot; leave it out, or add --ssp")
     if asked["c"] and asked["fmi"] is not None:

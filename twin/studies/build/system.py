@@ -1,7 +1,4 @@
-"""The whole robot of an experiment as an SSP archive.
-
-What an SSP archive of a robot says of itself to people.
-"""
+"""The whole robot of an experiment as an SSP archive, with its README."""
 
 import hashlib
 import re
@@ -39,10 +36,24 @@ from twin.studies.command import Answer
 KIND_CONNECTORS: dict[Kind, ssp.ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
 }  # fmt: skip
+_SCHEME_TEXTS = {
+    "gauss_seidel": (
+        "Step the elements one after the other in this order, and pass the outputs of each on at once (Gauss-Seidel): "
+        "the computer, the drives, the plant. The feedback signals (angles to the computer, load to the drives) have "
+        "their values from before the step. This order reproduces the trace of the twin's own run. If all values are "
+        "exchanged between steps (Jacobi), the computer's outputs arrive a tick later and the plant sees the drives' "
+        "angles of the previous tick."
+    ),
+    "jacobi": (
+        "Step all elements, and exchange all values between steps (Jacobi). The delay of one step from the computer to "
+        "the drives is the tick of the experiment's bus (controller.bus_delay_ticks)."
+    ),
+}
+COMPUTER_PART, BUS_PART, PLANT_PART = "computer", "bus", "plant"
 
 
 def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit, ...]:
-    """One for each of its scalars."""
+    """Connectors of the scalars of one of twin's own parts."""
     return tuple(
         (ssp.Connector(v.name, KIND_CONNECTORS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables
     )
@@ -51,7 +62,7 @@ def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit
 def own_values(
     experiment: Experiment, name: str, variables: Sequence[ExportedVariable], source: str, metadata: ssp.Metadata
 ) -> ssp.ParameterSet:
-    """The parameters of a part of ours, each with where it comes from.
+    """Parameter set of one of twin's own parts, with the source of each value.
 
     Args:
         source: entry of the archive.
@@ -69,21 +80,6 @@ def _unit(variable: ExportedVariable) -> ssp.UnitDefinition:
     return ssp.UnitDefinition(variable.text, variable.unit.dimension, variable.unit.scale)
 
 
-_SCHEME_TEXTS = {
-    "gauss_seidel": (
-        "Step the elements one after the other in this order, and hand the values of each on at once (Gauss-Seidel): "
-        "the computer, the drives, the plant. What leads back in this order (angles to the computer, the load to the "
-        "drives) is what was valid before the step. In that order the system gives the trace of the twin's own run; "
-        "where all exchange their values between steps (Jacobi), the computer's come a tick later and the plant sees "
-        "the drives' angles of the tick before."
-    ),
-    "jacobi": (
-        "Let all elements make a step, and exchange their values between steps (Jacobi). The step that the computer's "
-        "values take to get to the drives is the tick of the bus that the experiment has (controller.bus_delay_ticks)."
-    ),
-}
-
-
 def system_readme(
     experiment: Experiment,
     members: Sequence[Member],
@@ -91,7 +87,7 @@ def system_readme(
     hashes: Mapping[str, str],
     platforms: Sequence[Platform],
 ) -> str:
-    """documentation/README.md of the archive."""
+    """The content of documentation/README.md of the archive."""
     cosim = experiment.cosim
     lines = [
         f"# {experiment.name}",
@@ -102,18 +98,18 @@ def system_readme(
         "|---|---|---|---|",
         *(f"| `{m.name}` | `{m.entry}` | {f'`{m.values.source}`' if m.values else ''} | {m.about} |" for m in members),
         "",
-        f"FMUs of twin's own are native code for {', '.join(p.name for p in platforms)}; drives are as they came.",
+        f"FMUs of twin's own are native code for {', '.join(p.name for p in platforms)}; drives are unchanged.",
         "",
         "## How to step it",
         "",
-        f"Steps of {1e3 * cosim.tick:g} ms until {experiment.duration_ticks * cosim.tick:g} s. {_SCHEME_TEXTS[cosim.scheme]}",
+        f"Steps of {1e3 * cosim.tick:g} ms until {experiment.duration_ticks * cosim.tick:g} s. "
+        f"{_SCHEME_TEXTS[cosim.scheme]}",
         "",
         "## Lines on connections",
         "",
-        "A drive counts from a zero of its own, and may have units and a gear of its own: these connections have a "
-        "LinearTransformation, factor * value + offset, and no other conversion. For a master that leaves the offset "
-        "away, set the start value of the drive's angle so that it begins where the robot rests; a last bit may be "
-        "another one then.",
+        "A drive has its own zero, and may have its own units and gear: these connections have a LinearTransformation, "
+        "factor * value + offset, and no other conversion. For a master without support for the offset, set the start "
+        "value of the drive's angle to the robot's rest position; a last bit may then differ.",
         "",
         "| from | to | factor | offset |",
         "|---|---|---|---|",
@@ -124,7 +120,7 @@ def system_readme(
             if c.transformation != ssp.IDENTITY_TRANSFORMATION
         ),
         "",
-        "## What it was made of",
+        "## Sources",
         "",
         "| file | SHA-256 |",
         "|---|---|",
@@ -132,9 +128,6 @@ def system_readme(
         "",
     ]
     return "\n".join(lines)
-
-
-COMPUTER_PART, BUS_PART, PLANT_PART = "computer", "bus", "plant"
 
 
 def build_ssp(
@@ -146,12 +139,12 @@ def build_ssp(
     settings: Sequence[str],
     say: Callable[[str], None],
 ) -> Answer:
-    """Write the robot of an experiment as an SSP archive: drives as they came, computer and plant as FMUs of ours.
+    """Write the robot of an experiment as an SSP archive: drives as delivered, computer and plant as twin's own FMUs.
 
     Args:
-        fmi: of the FMUs of ours, "2.0" or "3.0"; their arrays are scalars in both, as SSP 1.0 has no arrays.
-        platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
-        out: the file; None: results/build/EXPERIMENT/EXPERIMENT.ssp.
+        fmi: FMI version of twin's own FMUs, "2.0" or "3.0"; arrays are scalars in both, as SSP 1.0 has no arrays.
+        platforms: target platforms apart from x86-64 Linux, as FMI 3.0 names them.
+        out: path of the archive; None for results/build/EXPERIMENT/EXPERIMENT.ssp.
     """
     targets = select_platforms(platforms, fmi)
     loaded = load_experiment(experiment, settings, drive)
@@ -159,7 +152,7 @@ def build_ssp(
     if out is not None:
         refuse_unwritable(file)
     _refuse_unexportable(loaded)
-    # a tick of the bus is what Jacobi masters make by themselves
+    # a Jacobi master already delays by the tick of the bus
     bus = [BUS_PART] if loaded.controller.bus_delay_ticks and loaded.cosim.scheme != "jacobi" else []
     parts = [part_of(loaded, name) for name in (COMPUTER_PART, *bus, PLANT_PART)]
     refuse_platform(file, targets)
@@ -200,7 +193,7 @@ def build_ssp(
 
 
 def _refuse_unexportable(experiment: Experiment) -> None:
-    """Refuse what an SSP cannot say, before anything is compiled or loaded."""
+    """Refuse an experiment that an SSP cannot express, before anything is compiled or loaded."""
     for role, part in experiment.stand_ins.items():
         raise InputRefused(
             f"{experiment.name}: its {role} is {part.label}; it is third-party; only twin's own parts can be exported"
@@ -219,14 +212,14 @@ def _refuse_unexportable(experiment: Experiment) -> None:
         )
     if cosim.scheme == "jacobi" and bus != 1:
         raise InputRefused(
-            f'{experiment.name}: [cosim] scheme = "jacobi" with controller.bus_delay_ticks = {bus}: where all exchange '
-            "their values between steps, the computer's come a tick later, which is a bus of 1 tick; build it with "
+            f'{experiment.name}: [cosim] scheme = "jacobi" with controller.bus_delay_ticks = {bus}: a Jacobi '
+            "master delays the computer's outputs by a tick, which is a bus of 1 tick; build it with "
             "--set controller.bus_delay_ticks=1, or --set cosim.scheme=gauss_seidel"
         )
 
 
 class _ArchiveBuilder:
-    """Makes the files of the archive one by one."""
+    """Builder of the files of an SSP archive."""
 
     def __init__(
         self, experiment: Experiment, fmi: str, platforms: Sequence[Platform], wanted: Path, say: Callable[[str], None]
@@ -241,11 +234,11 @@ class _ArchiveBuilder:
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of the files until now, by entry."""
+        """SHA-256 of the files so far, by entry."""
         return {entry: hashlib.sha256(content).hexdigest() for entry, content in sorted(self._files.items())}
 
     def add_part(self, part: RobotPart) -> None:
-        """A part of ours: its FMU and its values."""
+        """Append one of twin's own parts: its FMU and its values."""
         name, offered = part.name, open_parameters(part)
         layout = layout_of(part, offered)
         # SSP 1.0 has no arrays
@@ -267,7 +260,7 @@ class _ArchiveBuilder:
         self._add(Member(name, description, entry, own_connectors(layout.variables), values))
 
     def add_element(self, number: int, element: Element) -> None:
-        """An element of the drive of joint `number`."""
+        """Append an element of the drive of joint `number`."""
         if not isinstance(element.content, FmuDescription):
             component, starts = element.content, iter(element.starts)
             inputs = {port.name: (port, np.array([next(starts)])) for port in component.inputs}
@@ -297,7 +290,7 @@ class _ArchiveBuilder:
         )
 
     def pack_archive(self, drives: Sequence[JointDrive]) -> bytes:
-        """The archive of all of it."""
+        """Return the archive of all files, with the structure and the README."""
         experiment = self._experiment
         facts = {
             "name": experiment.name,
@@ -320,10 +313,10 @@ class _ArchiveBuilder:
         self.members.append(member)
 
     def _foreign_entry(self, fmu: FmuDescription) -> str:
-        """The entry of a third-party FMU, which is there once."""
+        """Archive path of a third-party FMU, which is stored once."""
         if fmu.sha256 not in self._foreign:
             stem = re.sub(r"[^A-Za-z0-9_.-]", "_", fmu.path.stem)
-            # names of ours are taken, or will be
+            # twin's own names are reserved
             taken = {*self._files, *(f"resources/{name}.fmu" for name in (COMPUTER_PART, BUS_PART, PLANT_PART))}
             entry, n = f"resources/{stem}.fmu", 1
             while entry in taken:
@@ -335,7 +328,7 @@ class _ArchiveBuilder:
 
 
 def _table(experiment: Experiment, number: int, part: str) -> str:
-    """The table of the experiment that sets parameters of an FMU."""
+    """The experiment's table that sets the parameters of an FMU."""
     tail = f"parts.{part}.parameters" if part else "parameters"
     own = f"drive.joint_{number}.{tail}"
     return own if any(key.startswith(own) for key in experiment.origins) else f"drive.{tail}"

@@ -1,1 +1,1 @@
-"""Experiments with [[measure]] tables against stored baselines: what was, what is, what is worse."""
+"""Regression checks of experiments with [[measure]] tables against stored baselines."""

@@ -1,4 +1,4 @@
-"""A baseline: what an experiment came to with one drive, as a small TOML file that people read and edit."""
+"""Baselines: the stored results of an experiment with one drive, as a small TOML file that people read and edit."""
 
 import hashlib
 import json
@@ -22,33 +22,33 @@ from twin.robot.paths import PROJECT_FOLDER, is_clone
 from twin.studies.check.measurement import TUBE_POINTS, Measurement, SampledCurve
 
 OWN_DRIVE = "own"
-"""Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
+"""Name for the drive of the experiment's file, with the parameters that it sets."""
 BASELINE_FOLDER = Path("tests/baselines")
-"""Where baselines are written to and looked for, one folder per experiment."""
+"""Folder that baselines are written to and read from, with one folder per experiment."""
 OWN_BASELINE_FOLDER = "baselines"
-"""Where those of somebody's own experiment are in a clone of twin, beside its file."""
+"""Folder for the baselines of users' own experiments in a clone of twin, next to the experiment's file."""
 _NEUTRAL_TABLES = ("title", "recording", "drive")
-"""Tables that do not change what is measured; drives are listed one by one."""
+"""Tables without an effect on the measures; drives are listed one by one."""
 _LATER_DRIVE_KEYS = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step", "unpowered")
-"""Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
+"""Keys of [drive] that old baselines lack: they change the fingerprint only if they are set."""
 _REFUSAL_KEYS = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod_spacing_mm")
-"""Keys of a robot by which a run is refused, and nothing that is measured changes."""
-_UPDATE_HINT = "remove it and write it anew with --update"
+"""Keys of a robot that may refuse a run, but never change a measure."""
+_UPDATE_HINT = "remove it and rewrite it with --update"
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Width = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 
 
 class _Table(BaseModel):
-    """A table of the file."""
+    """Base of the tables of a baseline file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class BaselineMetric(_Table):
-    """A number of a baseline: off by more than its bound either way is a deviation.
+    """A number of a baseline; a change by more than its bound in either direction is a deviation.
 
     Attributes:
-        keep: the bound has been chosen by somebody, and an update leaves it.
+        keep: whether the bound was chosen by a user, so that updates leave it.
     """
 
     value: Number
@@ -58,14 +58,14 @@ class BaselineMetric(_Table):
 
 
 class HistoryEntry(_Table):
-    """When a baseline was accepted, and why."""
+    """Date and reason of an accepted baseline."""
 
     date: str
     reason: str
 
 
 class StoredCurve(_Table):
-    """A curve, thinned; as `SampledCurve` has it, with the units of times in their names."""
+    """A thinned curve in the layout of `SampledCurve`, with the units of times in the names."""
 
     signal: str
     unit: str
@@ -76,7 +76,7 @@ class StoredCurve(_Table):
 
     @model_validator(mode="after")
     def _rising(self) -> "StoredCurve":
-        # compared, not subtracted: the difference of two numbers may be more than any number
+        # compared rather than subtracted, because a difference may overflow
         rising = len(self.t_s) > 1 and all(before < after for before, after in pairwise(self.t_s))
         if not rising or len(self.t_s) != len(self.values):
             raise ValueError("expected as many numbers in t_s as in values, with times that increase")
@@ -84,21 +84,21 @@ class StoredCurve(_Table):
 
     @property
     def curve(self) -> SampledCurve:
-        """The curve, to be compared with."""
+        """The stored curve as a `SampledCurve`, for a comparison."""
         return SampledCurve(
             self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
         )
 
 
 class Baseline(_Table):
-    """What is stored.
+    """Stored results of an experiment with one drive.
 
     Attributes:
-        twin: version that measured it.
-        fmus: SHA-256 by file name.
+        twin: version of twin that measured it.
+        fmus: file name -> SHA-256.
         history: oldest first.
-        metrics: by "measure.metric".
-        tubes: by measure.
+        metrics: "measure.metric" -> number.
+        tubes: measure -> curve.
     """
 
     experiment: str
@@ -112,18 +112,18 @@ class Baseline(_Table):
 
 
 def default_baseline_folder() -> Path:
-    """`BASELINE_FOLDER` in the current folder; where there is none, those that come with twin."""
+    """`BASELINE_FOLDER` in the current folder; if missing, the folder shipped with twin."""
     return BASELINE_FOLDER if BASELINE_FOLDER.is_dir() else PROJECT_FOLDER / BASELINE_FOLDER
 
 
 def baseline_folder_of(file: Path, update: bool) -> Path:
-    """Where the baselines of the experiment in `file` are by default.
+    """Default folder for the baselines of the experiment in `file`.
 
-    That is `BASELINE_FOLDER` here. In a clone of twin what is there belongs to twin's own experiments, to which the tests hold
-    it: the baselines of any other experiment are beside its file.
+    This is `BASELINE_FOLDER` in the current folder. In a clone of twin that folder belongs to twin's own experiments,
+    whose baselines are tested: the baselines of any other experiment are next to its file.
 
     Args:
-        update: whether they are written, and not only read: then never to those that a wheel carries.
+        update: whether baselines are written; if so, the folder shipped in a wheel is never returned.
     """
     of_twin = (
         file.resolve().parent == (PROJECT_FOLDER / "experiments").resolve()
@@ -135,25 +135,25 @@ def baseline_folder_of(file: Path, update: bool) -> Path:
 
 
 def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
-    """Where the baseline of an experiment and a drive (a name, or a path to an FMU) is."""
+    """Path of the baseline of an experiment and a drive (a name, or a path to an FMU)."""
     return folder / experiment / f"{Path(drive).stem}.toml"
 
 
 def stored_experiments(folder: Path) -> list[str]:
-    """Names of the experiments with a baseline in `folder`; other folders, such as that of tolerances, are skipped."""
+    """Names of the experiments with a baseline in `folder`; other folders, such as the tolerances', are skipped."""
     return sorted({file.parent.name for file in folder.glob("*/*.toml")})
 
 
 def stored_drives(folder: Path, experiment: str) -> list[str]:
-    """The drives for which `experiment` has a baseline in `folder`, as they were named."""
+    """Names of the drives that `experiment` has a baseline for in `folder`."""
     files = sorted((folder / experiment).glob("*.toml")) if os.path.isdir(folder) else []
     return [read_baseline(file).drive for file in files]
 
 
 def fingerprint(experiment: Experiment) -> str:
-    """Tells an experiment from one whose results may be others: a hash over what its file says, drives included.
+    """Hash of the experiment's values, drives included; a different hash means that results may differ.
 
-    Files of FMUs are left out: they have hashes of their own.
+    FMU files are left out, because they have hashes of their own.
     """
     values = {key: value for key, value in experiment.values.items() if key not in _NEUTRAL_TABLES}
     for table in ("robot", "plant"):
@@ -166,7 +166,7 @@ def fingerprint(experiment: Experiment) -> str:
 def baseline_of(
     experiment: Experiment, drive: str, now: Measurement, history: Iterable[HistoryEntry], before: Baseline | None
 ) -> Baseline:
-    """The baseline that `now` makes; the bounds that the one `before` keeps stay."""
+    """Make the baseline of the measurement `now`; bounds marked `keep` in the baseline `before` are preserved."""
     metrics = {}
     for name, metric in now.metrics.items():
         old = before.metrics.get(name) if before else None
@@ -186,13 +186,13 @@ def baseline_of(
 
 
 def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None:
-    """The baseline of `experiment` with `drive`, None if there is none; drives are distinguished by their file names.
+    """Read the baseline of `experiment` with `drive`; None if missing. Drives are distinguished by their file names.
 
     Raises:
-        InputRefused: the file that should be it cannot be read, is no baseline, or one of another pair.
+        InputRefused: the file is unreadable, not a baseline, or the baseline of another pair.
     """
     file = baseline_file(folder, experiment, drive)
-    # not Path.exists, which raises for a name that is too long
+    # not Path.exists, which raises for names that are too long
     if not os.path.exists(file):
         return None
     found = read_baseline(file)
@@ -205,7 +205,7 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
 
 
 def read_baseline(file: Path) -> Baseline:
-    """The baseline in `file`."""
+    """Read and validate the baseline in `file`."""
     try:
         table = read_toml(file)
     except InputRefused as problem:
@@ -218,7 +218,7 @@ def read_baseline(file: Path) -> Baseline:
 
 
 def baseline_text(baseline: Baseline) -> str:
-    """`baseline` as TOML, a line per number."""
+    """Format `baseline` as TOML, with a line per number."""
     text = tomlkit.document()
     about = f"twin check {baseline.experiment} --drive {baseline.drive}"
     text.add(tomlkit.comment(f"{about}: SI units; a bound with keep = true stays"))
@@ -231,13 +231,13 @@ def baseline_text(baseline: Baseline) -> str:
 
 
 def write_baseline(file: Path, text: str) -> None:
-    """Write the `text` of a baseline."""
+    """Write the `text` of a baseline to `file`, with its folder."""
     make_folder(file.parent)
     write_text(file, text)
 
 
 def _array(values: Sequence[float]) -> Any:
-    """An array of TOML with ten numbers a line."""
+    """A TOML array with ten numbers per line."""
     array = tomlkit.array()
     for start in range(0, len(values), 10):
         array.add_line(*values[start : start + 10], indent="  ")
@@ -246,7 +246,7 @@ def _array(values: Sequence[float]) -> Any:
 
 
 def _thin_curve(curve: SampledCurve) -> StoredCurve:
-    """Some samples, evenly spread, with six digits."""
+    """Thin a curve to `TUBE_POINTS` evenly spread samples with six digits."""
     chosen = np.unique(np.linspace(0, len(curve.t) - 1, TUBE_POINTS).round().astype(int))
     return StoredCurve(
         signal=curve.signal,
@@ -263,7 +263,7 @@ def _round_digits(value: float, digits: int = 6) -> float:
 
 
 def _drive_facts(drive: dict[str, Any]) -> dict[str, Any]:
-    """What a table [drive], or one of its parts, says: without places of FMUs, and later keys that say nothing."""
+    """Values of a table [drive], or of one of its parts, without FMU paths and without unset later keys."""
     keys = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER_DRIVE_KEYS and v is None)}
     return keys | (
         {"parts": {name: _drive_facts(part) for name, part in drive["parts"].items()}} if "parts" in drive else {}

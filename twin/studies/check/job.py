@@ -1,4 +1,4 @@
-"""An experiment checked against its baselines, and many checks shared out among guarded processes."""
+"""Checks of experiments against their baselines, distributed over guarded processes."""
 
 import shlex
 import threading
@@ -24,10 +24,14 @@ from twin.studies.check.measurement import Measurement, measure_signals, run_for
 from twin.studies.check.verdict import CheckRow, CheckVerdict, verdict
 from twin.studies.command import Say
 
+ALL_DRIVES = "all"
+"""Name for all drives of fmus/."""
+CHECK_JOB = "twin.studies.check.job:check_pairs"
+
 
 @dataclass(frozen=True)
 class Deviation:
-    """A number or curve that is not what it was; `str` says it in one sentence."""
+    """A number or curve that deviates from its baseline; `str` describes it in one sentence."""
 
     experiment: str
     drive: str
@@ -42,19 +46,19 @@ class Deviation:
 
 
 def check(experiment: str | Path, drive: str | None = None, baselines: str | Path | None = None) -> list[Deviation]:
-    """Run an experiment and hold it against what is stored; nothing is written.
+    """Run an experiment and compare it with its stored baselines; writes nothing.
 
     Args:
         experiment: its file or name, see `experiment_file`.
-        drive: a drive of fmus/ or an FMU; "own": the experiment's; None: every drive that has a baseline.
-        baselines: folder that `twin check --update` has written to; None: see `baseline_folder_of`.
+        drive: a drive of fmus/, an FMU, or "own" for the experiment's; None for every drive that has a baseline.
+        baselines: folder written by `twin check --update`; None to use `baseline_folder_of`.
 
     Returns:
-        What deviates; empty if all is as it was.
+        The deviations; empty if everything is unchanged.
 
     Raises:
-        InputRefused: no baseline, or it cannot be compared, or a measure that this run gives no meaning.
-        ComponentFailed, SafetyTrip: the run did not come to its end.
+        InputRefused: no baseline, an incomparable one, or a measure that is undefined for this run.
+        ComponentFailed, SafetyTrip: the run ended early.
     """
     file = experiment_file(experiment)
     folder = stored.baseline_folder_of(file, update=False) if baselines is None else Path(baselines)
@@ -70,16 +74,16 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
 
 
 def measure_with_drive(file: Path, drive: str) -> tuple[Experiment, Measurement]:
-    """The experiment in `file` with `drive` as every joint's, and what it comes to; exceptions as `check`."""
+    """Run the experiment in `file` with `drive` at every joint and measure it; exceptions as in `check`."""
     experiment = _load(file, drive)
     return experiment, measure_signals(experiment, run_for_measures(experiment))
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
-    """The baseline of the experiment in `file` with `drive`."""
+    """Return the baseline of the experiment in `file` with `drive`, or refuse."""
     known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
-        # a misspelt experiment or drive is reported
+        # report a misspelt experiment or drive first
         _load(file, drive)
         raise InputRefused(_no_baseline(folder, file, drive))
     return known
@@ -90,23 +94,19 @@ def _load(file: Path, drive: str) -> Experiment:
 
 
 def _no_baseline(folder: Path, file: Path, drive: str) -> str:
-    # what comes with twin is not written to
+    # baselines shipped with twin are read-only
     folder = stored.BASELINE_FOLDER if folder == PROJECT_FOLDER / stored.BASELINE_FOLDER else folder
     elsewhere = [] if folder == stored.BASELINE_FOLDER else ["--baselines", str(folder)]
     accept = shlex.join(["twin", "check", str(file), "--drive", drive, *elsewhere, "--update"])
     return (
-        f"{stored.baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
+        f"{stored.baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept its present values: "
         f'{accept} --reason "first"'
     )
 
 
-ALL_DRIVES = "all"
-"""Called like a drive: every drive of fmus/."""
-
-
 @dataclass(frozen=True)
 class Pair:
-    """What is checked: an experiment's file with a drive, against the baseline in a folder of such."""
+    """An experiment's file and a drive, to be checked against the baseline in a folder."""
 
     file: str
     drive: str
@@ -115,12 +115,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """What a check came to.
+    """Outcome of checking one pair.
 
     Attributes:
-        verdict: None if it could not be measured or compared.
-        text: of the baseline's file as it would be after an update; "" if that changes nothing, or none was asked for.
-        failure: why there is no verdict, in a sentence; "" if there is one.
+        verdict: None if the run could not be measured or compared.
+        text: baseline file after an update; "" if unchanged or if no update was requested.
+        failure: error message without a verdict; "" with one.
     """
 
     pair: Pair
@@ -131,17 +131,17 @@ class CheckOutcome:
 
     @classmethod
     def from_note(cls, note: dict[str, Any]) -> "CheckOutcome":
-        """Put together again what `check_pairs` has taken apart."""
+        """Rebuild an outcome from the dictionary sent by `check_pairs`."""
         return TypeAdapter(cls).validate_python(note)
 
 
 def pairs(
     experiments: Sequence[Path], drives: Sequence[str], baselines: Path | None, update: bool = False
 ) -> list[Pair]:
-    """What `twin check EXPERIMENT... --drive ...` means.
+    """List the pairs to check for `twin check EXPERIMENT... --drive ...`.
 
     Args:
-        drives: as --drive has them; none: those with a baseline, or the experiment's own.
+        drives: values of --drive; empty for the drives with a baseline, or the experiment's own.
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
@@ -149,11 +149,11 @@ def pairs(
         files = [_file_of(name) for name in stored.stored_experiments(baselines)]
     if not files:
         raise InputRefused(
-            f"{baselines}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
-            "where they are: --baselines DIR"
+            f"{baselines}: no baselines there; name an experiment: twin check EXPERIMENT --update --reason TEXT, or "
+            "their folder: --baselines DIR"
         )
-    shelf = [fmu.stem for fmu in sorted(locate_file("fmus", Path.cwd()).glob("*/*.fmu"))]
-    named = [name for drive in drives for name in (shelf if drive == ALL_DRIVES else [drive])]
+    shipped = [fmu.stem for fmu in sorted(locate_file("fmus", Path.cwd()).glob("*/*.fmu"))]
+    named = [name for drive in drives for name in (shipped if drive == ALL_DRIVES else [drive])]
     for name in named:
         if name != stored.OWN_DRIVE and not any(
             Path(locate_drive(name, file.resolve().parent)).exists() for file in files
@@ -163,20 +163,22 @@ def pairs(
     return [
         Pair(str(file), drive, str(folder))
         for file, folder in folders.items()
-        # a missing baseline is reported
+        # a missing baseline is reported by the check itself
         for drive in dict.fromkeys(named or stored.stored_drives(folder, file.stem) or [stored.OWN_DRIVE])
     ]
 
 
 def _file_of(name: str) -> Path:
-    """The file of an experiment that has a baseline; one that has gone costs the others nothing, and is reported when
-    its turn comes."""
+    """Find the file of an experiment that has a baseline.
+
+    A deleted file does not stop the other checks; it is reported when its pair is checked.
+    """
     here = Path(f"{name}.toml")
     return here if here.is_file() else locate_file(f"experiments/{name}.toml", Path.cwd())
 
 
 def check_pairs(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
-    """Check each pair of `work`; a job of the guard. Notes: a `CheckOutcome` as a dictionary for each."""
+    """Check each pair of `work` as a job of the guard, and send each `CheckOutcome` as a dictionary in a note."""
     for pair in work:
         reporter.loading()
         try:
@@ -204,14 +206,11 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
     return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else stored.baseline_text(after))
 
 
-CHECK_JOB = "twin.studies.check.job:check_pairs"
-
-
 def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
-    """The outcome of every pair, in their order.
+    """Check all pairs and return their outcomes in the same order.
 
     Args:
-        processes: how many at a time; 0: this one, where a drive that crashes takes it along.
+        processes: number of parallel processes; 0 to run in this process, which a crashing drive then ends.
 
     Raises:
         KeyboardInterrupt: after every process has ended.
@@ -221,19 +220,19 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
 
     say(f"0 of {len(pairs)} checks", 0.0)
 
-    def hear(note: dict[str, Any]) -> None:
+    def on_outcome(note: dict[str, Any]) -> None:
         outcome = CheckOutcome.from_note(note)
         found[outcome.pair] = outcome
         say(f"{len(found)} of {len(pairs)} checks", len(found) / len(pairs))
 
     if processes == 0:
-        check_pairs(DirectReporter(hear), pairs, **arguments)
+        check_pairs(DirectReporter(on_outcome), pairs, **arguments)
     else:
         stop = threading.Event()
         with ThreadPoolExecutor(processes) as pool:
-            # every n-th, because drives differ in speed far more than experiments do
+            # every n-th pair per process, because speed depends far more on the drive than on the experiment
             shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
-            running = [pool.submit(_check_share, share, arguments, hear, stop) for share in shares]
+            running = [pool.submit(_check_share, share, arguments, on_outcome, stop) for share in shares]
             try:
                 for share in running:
                     share.result()
@@ -244,24 +243,27 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
 
 
 def _check_share(
-    pairs: Sequence[Pair], arguments: dict[str, Any], hear: Callable[[dict[str, Any]], None], stop: threading.Event
+    pairs: Sequence[Pair],
+    arguments: dict[str, Any],
+    on_outcome: Callable[[dict[str, Any]], None],
+    stop: threading.Event,
 ) -> None:
-    """Check `pairs` in a process of their own, and in another one what is left when a drive has ended the first."""
+    """Check `pairs` in a process, and the remaining ones in a new process whenever a drive has ended the last."""
     left = list(pairs)
 
-    def take(note: dict[str, Any]) -> None:
+    def on_note(note: dict[str, Any]) -> None:
         del left[0]
-        hear(note)
+        on_outcome(note)
 
     def show(done: int, total: int) -> None:
-        # Ctrl-C reaches the main thread alone
+        # the main thread alone receives Ctrl-C
         if stop.is_set():
             raise KeyboardInterrupt
 
     while left and not stop.is_set():
         try:
-            run_guarded(CHECK_JOB, {"work": left, **arguments}, listen=take, show=show)
+            run_guarded(CHECK_JOB, {"work": left, **arguments}, listen=on_note, show=show)
         except TwinError as failure:
             if not left:
                 raise
-            take(asdict(CheckOutcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))
+            on_note(asdict(CheckOutcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))

@@ -1,11 +1,9 @@
-"""Numbers that a run comes to, one group of them for each [[measure]].
+"""Measures of a run: the numbers of each [[measure]] table, their default bounds, and curves for tubes.
 
-A number that an experiment comes to, and how far it may move before that is said. The same program gives the same bytes
-on the same machine. Another one's mathematical library rounds otherwise, which an encoder may turn into a count here
-and there: over a whole response well below 2 % of a number. Of a number near zero a share says nothing, so each has a
-floor as well, of what counts can do to it: one controller period of a time, 2 mN, 2 um.
-
-A run as an experiment's measures look at it: signals by the names that they use, at every tick.
+The same program reproduces its numbers byte for byte on the same machine. The mathematical library of another machine
+rounds differently, which an encoder occasionally turns into a count: over a whole response well below 2 % of a number.
+A share is meaningless for a number near zero, so each number also has a floor, the possible effect of counts on it: one
+controller period for a time, 2 mN, 2 um.
 """
 
 from collections.abc import Callable
@@ -42,9 +40,28 @@ UNIT_FLOORS = {
     "J": 1e-4,
     "1": 2e-3,
 }
-"""By SI unit. An angle's is 2 um at a link of 60 mm; of energies a tenth of a millijoule; of shares 0.2 %."""
+"""Floors by SI unit. Angle: 2 um at a link of 60 mm; energy: a tenth of a millijoule; share: 0.2 %."""
 
 Sense = Literal["less", "nearer zero", "none"]
+REFERENCE_THETA_L = "reference.theta_l"
+"""Load angles (rad) that place the platform of the controller's model at controller.p_ref_B."""
+SETTLING_FLOOR = 0.02
+"""Floor of settling times (s): responses leave their band so flat that a count moves the instant by far more than a
+tick.
+"""
+LAG_FLOOR = 5e-4
+"""Floor of lags (s), which are resolved below a tick, so that a delay of one tick of 1 ms is noticed."""
+TUBE_POINTS = 40
+"""Number of points of a tube: more would make the file unreadable, and metrics judge the curve between them."""
+TUBE_TIME = 0.004
+"""Half width of a tube in time (s): two periods of the robot's controller."""
+TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
+"""Minimum half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the
+force of one count of the motor encoder (2 pi / 4096 times k_s N at 60 mm).
+"""
+STEP_TIME = 0.02
+"""Time (s) that a reference needs for its step: one controller period for way points, another for a joint."""
+Curve = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -53,9 +70,10 @@ class Metric:
 
     Attributes:
         value: in `unit`, SI.
-        floor: the least that its bound may be.
-        sense: what is better: less of it, a value nearer to zero, or neither.
-        scale: what its share is of, in `unit`; None: of the value, which for a coordinate would mean nothing.
+        floor: minimum of its bound.
+        sense: direction of improvement: a smaller value, a value nearer to zero, or neither.
+        scale: reference of the bound's share, in `unit`; None for the value itself, which is meaningless for a
+            coordinate.
     """
 
     value: float
@@ -66,26 +84,22 @@ class Metric:
 
     @property
     def default_bound(self) -> float:
-        """How far it may be off by default."""
+        """Default limit for a change of the number: 2 % of the value or scale, at least the floor."""
         return max(BOUND_SHARE * abs(self.value if self.scale is None else self.scale), self.floor)
 
 
 def floor_of(unit: str) -> float:
-    """The floor of a number in `unit`; 0 where only a share counts."""
+    """Floor of a number in `unit`; 0 if only a share counts."""
     return UNIT_FLOORS.get(unit, 0.0)
-
-
-REFERENCE_THETA_L = "reference.theta_l"
-"""Load angles (rad) at which the platform, as the controller believes it to be made, is at controller.p_ref_B."""
 
 
 @dataclass(frozen=True)
 class Signals:
-    """Of a run that went to its end.
+    """Signals of a completed run at every tick, under the names used by measures.
 
     Attributes:
-        believed: what the controller believes the robot to be.
-        fmus: SHA-256 of every FMU that took part, by file name.
+        believed: geometry of the controller's model.
+        fmus: file name -> SHA-256 of every FMU of the run.
     """
 
     run: Trace
@@ -98,7 +112,7 @@ class Signals:
         return self.run.t
 
     def __getitem__(self, signal: str) -> NDArray[np.float64]:
-        """Values (n,) of a signal as [[measure]] writes it, (n, k) without an index where it has k components."""
+        """Values (n,) of a signal in the notation of [[measure]]; (n, k) without an index if it has k components."""
         vector, index = split_signal(signal.removeprefix("-"))
         values = self._theta_l if vector == REFERENCE_THETA_L else self.run.held(vector).astype(float, copy=False)
         values = values if index is None else values[:, index]
@@ -115,13 +129,13 @@ class Signals:
 
 
 def split_signal(signal: str) -> tuple[str, int | None]:
-    """`plant.p_B[2]` as vector and index; None where it has none."""
+    """Split `plant.p_B[2]` into vector and index; the index is None if missing."""
     vector, bracket, index = signal.partition("[")
     return vector, int(index.removesuffix("]")) if bracket else None
 
 
 def run_for_measures(experiment: Experiment) -> Signals:
-    """Run `experiment` in this process."""
+    """Run `experiment` in this process and return its signals."""
     run = Trace()
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
@@ -134,7 +148,7 @@ def run_for_measures(experiment: Experiment) -> Signals:
 
 
 def refuse_unknown(experiment: Experiment, system: System) -> None:
-    """Check that `system` has every signal which a measure of `experiment` looks at."""
+    """Check that `system` has every signal that a measure of `experiment` uses."""
     fields = fields_of(system)
     sizes = {name: field.size for name, field in fields.items()}
     sizes[REFERENCE_THETA_L] = 3
@@ -158,37 +172,22 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
 
 
 def _signals(measure: Measure) -> list[tuple[str, str]]:
-    """(key, signal) of everything that `measure` looks at by name."""
+    """(key, signal) of every signal that `measure` names."""
     named = [("signal", measure.signal)] if isinstance(measure, SignalMeasure) else []
     return [*named, ("reference", measure.reference)] if isinstance(measure, ReferenceMeasure) else named
 
 
-SETTLING_FLOOR = 0.02
-"""Of settling times (s): a response leaves its band so flat that a count moves the instant by far more than a tick."""
-LAG_FLOOR = 5e-4
-"""Of lags (s), which lie between ticks: so that a drive that is late by one tick of 1 ms is noticed."""
-TUBE_POINTS = 40
-"""Of a tube: more would make its file unreadable, and between them a curve is still judged by its metrics."""
-TUBE_TIME = 0.004
-"""Half width of a tube in time (s): two periods of the robot's controller."""
-TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
-"""Least half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the force
-that one count of the motor encoder means (2 pi / 4096 times k_s N at 60 mm)."""
-
-STEP_TIME = 0.02
-"""A reference has made its step by then (s): way points take a period of the controller, that of a joint another."""
-
 Metrics = dict[str, Metric]
-Curve = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class SampledCurve:
-    """A curve as a baseline keeps it.
+    """A curve in the form of a baseline.
 
     Attributes:
         t, values: (m,), s and SI.
-        tolerance: half width of the tube in `unit`, dt: in s.
+        tolerance: half width of the tube in `unit`.
+        dt: half width of the tube in time (s).
     """
 
     signal: str
@@ -201,12 +200,12 @@ class SampledCurve:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What an experiment comes to with one drive.
+    """Measures of an experiment with one drive.
 
     Attributes:
-        metrics: by "measure.metric".
-        curves: by the measure's name, every tick of its window.
-        fmus: SHA-256 of the FMUs, by file name.
+        metrics: "measure.metric" -> number.
+        curves: name of the measure -> curve with every tick of its window.
+        fmus: file name -> SHA-256 of the FMUs.
     """
 
     metrics: Metrics
@@ -215,11 +214,9 @@ class Measurement:
 
 
 def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
-    """Measure `signals`, those of a run of `experiment`."""
+    """Evaluate the measures of `experiment` on the `signals` of its run."""
     if not experiment.measures:
-        raise InputRefused(
-            f"{experiment.name}: has no [[measure]] tables, so there is nothing to check; docs/regression.md has them"
-        )
+        raise InputRefused(f"{experiment.name}: has no [[measure]] tables to check; see docs/regression.md")
     metrics: Metrics = {}
     curves, mistakes = {}, []
     for measure in experiment.measures:
@@ -236,12 +233,12 @@ def measure_signals(experiment: Experiment, signals: Signals) -> Measurement:
 
 
 def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
-    """The numbers of one measure of a run, by "measure.metric"."""
+    """Evaluate one measure of a run; "measure.metric" -> number."""
     inside = _window_mask(measure, signals)
     if np.count_nonzero(inside) < 2:
         raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
     found = MEASURE_FUNCTIONS[type(measure)](measure, signals, inside)
-    # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
+    # undefined numbers are left out: an endless oscillation may settle within 5 % but never within 2 %
     return {f"{measure.name}.{name}": metric for name, metric in found.items() if np.isfinite(metric.value)}
 
 
@@ -277,7 +274,7 @@ def _step_metrics(measure: measures.Step, signals: Signals, inside: NDArray[np.b
         "settling_time_5": Metric(info.settling_time_5, "s", SETTLING_FLOOR),
         "overshoot": Metric(info.overshoot, "1", floor_of("1")),
         "peak": Metric(info.peak, unit, floor, "none", scale=step),
-        # the tenth of what a share of the step would be: an error that small is as good as none
+        # a tenth of the usual share of the step: smaller errors are as good as zero
         "steady_state_error": Metric(
             info.steady_state_error, unit, max(floor, 0.1 * BOUND_SHARE * step), "nearer zero"
         ),
@@ -308,7 +305,7 @@ def _lag_metrics(measure: measures.Lag, signals: Signals, inside: NDArray[np.boo
         raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
     late = t >= t[0] + found
     missed = response.rms(y[late] - np.interp(t[late] - found, t, reference))
-    # steps of a stepper drown the speed that they come to: then there is no such number
+    # quantised steps of a stepper drown its speed: the lag is then undefined
     return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
 
 
@@ -330,7 +327,7 @@ def _oscillation_metrics(measure: measures.Oscillation, signals: Signals, inside
         )
     amplitude, frequency = response.strongest_swing(t, values, measure.lowest)
     found = {"amplitude": Metric(amplitude, unit, floor_of(unit))}
-    # what does not swing has no frequency
+    # a constant signal has no frequency
     return found | (
         {"frequency": Metric(frequency, "Hz", 1.0 / length, "none")} if amplitude > _rounding_range(values) else {}
     )
@@ -375,7 +372,7 @@ def _requirement_metrics(measure: measures.RequirementMeasure, signals: Signals,
 
 
 def _rounding_range(values: Curve) -> float:
-    """What is rounding: a range of `values` that is no larger is none."""
+    """Maximum range of `values` that counts as constant."""
     return 1e-9 * float(np.max(np.abs(values)))
 
 

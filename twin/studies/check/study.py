@@ -1,4 +1,4 @@
-"""`twin check`: experiments against their baselines."""
+"""`twin check`: regression checks of experiments against their baselines."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,8 +40,8 @@ def check(
     baselines: Annotated[
         Path | None,
         Option(
-            "Where baselines are: tests/baselines here, else those that come with twin; in a clone of twin, "
-            "baselines/ beside an experiment of your own.",
+            "Folder of baselines; default: tests/baselines here, else twin's; in a clone of twin, "
+            "baselines/ next to an experiment of your own.",
             "DIR",
         ),
     ] = None,

@@ -1,4 +1,4 @@
-"""What `twin check` found, as text of at most 80 columns and as pictures."""
+"""Text of at most 80 columns and pictures of the checks of `twin check`."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from twin.studies.figure import Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Row, Table, count_text
 
 MAX_NAME_LENGTH = 33
-"""Of names beside their numbers; longer ones have a line of their own."""
+"""Maximum length of names next to their numbers; longer names have a line of their own."""
 METRIC_COLUMNS = (
     Column("", 7, left=True),
     Column("metric", left=True),
@@ -25,11 +25,11 @@ METRIC_COLUMNS = (
     Column("bound", 10, ".4g", gap=0),
 )
 MAX_SHOWN = 5
-"""The most deviating checks that are shown in full; the others in a line. All are in the JSON."""
+"""Maximum number of deviating checks shown in full; the others have one line each, and the JSON contains all."""
 
 
 def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> Result:
-    """The answer first; of a single check every number, of many only those that deviate."""
+    """Report of the checks, answer first: every number of a single check, only the deviations of several."""
     parts: list[Block] = []
     shown = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
     shown = [verdict for verdict in shown if len(verdicts) == 1 or not _is_new(verdict)]
@@ -45,7 +45,7 @@ def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> R
         parts += [line for note in verdict.notes for line in _label_lines("note", note)]
     parts += [""] * (len(shown) > MAX_SHOWN)
     parts += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in shown[MAX_SHOWN:]]
-    # a note that a hundred checks share is shown once
+    # show notes shared by many checks once
     others = Counter(note for verdict in verdicts if verdict not in shown[:MAX_SHOWN] for note in verdict.notes)
     parts += [""] * bool(others)
     for note, count in others.items():
@@ -75,13 +75,13 @@ def _answer(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
 
 
 def _words(verdicts: Sequence[CheckVerdict]) -> str:
-    """`3 worse, 1 outside`."""
+    """Counts of the verdicts, such as `3 worse, 1 outside`."""
     words = Counter(row.word for verdict in verdicts for row in verdict.deviations)
     return ", ".join(f"{count} {word}" for word, count in words.most_common())
 
 
 def _is_new(verdict: CheckVerdict) -> bool:
-    """Whether there was no baseline."""
+    """Whether the check had no baseline."""
     return all(row.word == "new" for row in verdict.rows)
 
 
@@ -104,7 +104,7 @@ def _label_lines(label: str, text: str) -> list[Note]:
 
 
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
-    """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files."""
+    """Draw the first `MAX_SHOWN` verdicts with curves outside their tubes to PNG files in `folder`, returned."""
     drawn = []
     make_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MAX_SHOWN]:

@@ -1,4 +1,4 @@
-"""What is now against what was: each number with its bound, each curve with its tube."""
+"""Comparison of a measurement with its baseline: each number with its bound, each curve with its tube."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,18 +14,22 @@ from twin.studies.compare.tolerance import reach
 from twin.studies.metrics.response import window_mask
 
 Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
-"""`moved`: beyond its bound, where neither way is better. `new`, `gone`: only now, only then. `outside`: of a tube."""
+"""Verdict on a number or tube.
+
+`moved`: beyond its bound, and neither direction is better. `new`, `gone`: missing in the baseline, or in the run.
+`outside`: the curve leaves its tube.
+"""
 
 
 @dataclass(frozen=True)
 class CheckRow:
-    """One number or one tube.
+    """Comparison of one number or one tube.
 
     Attributes:
         name: "measure.metric", or "measure.tube".
-        before, now: None where there is none.
-        bound: how far apart they may be; None likewise.
-        at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
+        before, now: None if missing.
+        bound: allowed difference; None if missing.
+        at: for a tube, time (s) of the largest departure from the baseline; `before` and `now` are the values then.
     """
 
     name: str
@@ -39,7 +43,7 @@ class CheckRow:
 
 @dataclass(frozen=True)
 class TubeDeparture:
-    """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
+    """A curve that leaves its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN if it has no value.
 
     Attributes:
         before: the baseline.
@@ -58,11 +62,11 @@ class TubeDeparture:
 
 @dataclass(frozen=True)
 class CheckVerdict:
-    """An experiment with one drive against its baseline.
+    """Comparison of an experiment with one drive with its baseline.
 
     Attributes:
-        notes: what has changed besides, a sentence each.
-        outside: of what tubes have lost.
+        notes: other changes, one sentence each.
+        outside: curves that leave their tubes.
     """
 
     experiment: str
@@ -77,16 +81,16 @@ class CheckVerdict:
 
 
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measurement) -> CheckVerdict:
-    """Hold `now` against `baseline`; if there is none, everything is new.
+    """Compare `now` with `baseline`; everything is new if the baseline is None.
 
-    A changed experiment or FMU is compared all the same, which is what a baseline is for, and a note says so. A number
-    that is in another unit than it was is another number: the old one is gone.
+    A changed experiment or FMU is compared all the same, with a note, because baselines exist for that. A number with a
+    changed unit counts as another number: the old one is gone.
     """
     if baseline is None:
         rows = [
             CheckRow(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()
         ]
-        # a curve has no one value; where it ends stands for it
+        # a new curve is represented by its last value
         rows += [
             CheckRow(f"{name}.tube", curve.unit, None, float(curve.values[-1]), None, None, "new")
             for name, curve in now.curves.items()
@@ -112,7 +116,7 @@ def _metric_rows(baseline: Baseline, now: Measurement) -> Iterator[CheckRow]:
             yield CheckRow(name, stored.unit, stored.value, None, None, None, "gone")
             continue
         word: Word = "ok"
-        # written so that what is not a number is not ok
+        # negated so that NaN is not ok
         if not abs(metric.value - stored.value) <= stored.bound:
             word = _direction(metric, stored.value)
         yield CheckRow(name, stored.unit, stored.value, metric.value, stored.bound, None, word)
@@ -129,8 +133,8 @@ def _direction(metric: Metric, before: float) -> Word:
 
 
 def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[CheckRow, TubeDeparture]:
-    """At the instants that the baseline has, where a thinned curve is as good as the whole."""
-    # the times of a baseline are rounded, so its ends may lie beside the first and last tick
+    """Compare a curve at the instants of the baseline, where the thinned curve is exact."""
+    # times in a baseline are rounded, so its ends may differ slightly from the first and last tick
     inside = window_mask(tube.t, curve.t[0], curve.t[-1])
     y = np.where(inside, np.interp(tube.t, curve.t, curve.values), np.nan)
     around = reach(tube.t, tube.values, tube.t, tube.dt)

@@ -1,1 +1,1 @@
-"""Two logs beside each other: which signals of the second leave a tolerance tube around the first, and where."""
+"""Comparison of two logs: the signals of the second that leave a tolerance tube around the first."""

@@ -1,4 +1,4 @@
-"""Two logs signal by signal: errors, and where the second leaves the tube around the first."""
+"""Comparison of two logs signal by signal: errors, and departures of the second from the tube around the first."""
 
 import filecmp
 from collections.abc import Sequence
@@ -29,14 +29,17 @@ from twin.studies.compare.tolerance import (
 )
 from twin.studies.paper.digitised.provenance import provenance
 
+Differences = dict[str, tuple[str, ...]]
+NO_ALIGNMENT = Alignment()
+
 
 def read_logs(
     a: Path, b: Path, maps: Sequence[str] = (), part: tuple[float | None, float | None] = (None, None)
 ) -> tuple[Log, Log]:
-    """The logs in `a` and `b`.
+    """Read the logs in `a` and `b`.
 
-    Names in a CSV file may mean signals of the other log, see `read_csv`; `part` is start and end (s) of what is
-    compared.
+    Names in a CSV file may refer to signals of the other log, see `read_csv`; `part` is the compared time span (start,
+    end) in s.
     """
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
@@ -49,11 +52,11 @@ def read_logs(
     return found[0], found[1]
 
 
-Differences = dict[str, tuple[str, ...]]
-
-
 def experiments_differ(a: Path, b: Path) -> Differences | None:
-    """(in A, in B) of what is not the same, by key; None: one of them is no run of the twin, and says of none."""
+    """Compare the experiments of two runs: key -> (value in A, value in B).
+
+    None if either file records no experiment.
+    """
     if not (is_recording(a) and is_recording(b)):
         return None
     try:
@@ -70,19 +73,16 @@ def experiments_differ(a: Path, b: Path) -> Differences | None:
         return None
 
 
-NO_ALIGNMENT = Alignment()
-
-
 @dataclass(frozen=True)
 class Comparison:
-    """All signals that two logs share.
+    """Comparison of all signals that two logs share.
 
     Attributes:
-        a, b: the reference, and what was compared with it.
-        shift: what was added to the times of b.
+        a, b: files of the reference and of the compared log.
+        shift: time shift added to b.
         rows: worst first.
-        apart: signals of both that have no instant in common.
-        most: number of signals to compare of the log that has more of them.
+        disjoint: common signals without a common instant.
+        most: larger number of signals to compare of the two logs.
     """
 
     a: Path
@@ -99,19 +99,19 @@ class Comparison:
 
     @property
     def outside_rows(self) -> tuple[SignalRow, ...]:
-        """Signals that leave their tube, in the order in which they do."""
+        """Signals that leave their tube, in the order of their first departure."""
         left = [row for row in self.rows if row.first_exit]
         return tuple(sorted(left, key=lambda row: row.first_exit.t if row.first_exit else 0.0))
 
     @property
     def least_coverage(self) -> tuple[str, float]:
-        """The signal of which b covers least, and the share of a's time that it covers."""
+        """The signal with the lowest coverage by b, and the covered share of a's time."""
         shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.disjoint]
         return min(shares, key=lambda share: share[1])
 
     @property
     def is_inside(self) -> bool:
-        """Whether no signal leaves its tube."""
+        """Whether every signal stays in its tube."""
         return not self.outside_rows
 
     JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"
@@ -124,14 +124,14 @@ def compare_logs(
     signals: Sequence[str] = (),
     how: Alignment = NO_ALIGNMENT,
 ) -> Comparison:
-    """Compare `b` with the reference `a`.
+    """Compare `b` with the reference `a`, signal by signal.
 
-    Values are compared at the instants of whichever samples the signal more sparsely, in the time that both cover
-    and outside of the gaps of both; there the other is interpolated linearly, never beyond its ends.
+    Values are compared at the samples of the log with the lower rate, in the time that both cover and outside of the
+    gaps of both; the other log is interpolated linearly there, never beyond its ends.
 
     Args:
-        given: rules of tolerance, after the default and the uncertainty that a digitised curve states.
-        signals: patterns of the signals to compare; empty: all that both have.
+        given: tolerance rules, applied after the default and the stated uncertainty of a digitised curve.
+        signals: patterns of the signals to compare; empty for all common ones.
     """
     units = common_units(a, b, signals, given)
     digitised = [read for log in (a, b) if (read := provenance(log))]

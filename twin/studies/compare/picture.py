@@ -1,4 +1,4 @@
-"""A comparison as a picture."""
+"""Picture of a comparison of two logs."""
 
 from pathlib import Path
 
@@ -14,13 +14,13 @@ from twin.studies.result import join_names
 
 MAX_CURVES = 6
 SAME_CURVE_SHARE = 0.02
-"""Share of a curve's range within which another one, rms, is the same to the eye: a low-pass, a display's steps."""
+"""Maximum rms difference, as a share of the range, of curves that look the same: low-pass filters, display steps."""
 MAX_NAMED = 2
 A_COLOUR, B_COLOUR, OUT_COLOUR = PAPER_BLUE, PAPER_ORANGE, "#b3261e"
 
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the picture of the worst signals, at most MOST of them, to `path` (PNG); what is the same is drawn once."""
+    """Draw at most `MAX_CURVES` of the worst signals to `path` (PNG), each of several equal signals once."""
     rows = distinct_signals(comparison)[:MAX_CURVES]
     columns = 1 if len(rows) == 1 else 2
     deep = -(-len(rows) // columns)
@@ -40,7 +40,7 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
 
 
 def distinct_signals(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
-    """Signals worst first, each with those after it that show the same in both logs: one force has many names."""
+    """Group signals, worst first, with later signals that look the same in both logs: one force has many names."""
     found: list[tuple[SignalRow, list[str]]] = []
     for row in comparison.rows:
         first = next((one for one in found[:MAX_CURVES] if _same(comparison, one[0], row)), None)
@@ -52,7 +52,7 @@ def distinct_signals(comparison: Comparison) -> list[tuple[SignalRow, list[str]]
 
 
 def _same(comparison: Comparison, one: SignalRow, other: SignalRow) -> bool:
-    """Whether both are one curve in A and one in B, up to the sign and to `SAME_CURVE_SHARE` of what it runs through."""
+    """Whether two signals look the same in A and in B, up to the sign and `SAME_CURVE_SHARE` of their range."""
     if one.unit != other.unit:
         return False
     here, there = comparison.curves[one.signal], comparison.curves[other.signal]
@@ -85,12 +85,12 @@ def _draw(above: Axes, below: Axes, row: SignalRow, curves: TubeCurves) -> None:
 
 
 def _tail(path: Path) -> str:
-    """The end of `path` that tells files apart: its last three parts."""
+    """The last three parts of `path`, which distinguish files."""
     return "/".join(path.parts[-3:])
 
 
 def _with_breaks(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times with one more in the middle of each gap, where lines are to break, and the indices at which they stand."""
+    """Insert a time into the middle of each gap, to break drawn lines; return the times and the inserted indices."""
     gaps = sampling(t).gaps if len(t) > 1 else np.empty((0, 2))
     apart = np.searchsorted(t, gaps[:, 1])
     return np.insert(t, apart, gaps.mean(axis=1)), apart

@@ -1,4 +1,4 @@
-"""One signal of two logs: its errors, and where it leaves the tube."""
+"""Comparison of one signal of two logs: its errors, and its departure from the tube."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,14 @@ from twin.kernel.recording.logs.log import LogSeries, in_gap
 from twin.studies.compare.tolerance import Allowance, Curve, Tube, reach
 
 LOST_SAMPLE = 2.0
-"""Periods. Two samples so far apart are as dense as a log of half the rate, which covers all that it spans; one that is
-lost now and then is no hole."""
+"""Maximum spacing of samples (periods) without a gap: a log of half the rate covers all its time, and an occasionally
+lost sample leaves no hole.
+"""
 
 
 @dataclass(frozen=True)
 class Exit:
-    """A value outside of the tube: time (s), value and the bounds there."""
+    """A value outside of the tube: time (s), value and bounds at that time."""
 
     t: float
     value: float
@@ -24,15 +25,15 @@ class Exit:
 
 @dataclass(frozen=True)
 class SignalRow:
-    """One signal; SI units. Errors are the second log's value less the first's, at the same time.
+    """Comparison of one signal in SI units; errors are the second log's value less the first's, at the same time.
 
     Attributes:
-        covered: share of the reference's time on which the second has values; see `coverage`.
-        max_error, max_error_at: largest absolute error and its time, s.
+        covered: share of the reference's time with values of the second log; see `coverage`.
+        max_error, max_error_at: largest absolute error and its time (s).
         rms_error, mean_error: over the instants.
-        span: range of the reference, which shares of it refer to.
-        used: share of the tolerance that the worst value takes after the tolerance in time; inside is up to 1.
-        outside: how many instants are outside of the tube.
+        span: range of the reference, the unit of shares.
+        used: share of the tolerance used by the worst value, after the tolerance in time; inside is up to 1.
+        outside: number of instants outside of the tube.
     """
 
     signal: str
@@ -53,7 +54,7 @@ class SignalRow:
 
 @dataclass(frozen=True)
 class TubeCurves:
-    """What a row was computed from: instants t (s), the two values there, the reach and the tube, all (n,)."""
+    """The curves of a row: instants t (s), the values of both logs, the reach and the tube, all (n,)."""
 
     t: Curve
     a: Curve
@@ -63,7 +64,7 @@ class TubeCurves:
 
 
 def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves:
-    """Both signals and the tube at the instants of whichever is sampled more sparsely, without gaps; n may be 0."""
+    """Evaluate both signals and the tube at the samples of the sparser signal, without gaps; n may be 0."""
     start, end = max(ours.t[0], theirs.t[0]), min(ours.t[-1], theirs.t[-1])
     count = [np.sum((series.t >= start) & (series.t <= end)) for series in (ours, theirs)]
     t = ours.t if count[0] <= count[1] else theirs.t
@@ -81,9 +82,9 @@ def tube_curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeC
 def signal_row(
     signal: str, ours: LogSeries, theirs: LogSeries, allowed: Allowance, found: TubeCurves, span: float
 ) -> SignalRow:
-    """What `found`, of at least one instant, comes to."""
+    """Summarise `found`, which has at least one instant, as a row."""
     error = found.b - found.a
-    # a value that is none is as wrong as can be
+    # a NaN counts as an infinite error
     size = np.where(np.isfinite(error), np.abs(error), np.inf)
     worst = int(np.argmax(size))
     excess = np.abs(found.tube.excess(found.b))
@@ -113,14 +114,14 @@ def signal_row(
 
 
 def coverage(ours: LogSeries, theirs: LogSeries) -> float:
-    """Share of the time of `ours` that `theirs` covers, 0 .. 1; exactly 1 if it covers all of it.
+    """Share of the time of `ours` that `theirs` covers, 0 .. 1; exactly 1 if it covers all.
 
     A sampled signal begins up to a period after its source and ends up to a period before it, so a period of the
-    coarser of the two is no lack at either end. Gaps are holes from more than one lost sample on, except where `ours`
-    has a gap, too.
+    coarser signal is tolerated at either end. Gaps of more than one lost sample count as holes, except where `ours` has
+    a gap, too.
     """
     period = max(ours.sampling.period, theirs.sampling.period)
-    # stamps of nanoseconds as doubles
+    # tolerance for the rounding of nanosecond stamps as doubles
     slack = period * (1.0 + 1e-6)
     start, end = float(ours.t[0]), float(ours.t[-1])
     early, late = float(theirs.t[0]) - start, end - float(theirs.t[-1])
@@ -128,7 +129,7 @@ def coverage(ours: LogSeries, theirs: LogSeries) -> float:
     holes = holes[np.diff(holes, axis=1)[:, 0] > LOST_SAMPLE * slack]
     ends = [(start, start + early)] * (early > slack) + [(end - late, end)] * (late > slack)
     lost = np.clip(np.array([*ends, *holes]).reshape(-1, 2), start, end)
-    # how much of the time before is in gaps of its own: constant outside of them
+    # cumulated time of the own gaps, constant outside of them
     own = ours.sampling.gaps
     gone = np.repeat(np.cumsum([0.0, *np.diff(own, axis=1)[:, 0]]), 2)
     breaks = np.array([start, *own.ravel(), end])

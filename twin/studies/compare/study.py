@@ -1,4 +1,4 @@
-"""`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
+"""`twin compare`: comparison of two logs within a tolerance tube, or of runs with the paper's claims."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ PAPER_FIGURES = ("fig4", "fig5")
 
 
 def _print_latest(asked: ArgumentValues) -> dict[str, Any]:
-    """Print which runs are read also where none is named; see `print_latest`."""
+    """Print the runs that are read, also if the command line names no run; see `print_latest`."""
     if asked["paper"] is not None and not asked["runs"]:
         from twin.studies.paper.study import FIGURE_EXPERIMENTS
         from twin.studies.paper.study import RESULTS_FOLDER as RESULTS
@@ -31,7 +31,7 @@ def compare(
         Argument(
             "A recording (its folder, its .mcap file, results/EXPERIMENT), another MCAP file or a CSV file. With "
             "--paper: fig4: the run with force control, then the one without, then the same two of the imperfect robot "
-            "for the forces in x; fig5: any runs of tasks; none: the latest of the figure's experiments in results/.",
+            "for the forces in x; fig5: any runs of tasks; default: the figure's latest runs in results/.",
             "A B",
         ),
     ] = (),

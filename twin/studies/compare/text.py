@@ -1,4 +1,4 @@
-"""A comparison as text of at most 80 columns: the answer first."""
+"""Text of a comparison, at most 80 columns wide, the answer first."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,28 +10,11 @@ from twin.studies.compare.tolerance import some_signals
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, count_text, shorten
 
 MAX_DIFFERENCES = 8
-"""The most differences in the text; the JSON has all."""
+"""Maximum number of differences in the text; the JSON contains all."""
 MAX_VALUE_LENGTH = 24
-"""Characters of a value in the text."""
-
-
-def differences_lines(differences: Differences | None) -> list[Note | str]:
-    """Parts for the end of a comparison; none if there is nothing to say of experiments."""
-    if differences is None:
-        return []
-    if not differences:
-        return ["", "Nothing differs in the experiments."]
-    lines = [
-        Note(" and ".join(shorten(value, MAX_VALUE_LENGTH) for value in values), f"  {key}  ", later=6, whole=True)
-        for key, values in list(differences.items())[:MAX_DIFFERENCES]
-    ]
-    more = len(differences) - MAX_DIFFERENCES
-    rest = [f"  and {count_text(more, 'more value')}"] if more > 0 else []
-    return ["", "What differs in the experiments, A and B:", *lines, *rest]
-
-
+"""Maximum length of a value in the text (characters)."""
 MAX_OUTSIDE_ROWS, MAX_INSIDE_ROWS = 8, 6
-"""Rows printed; all are in the JSON."""
+"""Maximum numbers of printed rows outside and inside their tubes; the JSON contains all."""
 SIGNAL_COLUMNS = (
     Column("", 4, left=True),
     Column("signal", left=True),
@@ -43,11 +26,26 @@ SIGNAL_COLUMNS = (
     Column("of tube", 8, gap=0),
 )
 DISPLAY_UNITS = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
-"""Units people read, by those of recordings, and the factor."""
+"""SI unit -> displayed unit and the factor to it."""
+
+
+def differences_lines(differences: Differences | None) -> list[Note | str]:
+    """Lines about the differences between the experiments, for the end of a report; empty if these are unknown."""
+    if differences is None:
+        return []
+    if not differences:
+        return ["", "Nothing differs in the experiments."]
+    lines = [
+        Note(" and ".join(shorten(value, MAX_VALUE_LENGTH) for value in values), f"  {key}  ", later=6, whole=True)
+        for key, values in list(differences.items())[:MAX_DIFFERENCES]
+    ]
+    more = len(differences) - MAX_DIFFERENCES
+    rest = [f"  and {count_text(more, 'more value')}"] if more > 0 else []
+    return ["", "Differences of the experiments, A and B:", *lines, *rest]
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
-    """The answer first, then the files, then signals worst first, then what differs in the experiments."""
+    """Report of a comparison: answer, files, signals worst first, differences of the experiments."""
     covered = partial or comparison.least_coverage[1] == 1.0
     parts = [
         f"  A  {comparison.a}",
@@ -64,7 +62,7 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
 
 
 def display_unit(unit: str) -> tuple[str, float]:
-    """The unit people read for an SI unit, and the factor to it."""
+    """Displayed unit for an SI unit, and the factor to it."""
     return DISPLAY_UNITS.get(unit, (unit, 1.0))
 
 
@@ -73,7 +71,7 @@ def _answer(comparison: Comparison, partial: bool) -> str:
     if comparison.identical:
         return f"B is identical to A: the same bytes, {count} signals"
     _, covered = comparison.least_coverage
-    # less than all never reads as all
+    # round down, so that less than all never reads as 100 %
     of_a = "all" if covered == 1.0 else f"{min(100.0 * covered, 99.9):.3g} %"
     if not comparison.outside_rows and covered < 1.0 and not partial:
         return f"B covers only {of_a} of A's time, within the tolerance tube there"
@@ -92,7 +90,7 @@ def _shift(comparison: Comparison) -> str:
 def _tables(comparison: Comparison) -> list[Block]:
     outside = [row for row in comparison.rows if row.first_exit]
     inside = [row for row in comparison.rows if not row.first_exit]
-    # the one that the answer names is among them
+    # the signal that the answer names is always shown
     first = [row for row in comparison.outside_rows[:1] if row not in outside[:MAX_OUTSIDE_ROWS]]
     rows = [*outside[: MAX_OUTSIDE_ROWS - len(first)], *first, *inside[:MAX_INSIDE_ROWS]]
     left = [
@@ -119,7 +117,7 @@ def _rows(row: SignalRow) -> list[Sequence[Cell] | str]:
 def _others(comparison: Comparison, partial: bool) -> Iterable[Block]:
     lacking, covered = comparison.least_coverage
     if covered < 1.0 and not partial:
-        yield _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
+        yield _note(f"{lacking}: B covers only a part of A; --partial accepts that")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):
         if names:
             yield _note(f"only in {name}: {some_signals(names, 4)}")

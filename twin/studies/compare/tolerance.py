@@ -1,8 +1,9 @@
-"""How far a signal may be off, in value and in time: the grammar of `--tol`.
+"""Tolerances of a comparison, in value and in time: rules, tubes, time alignment, common signals.
 
-A rule is SIGNAL = "VALUE UNIT", "SHARE %" or either with "@ TIME"; only "@ TIME" leaves the value as it was. A share is
-of the reference's range. SIGNAL may hold * and ?; a vector's name means all of its components. Rules stand in a TOML
-file, in texts on the command line, or both; of those that fit a signal the last one that says something wins:
+A rule of `--tol` is SIGNAL = "VALUE UNIT", "SHARE %" or either with "@ TIME"; "@ TIME" alone keeps the value. A share
+is relative to the reference's range. SIGNAL may contain * and ?; a vector's name means all of its components. Rules
+come from a TOML file, from texts on the command line, or both; the last rule that matches a signal and sets a number
+wins:
 
     "*" = "2 % @ 4 ms"
     "controller.F_z" = "0.05 N"
@@ -10,15 +11,11 @@ file, in texts on the command line, or both; of those that fit a signal the last
 
     --tol 2%@4ms  --tol controller.F_z=0.05N  --tol 'plant.*=0.1mm@10ms'
 
-The tolerance tube around a reference: where a value is right that may come a little early, late, high or low. At time t
-the tube reaches from the smallest value that the reference takes in [t - dt, t + dt], less a tolerance, to the largest,
-plus the tolerance; without the tolerance it is the reference's reach. The reference is the polygon through its samples,
-so the ends of the window count with their interpolated values, and a copy of the reference shifted by no more than dt
-lies inside whatever its slope.
-
-What to add to the times of one log so that they mean those of another.
-
-Which signals of two logs are the same quantity, and the sentences where none are.
+The tolerance tube around a reference accepts values that are a little early, late, high or low. At time t the tube
+extends from the smallest value of the reference in [t - dt, t + dt], less a tolerance, to the largest, plus the
+tolerance; without the tolerance it is the reference's reach. The reference is the polygon through its samples, so the
+ends of the window count with their interpolated values, and a copy of the reference shifted by at most dt is inside for
+any slope.
 """
 
 import math
@@ -40,21 +37,27 @@ from twin.studies.result import join_names
 
 TIME_DIMENSION = Dimension(s=1)
 _RULE_PATTERN = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")
+Curve = NDArray[np.float64]
+Kind = Literal["none", "start", "event", "fit"]
+MIN_OVERLAP = 0.5
+"""Minimum share of the shorter series that overlaps after a fitted shift; less would fit the ends to each other."""
+MAX_SHIFTS = 500
+"""Maximum number of shifts tried in either direction before the best is refined."""
 
 
 class ComparisonError(InputRefused):
-    """Two logs, or the tolerances for them, do not fit together: what was found, what was expected, what to do."""
+    """Two logs or their tolerances are incompatible; the message has the found, the expected, and the remedy."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What is allowed for the signals that fit a pattern.
+    """Tolerance for the signals that match a pattern.
 
     Attributes:
-        pattern: name with * and ?; a vector's name without index fits its components.
-        value: half width, in SI; None: not said here.
-        dimension: of value; None: value is a share of the range.
-        dt: half width in time, s; None: not said here.
+        pattern: name with * and ?; a vector's name without index matches its components.
+        value: half width (SI); None if the rule leaves it unchanged.
+        dimension: dimension of the value; None if the value is a share of the range.
+        dt: half width in time (s); None if the rule leaves it unchanged.
     """
 
     pattern: str
@@ -63,7 +66,7 @@ class Rule:
     dt: float | None = None
 
     def fits(self, signal: str) -> bool:
-        """Whether the rule is about `signal`."""
+        """Whether the rule applies to `signal`."""
         return matches(self.pattern, signal)
 
 
@@ -73,21 +76,21 @@ DEFAULT_RULE = Rule("*", 0.02, None, 0.004)
 
 @dataclass(frozen=True)
 class Allowance:
-    """What the rules come to for one signal: half widths of its tube, value in SI and time in s."""
+    """Tolerance of one signal: half widths of its tube in value (SI) and in time (s)."""
 
     value: float
     dt: float
 
 
 def matches(pattern: str, signal: str) -> bool:
-    """Whether `signal`, or the vector that it is a component of, fits `pattern` with * and ?."""
-    # brackets are indices here, not classes of characters
+    """Whether `signal`, or the vector that contains it, matches `pattern` with * and ?."""
+    # brackets are indices, not character classes
     literal = pattern.replace("[", "[[]")
     return fnmatchcase(signal, literal) or fnmatchcase(signal.partition("[")[0], literal)
 
 
 def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
-    """Rules from the texts and TOML files in `entries`, in their order."""
+    """Parse the tolerance rules of the texts and TOML files in `entries`, in their order."""
     found: list[Rule] = []
     mistakes: list[str] = []
     for entry in entries:
@@ -104,12 +107,12 @@ def rules(entries: Sequence[str | Path]) -> tuple[Rule, ...]:
 
 
 def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Iterable[Rule]) -> Allowance:
-    """What `given` rules, after DEFAULT, allow `signal`.
+    """Evaluate `DEFAULT_RULE` and the `given` rules for `signal`; the last matching rule wins.
 
     Args:
-        span: range of the reference, that of the widest component for a component of a vector, SI.
-        magnitude: largest of the reference's absolute values, SI; a share of the range also allows 1e-9 of it, so
-            that numbers written with ten digits are equal to those they were.
+        span: range of the reference, for a component of a vector the range of the widest component (SI).
+        magnitude: largest absolute value of the reference (SI); a share of the range also allows 1e-9 of it, so that
+            numbers written with ten digits compare equal.
     """
     value, dt = 0.0, 0.0
     for rule in (DEFAULT_RULE, *given):
@@ -130,7 +133,7 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
 
 
 def _table(path: Path, mistakes: list[str]) -> dict[str, object]:
-    """`"controller.F_z" = TEXT` of a TOML file; unquoted dots in a name have made tables of tables."""
+    """Rules `"controller.F_z" = TEXT` of a TOML file; nested tables due to unquoted dots in names are flattened."""
     try:
         content = read_toml(path)
     except InputRefused as problem:
@@ -176,37 +179,34 @@ def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text:
     found.append(Rule(pattern, value_unit.in_si(value), value_unit.dimension, dt))
 
 
-Curve = NDArray[np.float64]
-
-
 class Tube(NamedTuple):
-    """Bounds at the times at which values are compared: lower and upper, (n,)."""
+    """Lower and upper bound at the compared times, (n,)."""
 
     lower: Curve
     upper: Curve
 
     def widen(self, tolerance: float) -> "Tube":
-        """The tube with `tolerance` below and above."""
+        """Return the tube extended by `tolerance` below and above."""
         return Tube(self.lower - tolerance, self.upper + tolerance)
 
     def excess(self, values: Curve) -> Curve:
-        """How far values (n,) lie outside: positive above, negative below, 0 inside; infinite where not a number."""
+        """Distance of values (n,) from the tube: positive above, negative below, 0 inside; infinite if not a number."""
         above, below = np.maximum(values - self.upper, 0.0), np.minimum(values - self.lower, 0.0)
         return np.where(np.isfinite(above + below), above + below, np.inf)
 
 
 def reach(t: Curve, values: Curve, at: Curve, dt: float) -> Tube:
-    """What the reference (t, values) takes within dt of the times `at`.
+    """Compute the range of the reference (t, values) within dt of the times `at`.
 
     Args:
-        t, values: samples of the reference, (n,); t strictly ascending, s.
-        at: times of comparison, (m,), ascending, s; within [t[0], t[-1]].
-        dt: half width in time, s.
+        t, values: samples of the reference, (n,); t strictly ascending (s).
+        at: times of comparison, (m,), ascending (s), within [t[0], t[-1]].
+        dt: half width in time (s).
     """
     if dt == 0.0:
         middle = np.interp(at, t, values)
         return Tube(middle, middle)
-    # beyond its ends the reference takes no values: the window is cut there
+    # the reference has no values beyond its ends: cut the window there
     left, right = np.maximum(at - dt, t[0]), np.minimum(at + dt, t[-1])
     ends = np.interp(np.stack([left, right]), t, values)
     first, last = np.searchsorted(t, left, side="left"), np.searchsorted(t, right, side="right")
@@ -216,10 +216,10 @@ def reach(t: Curve, values: Curve, at: Curve, dt: float) -> Tube:
 
 
 def _least(values: Curve, first: NDArray[np.intp], last: NDArray[np.intp]) -> Curve:
-    """min(values[first[i]:last[i]]) for each i, infinity where that is empty.
+    """Compute min(values[first[i]:last[i]]) for each i, infinity if that is empty.
 
-    By a sparse table: level k holds the minima of all windows of 2^k samples, and two of them cover any window
-    (Bender and Farach-Colton, The LCA problem revisited, 2000, section 3).
+    Uses a sparse table: level k has the minima of all windows of 2^k samples, and two of them cover any window (Bender
+    and Farach-Colton, The LCA problem revisited, 2000, section 3).
     """
     lengths = last - first
     least = np.full(len(first), np.inf)
@@ -232,22 +232,15 @@ def _least(values: Curve, first: NDArray[np.intp], last: NDArray[np.intp]) -> Cu
     return least
 
 
-Kind = Literal["none", "start", "event", "fit"]
-MIN_OVERLAP = 0.5
-"""Share of the shorter series that a fitted shift must leave to compare; less would fit the ends to each other."""
-MAX_SHIFTS = 500
-"""Shifts tried on either side of none, at most, before the best is refined."""
-
-
 class Alignment(NamedTuple):
-    """How times are aligned.
+    """Method of time alignment.
 
     Attributes:
         kind: `none`: both count from the same instant. `start`: the first samples are the same instant. `event`:
             `signal` crosses the middle of the first log's range for the first time. `fit`: the rms difference of
             `signal` is least.
-        signal: for event and fit.
-        max_shift: for fit, s.
+        signal: signal for event and fit.
+        max_shift: limit for fit (s).
     """
 
     kind: Kind = "none"
@@ -256,25 +249,25 @@ class Alignment(NamedTuple):
 
 
 class TimeShift(NamedTuple):
-    """Seconds to add to the times of the second log, and a sentence where that is doubtful."""
+    """Time to add to the second log (s), and a note if the result is doubtful."""
 
     seconds: float = 0.0
     note: str = ""
 
 
 def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
-    """What `--align kind --by signal --max-shift` mean."""
+    """Parse `--align kind --by signal --max-shift`."""
     if kind not in get_args(Kind):
         raise ComparisonError(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
     if kind in ("event", "fit") and not signal:
-        raise ComparisonError(f"--align {kind}: by which signal? Add --by SIGNAL")
+        raise ComparisonError(f"--align {kind}: expected a signal; add --by SIGNAL")
     if not 0.0 < max_shift < np.inf:
         raise ComparisonError(f"--max-shift {max_shift:g}: expected a time > 0 s")
     return Alignment(cast(Kind, kind), signal, max_shift)
 
 
 def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
-    """What to add to the times of `b` to align it with `a`."""
+    """Compute the time shift that aligns `b` with `a`."""
     if how.kind == "none":
         return TimeShift()
     if how.kind == "start":
@@ -282,7 +275,7 @@ def time_shift(a: Log, b: Log, how: Alignment) -> TimeShift:
         return TimeShift(float(first[0] - first[1]))
     ours, theirs = a[how.signal], b[how.signal]
     if np.ptp(ours.values) == 0.0 or np.ptp(theirs.values) == 0.0:
-        raise ComparisonError(f"--by {how.signal}: is constant, so nothing in it can be aligned")
+        raise ComparisonError(f"--by {how.signal}: is constant and cannot be aligned")
     if how.kind == "event":
         return _event_shift(a, b, how.signal)
     return _best_shift(ours, theirs, how.max_shift)
@@ -302,8 +295,8 @@ def _event_shift(a: Log, b: Log, signal: str) -> TimeShift:
 
 
 def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
-    """The best of a grid of shifts, then the best near it; the rms may have several minima, a grid sees all."""
-    # scipy takes a while to load, and only this needs it
+    """Find the best shift of a grid, then refine it; a grid, because the rms may have several minima."""
+    # imported here, because scipy loads slowly
     from scipy.optimize import minimize_scalar
 
     least = MIN_OVERLAP * min(np.ptp(ours.t), np.ptp(theirs.t))
@@ -325,7 +318,7 @@ def _best_shift(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
             f"--align fit: within {limit:g} s the logs overlap by less than half of the shorter; widen --max-shift, or "
             "try --align start"
         )
-    # of equally good shifts the smallest
+    # the smallest of equally good shifts
     best = min(range(len(grid)), key=lambda k: (costs[k], abs(grid[k])))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     refined = minimize_scalar(rms, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step})
@@ -338,8 +331,8 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
     """Names of the signals to compare, with their units.
 
     Args:
-        signals: patterns; empty: all that both have.
-        given: rules of tolerance, each of which must be about some signal of the logs.
+        signals: patterns; empty for all common signals.
+        given: tolerance rules; each must match a signal of the logs.
     """
     common = [name for name in a.series if name in b.series]
     if not common:
@@ -369,7 +362,10 @@ def common_units(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) 
 
 
 def signal_ranges(a: Log) -> dict[str, float]:
-    """Range of each signal; of a vector that of its widest component, as one that is only noise has no scale."""
+    """Range of each signal; for a vector the range of its widest component.
+
+    A component that is only noise has no scale of its own.
+    """
     widest: dict[str, float] = {}
     for name, series in a.series.items():
         finite = series.values[np.isfinite(series.values)]
@@ -379,7 +375,7 @@ def signal_ranges(a: Log) -> dict[str, float]:
 
 
 def no_overlap(a: Log, b: Log, name: str, seconds: float) -> str:
-    """The sentence for logs whose times, `seconds` added to those of `b`, have nothing in common."""
+    """Error message for logs without common instants after `seconds` were added to the times of `b`."""
     ours, theirs = a[name].t, b[name].t + seconds
     ends = f"{a.path} has {ours[0]:.6g} .. {ours[-1]:.6g} s, {b.path} has {theirs[0]:.6g} .. {theirs[-1]:.6g} s"
     return f"no instants in common: {ends}; align them with --align start, or event or fit with --by SIGNAL"
@@ -391,19 +387,19 @@ def _nearest(pattern: str, names: Sequence[str]) -> str:
 
 
 def _nothing_in_common(a: Log, b: Log) -> str:
-    """The sentence that leads from `F_z` of one log to `controller.F_z` of the other."""
+    """Error message that suggests e.g. `controller.F_z` of one log for `F_z` of the other."""
     for log, other in ((b, a), (a, b)):
         for name in log.series:
             meant = [n for n in other.series if re.split(r"[./]", n)[-1] == name]
             if meant:
-                choice = f"say which with --map {meant[0]}=COLUMN[UNIT]"
+                choice = f"choose with --map {meant[0]}=COLUMN[UNIT]"
                 return f"{log.path}: '{name}' could be {' or '.join(meant)}; {choice}"
     there = "; ".join(f"{log.path} has {some_signals(log.series, 6)}" for log in (a, b))
     return f"no signal in common: {there}; name them with --map NAME=COLUMN[UNIT]"
 
 
 def some_signals(names: Iterable[str], most: int) -> str:
-    """At most so many of the signals `names`; elements of an array are one."""
+    """Join at most `most` of the signal names as text; elements of an array count as one."""
     return join_names(list(dict.fromkeys(name.partition("[")[0] for name in names)), most)
 
 

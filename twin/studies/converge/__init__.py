@@ -1,1 +1,1 @@
-"""What the coupling of drives and plant costs: error against a reference, order in the tick, power out of nothing."""
+"""Cost of the coupling of drives and plant: error against a reference, order in the tick, created power."""

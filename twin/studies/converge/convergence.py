@@ -24,7 +24,7 @@ from twin.studies.converge.signals import (
 from twin.studies.converge.smooth import SmoothExperiment, comparable_experiment, without_friction
 
 TICK_SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
-"""Ticks to run, in ticks of the experiment; those that periods or drives do not fit are left out."""
+"""Ticks to run, in ticks of the experiment; those incompatible with periods or drives are left out."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class TickPoint:
 
 @dataclass(frozen=True)
 class CouplingSeries:
-    """One coupling, from the longest tick to the shortest.
+    """The runs of one coupling, from the longest tick to the shortest.
 
     Attributes:
-        residuals: of the three joints at the experiment's own tick; none if that run failed.
+        residuals: power residuals of the three joints at the experiment's own tick; empty if that run failed.
     """
 
     coupling: Coupling
@@ -56,7 +56,7 @@ class CouplingSeries:
 
 @dataclass(frozen=True)
 class CouplingChoice:
-    """A coupling at a tick that keeps the force within the tolerance."""
+    """A coupling and a tick that keep the force within the tolerance."""
 
     coupling: Coupling
     point: TickPoint
@@ -66,14 +66,14 @@ class CouplingChoice:
 
 @dataclass(frozen=True)
 class CouplingStudy:
-    """What came of it.
+    """Result of a coupling study.
 
     Attributes:
-        duration, tick: as it was run (s).
-        left_out: why, by the coupling's name.
-        tolerance: of the force (N).
-        choice: None: no run met it, or nothing is pressed.
-        resolution: step of the scale's display (N); None: there is no scale.
+        duration, tick: simulated duration and tick (s).
+        left_out: name of a coupling -> reason.
+        tolerance: tolerance of the force (N).
+        choice: None if no run is within the tolerance, or if the robot never presses.
+        resolution: step of the scale's display (N); None without a scale.
     """
 
     name: str
@@ -95,7 +95,7 @@ class CouplingStudy:
 
     @property
     def judged_signal(self) -> Signal:
-        """What the study is about: the force; the position in the air, where no coupling can be wrong about a force."""
+        """The judged signal: the force; the position if the robot never presses, since the force is then exact."""
         return FORCE_SIGNAL if self.reference.is_pressing else POSITION_SIGNAL
 
 
@@ -106,12 +106,12 @@ def convergence(
     smooth: bool = False,
     say: Say = ignore_progress,
 ) -> CouplingStudy:
-    """Run `experiment` in every coupling and at every tick, and say which is good enough.
+    """Run `experiment` with every coupling at every tick, and recommend one within the tolerance.
 
     Args:
-        tolerance: of the pressing force (N).
-        duration: of each run (s); None: the whole experiment.
-        smooth: take backlash and friction out as well.
+        tolerance: tolerance of the pressing force (N).
+        duration: duration of each run (s); None for the whole experiment.
+        smooth: whether to remove backlash and friction as well.
     """
     steps = Steps(say, 1 + len(COUPLINGS))
     steps.next("reference")
@@ -126,7 +126,7 @@ def convergence(
         try:
             series.append(_series(used.experiment, coupling, reference))
         except InputRefused as why:
-            # what is never refused is why the experiment itself cannot be run
+            # the first coupling is never refused by itself: the refusal concerns the experiment
             if coupling == COUPLINGS[0]:
                 raise
             left_out[coupling.name] = str(why)
@@ -147,10 +147,10 @@ def convergence(
 
 
 def recommend_coupling(series: list[CouplingSeries], tolerance: float) -> CouplingChoice | None:
-    """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
+    """Find the longest tick that keeps the force within `tolerance` (N), and the simplest coupling that does.
 
-    At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
-    of their simplicity, which is also that of their cost; and unlike measured times the order is the same on every
+    Every shorter tick must comply, too: an error that is small at one tick only is a coincidence. Couplings are in the
+    order of their simplicity, which is also the order of their cost; unlike measured times, it is the same on every
     machine.
     """
     ticks = sorted({point.tick for one in series for point in one.points}, reverse=True)
@@ -183,7 +183,7 @@ def _points(experiment: Experiment, coupling: Coupling, reference: ReferenceRun)
             varied = coupling.apply_to(experiment, share * experiment.cosim.tick)
             samples, cost = sampled_run(varied)
         except InputRefused:
-            # at the experiment's own tick it is the coupling that does not fit, not the tick
+            # at the experiment's own tick the coupling itself is incompatible, not the tick
             if share == 1.0:
                 raise
             continue

@@ -1,4 +1,4 @@
-"""The ways in which drives and plant may exchange their values, from the simplest on."""
+"""Couplings of drives and plant, in the order of their complexity."""
 
 from dataclasses import dataclass
 
@@ -16,17 +16,17 @@ class Coupling:
 
     @property
     def name(self) -> str:
-        """In the words of [cosim]; "2 times": iterations = 2."""
+        """Name of the coupling in the terms of [cosim]; "2 times" stands for iterations = 2."""
         again = f", {self.iterations} times" if self.iterations > 1 else ""
         return f"{self.scheme}, {self.inputs}{again}"
 
     @property
     def expected_order(self) -> int:
-        """Where everything is smooth: the error of a value held from one end, or of the middle of a line."""
+        """Order of the error for smooth signals: 1 for held inputs, 2 for linear ones."""
         return 1 if self.inputs == "hold" else 2
 
     def apply_to(self, experiment: Experiment, tick: float) -> Experiment:
-        """`experiment` coupled so at `tick` (s)."""
+        """Return `experiment` with this coupling at `tick` (s)."""
         return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
 
 
@@ -38,4 +38,4 @@ COUPLINGS = (
     Coupling("gauss_seidel", "linear", iterations=2),
 )
 FINEST_COUPLING = Coupling("gauss_seidel", "linear")
-"""The most accurate one that every drive can."""
+"""The most accurate coupling that every drive supports."""

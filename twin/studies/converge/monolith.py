@@ -1,15 +1,11 @@
-"""The reference without any coupling: drives and plant as one differential equation.
+"""The reference without any coupling: drives and plant as one differential equation, compiled.
 
 A drive here is T_m d omega_m/dt = omega_ref - droop tau_load - omega_m, d theta_m/dt = omega_m: `velocity_servo.fmu`
 with its limits out of reach (equations (1) to (4) of its README). T_m = 0 and droop = 0 make `ideal_velocity.fmu`,
 whose shaft turns as commanded. Drive and spring exchange theta_m and tau_load at every instant, not once per tick.
 
-scipy integrates that from controller tick to controller tick; at a tick the same compiled encoder, estimator and
-controller run as in the co-simulation. What is left to differ is the coupling alone.
-
-A sampled component evaluated outside any system.
-
-Drives and plant as one differential equation, compiled.
+scipy integrates the equation from controller tick to controller tick; at a tick the same compiled encoder, estimator
+and controller run as in the co-simulation. So only the coupling can make a difference.
 """
 
 import ctypes
@@ -38,12 +34,21 @@ from twin.robot.plant.joints import ANCHOR_SIZE
 _STEP_SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
+_EQUATIONS_RECORD = record(
+    parameters=PARAMETERS_RECORD, **dict.fromkeys(("T_m", "droop", "omega_ref", "theta_m", "omega_m"), "3f8"),
+    **dict.fromkeys(("dtheta_m", "domega_m"), "3f8"), x=("f8", (STATE_SIZE,)), dx=("f8", (STATE_SIZE,)),
+    anchors=("f8", (3, ANCHOR_SIZE)), y=OUTPUTS_RECORD,
+)  # fmt: skip
+"""Constants, command, state, derivative; anchors of dry friction, which are unused; outputs of the plant."""
+# 1e-10 m, m/s and rad correspond to 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of
+# it correspond to 4e-5 N
+RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 
 class ComponentStepper:
-    """A component stepped by hand: all its input values in, all its output values out.
+    """A component evaluated outside any system, from all its inputs to all its outputs.
 
-    Calling it raises `ValueError` for another number of inputs, `ComponentFailed` for a bad status.
+    A call raises `ValueError` for a wrong number of inputs, `ComponentFailed` for a bad status.
     """
 
     def __init__(self, component: Component):
@@ -65,19 +70,14 @@ class ComponentStepper:
     def outputs_by_port(
         self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
     ) -> dict[str, NDArray[np.float64]]:
-        """The outputs by port; `u` may hold the inputs by port likewise, among others."""
+        """Step the component and return its outputs by port; `u` has all inputs, or is a mapping by port.
+
+        A mapping may have other entries.
+        """
         if isinstance(u, Mapping):
             u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
         y = self(u, t, h)
         return {name: y[place] for name, place in self._places.items()}
-
-
-_EQUATIONS_RECORD = record(
-    parameters=PARAMETERS_RECORD, **dict.fromkeys(("T_m", "droop", "omega_ref", "theta_m", "omega_m"), "3f8"),
-    **dict.fromkeys(("dtheta_m", "domega_m"), "3f8"), x=("f8", (STATE_SIZE,)), dx=("f8", (STATE_SIZE,)),
-    anchors=("f8", (3, ANCHOR_SIZE)), y=OUTPUTS_RECORD,
-)  # fmt: skip
-"""Constants, command, state, derivative; where dry friction holds, which is nowhere; outputs of the plant."""
 
 
 @entry("nothing", _EQUATIONS_RECORD)
@@ -94,10 +94,10 @@ def _derive(m):
 
 
 class CoupledEquations:
-    """dx/dt at x = (theta_m (3), omega_m (3), the plant's state (8)), SI; the surface stays at rest.
+    """Derivative of the state x = (theta_m (3), omega_m (3), the plant's state (8)), SI, with the surface at rest.
 
     Args:
-        T_m, droop: of each drive in s and rad/s per N m, (3,) each.
+        T_m, droop: time constant (s) and droop (rad/s per N m) of each drive, (3,) each.
     """
 
     def __init__(self, parameters: PlantParameters, T_m: ArrayLike, droop: ArrayLike):
@@ -117,21 +117,16 @@ class CoupledEquations:
         return np.concatenate([m[name][0] for name in ("dtheta_m", "domega_m", "dx")])
 
 
-# 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
-# 4e-5 N
-RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
-
-
 @dataclass(frozen=True)
 class Servos:
-    """The constants of `CoupledEquations`, and the limits within which it is the drives' equation; (3,) each.
+    """The drives' constants of `CoupledEquations`, and the limits of their validity; (3,) each.
 
     Attributes:
-        T_m: s.
+        T_m: time constant (s).
         droop: rad/s per N m.
-        omega_max: of the command, rad/s.
+        omega_max: limit of the command (rad/s).
         alpha_max: rad/s2.
-        tau_max: of the machine, N m.
+        tau_max: limit of the machine's torque (N m).
         J_m: kg m2.
     """
 
@@ -144,7 +139,7 @@ class Servos:
 
 
 def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
-    """What stands behind three joints, if its equations are known here: velocity_servo.fmu or ideal_velocity.fmu."""
+    """Constants of the drives if their equations are known (velocity_servo.fmu, ideal_velocity.fmu), else None."""
     found: list[tuple[float, ...]] = []
     for plan in plans:
         fmu, table = plan.parts.get(ONLY_PART), plan.table
@@ -162,8 +157,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def has_monolithic_form(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, watches, and
-    no dry friction remembers where it was."""
+    """Whether `monolithic_rows` supports the experiment: no motion, change, delay, noise, monitor, dry friction."""
     return not (
         experiment.tasks
         or experiment.faults
@@ -184,15 +178,15 @@ def has_monolithic_form(experiment: Experiment) -> bool:
 def monolithic_rows(
     experiment: Experiment, drives: Servos, rtol: float = RTOL, atol: NDArray[np.float64] = ATOL
 ) -> dict[str, NDArray[np.float64]]:
-    """Run `experiment`, to which `has_monolithic_form`, without co-simulating it.
+    """Run `experiment`, which must satisfy `has_monolithic_form`, as one differential equation.
 
     Args:
-        experiment: its [cosim] plays no role.
+        experiment: its [cosim] scheme has no effect.
         rtol, atol: tolerances of the solver, (14,) as the state of `CoupledEquations`.
 
     Returns:
         Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
-        controller.
+            controller.
     """
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
     x_plant, theta_m = rest_state(parameters, experiment.start)
@@ -223,9 +217,9 @@ def monolithic_rows(
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos stayed what `CoupledEquations` says, at every tick of the controller.
+    """Whether the servos stayed within the limits of `CoupledEquations` at every tick of the controller.
 
-    That is where acceleration and torque are largest: between two commands a servo only relaxes.
+    Acceleration and torque are largest there: between two commands a servo only relaxes.
     """
     lag = rows["omega_ref"] - drives.droop * rows["plant.tau_load"] - rows["omega_m"]
     alpha = np.abs(np.divide(lag, drives.T_m, out=np.zeros_like(lag), where=drives.T_m > 0.0))

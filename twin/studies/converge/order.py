@@ -1,4 +1,4 @@
-"""How fast an error falls with the tick."""
+"""Observed order of an error in the tick."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 MAX_SLOPE_SPREAD = 0.3
-"""Slopes of neighbouring pairs that differ by more belong to no power of the tick."""
+"""Maximum spread of the slopes of neighbouring pairs for a power law."""
 MIN_ERRORS = 3
-"""So many errors above the floor make a slope that can contradict itself."""
+"""Minimum number of errors above the floor for a slope that can be checked."""
 MIN_SLOPE = 0.5
-"""A smaller slope is no order: what is left is not the coupling's error."""
+"""Minimum slope of an order: a smaller one is not due to the coupling."""
 
 
 class OrderFinding(StrEnum):
-    """What can be said of an order."""
+    """Reliability of an observed order."""
 
     SMOOTH = "smooth"
     NOT_SMOOTH = "not smooth"
@@ -26,19 +26,19 @@ class OrderFinding(StrEnum):
 
 @dataclass(frozen=True)
 class Order:
-    """p in error = C tick^p; `slope` is None where it would mean nothing, and `finding` says why."""
+    """p in error = C tick^p; `slope` is None if it is meaningless, and `finding` has the reason."""
 
     slope: float | None
     finding: OrderFinding
 
 
 def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
-    """Least squares in log-log over the errors that say something of the coupling.
+    """Fit the order by least squares in log-log over the errors that are due to the coupling.
 
     Args:
         ticks: s, (n,).
-        errors: >= 0, infinite where the run failed, (n,).
-        floor: errors up to ten times this are left out: there the reference's own error is more than a tenth.
+        errors: >= 0, infinite for a failed run, (n,).
+        floor: accuracy of the reference; errors up to ten times this are left out.
     """
     h, e = np.asarray(ticks, dtype=float), np.asarray(errors, dtype=float)
     if not np.all(np.isfinite(e)):

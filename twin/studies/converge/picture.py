@@ -1,4 +1,4 @@
-"""A study of the coupling as a picture: error over the tick, and over what it costs."""
+"""Picture of a coupling study: error over the tick, and over the computing time."""
 
 from math import isfinite
 from pathlib import Path
@@ -14,7 +14,7 @@ CURVE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"
 
 
 def draw_convergence(study: CouplingStudy, path: Path) -> None:
-    """Write the picture to `path` (PNG)."""
+    """Draw the coupling study to `path` (PNG)."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
     with picture(path, 11, 5.6) as figure:
@@ -23,7 +23,7 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
         for one, (color, marker) in zip(study.series, CURVE_STYLES, strict=False):
             points = [point for point in one.points if isfinite(point.cost)]
             error = [signal.scale * point.errors[signal.name] for point in points]
-            # the last two often lie on each other
+            # hollow markers, because the last two curves often coincide
             style = {"color": color, "marker": marker, "ms": 6, "lw": 1.4, "mfc": "none", "mew": 1.5}
             by_tick.plot([1e3 * point.tick for point in points], error, label=_label(one, signal), **style)
             by_cost.plot([1e3 * point.cost for point in points], error, **style)
@@ -41,11 +41,11 @@ def draw_convergence(study: CouplingStudy, path: Path) -> None:
         by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))
         by_cost.xaxis.set_minor_formatter(NullFormatter())
         figure.legend(loc="outside lower center", fontsize="small", ncols=3)
-        by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
+        by_tick.set_title(f"{study.name}: cost of the coupling", loc="left", fontweight="bold")
 
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:
-    """The tolerance of the force, and the run that is recommended for it."""
+    """Draw the tolerance of the force and mark the recommended run."""
     limit = FORCE_SIGNAL.scale * study.tolerance
     for axes in (by_tick, by_cost):
         axes.axhline(limit, color=RED, lw=1.0, ls="--")
@@ -68,7 +68,7 @@ def _label(one: CouplingSeries, signal: Signal) -> str:
 
 
 def _draw_slopes(axes: Axes, study: CouplingStudy) -> None:
-    """Slopes 1 and 2 from the largest error of each kind of input on, twice as high."""
+    """Draw lines of slope 1 and 2 at twice the largest error of each kind of input."""
     signal = study.judged_signal
     for order in (1, 2):
         series = [one for one in study.series if one.coupling.expected_order == order]

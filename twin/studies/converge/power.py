@@ -1,4 +1,4 @@
-"""The power that a coupling makes out of nothing, joint by joint."""
+"""Power that a coupling creates numerically, joint by joint."""
 
 from dataclasses import dataclass
 
@@ -19,13 +19,13 @@ from twin.robot.run.trace import Trace
 
 @dataclass(frozen=True)
 class PowerResidual:
-    """Of one joint over a run.
+    """Energy balance of one joint over a run.
 
     Attributes:
-        mean: of the residual power (W), signed.
-        peak: its largest value of any step (W).
-        energy: created (J), signed.
-        throughput: of |W_drive| (J).
+        mean: mean residual power (W), signed.
+        peak: largest residual power of a step (W).
+        energy: created energy (J), signed.
+        throughput: sum of |W_drive| (J).
     """
 
     mean: float
@@ -37,7 +37,7 @@ class PowerResidual:
 
 
 def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
-    """Run `experiment` in this process and balance what drives and springs make of it, joint by joint."""
+    """Run `experiment` in this process and balance the energy of drives and springs, joint by joint."""
     with assemble(experiment) as assembly:
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
@@ -54,11 +54,11 @@ def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidua
 
 
 class _Inputs(Observer):
-    """What drives and plant were given in each step: sees the inputs of a slice's last step, so slices are one tick.
+    """Observer of the inputs of drives and plant; it sees the last step of a slice, so slices must be one tick.
 
     Attributes:
-        load: of the drives, (ticks, 3) N m.
-        end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where it is given only one.
+        load: load of the drives, (ticks, 3) N m.
+        end, start: motor angles at the end and start of the plant's step, (ticks, 3) rad; equal if it has only one.
     """
 
     def begin(self, simulation: Simulation) -> None:
@@ -70,7 +70,7 @@ class _Inputs(Observer):
         self.load, self.end, self.start = (np.empty((simulation.last_tick, 3)) for _ in range(3))
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        # in the last tick no step is made
+        # no step follows the last tick
         if first < len(self.load):
             self.load[first] = np.concatenate([self._input(drive, "tau_load") for drive in self._drives])
             self.end[first] = self._input(self._plant, "theta_m")
@@ -81,7 +81,7 @@ class _Inputs(Observer):
 
 
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
+    """Compute W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
     run, inputs, p = Trace(), _Inputs(), plant_parameters(experiment.plant, experiment.contact)
     simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1).require_success()
     tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]

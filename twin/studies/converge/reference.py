@@ -1,4 +1,4 @@
-"""What couplings are compared with."""
+"""Reference runs for the comparison of couplings."""
 
 from dataclasses import dataclass
 
@@ -12,12 +12,12 @@ from twin.studies.converge.monolith import ATOL, has_monolithic_form, monolithic
 from twin.studies.converge.signals import FORCE_SIGNAL, Samples, largest_errors, sampled_run, signal_samples
 
 FINE_STEPS = 32
-"""The finest run's steps per tick of the experiment: 1/16 of the error of order two at an eighth of the tick."""
+"""Steps of the finest run per tick of the experiment: 1/16 of the error of order two at an eighth of the tick."""
 
 
 @dataclass(frozen=True)
 class ReferenceRun:
-    """samples: of the controller's ticks. floor: how far they may be off, by signal. meaning: where they come from."""
+    """A reference run: samples at the controller's ticks, their accuracy (`floor`) by signal, and their origin."""
 
     samples: Samples
     floor: dict[str, float]
@@ -25,12 +25,12 @@ class ReferenceRun:
 
     @property
     def is_pressing(self) -> bool:
-        """Whether the robot presses on anything at any time."""
+        """Whether the robot ever presses."""
         return bool(np.any(self.samples[FORCE_SIGNAL.name]))
 
 
 def reference_of(experiment: Experiment) -> ReferenceRun:
-    """Without any coupling where the drives' equations are known, else the finest co-simulation."""
+    """Make the reference: monolithic if the drives' equations are known, else the finest co-simulation."""
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
     why = "no equations of this drive are known here"
@@ -45,17 +45,17 @@ def reference_of(experiment: Experiment) -> ReferenceRun:
     tick = experiment.cosim.tick
     finest, _ = sampled_run(FINEST_COUPLING.apply_to(experiment, tick / FINE_STEPS))
     coarser, _ = sampled_run(FINEST_COUPLING.apply_to(experiment, 2.0 * tick / FINE_STEPS))
-    # of order two the finer one is off by a third of what it differs from the coarser one
+    # Richardson: for order two the error of the finer run is a third of its difference from the coarser one
     floor = {name: error / 3.0 for name, error in largest_errors(coarser, finest).items()}
     meaning = f"the finest run: {FINEST_COUPLING.name}, {1e3 * tick / FINE_STEPS:g} ms; {why}"
     return ReferenceRun(finest, floor, meaning)
 
 
 def _solver_floor(experiment: Experiment) -> dict[str, float]:
-    """The solver's tolerance of a position (m) or angle (rad), and what it is in a force and a torque."""
+    """The solver's tolerance of positions (m) and angles (rad), and its effect on force and torque."""
     tolerance = float(np.min(ATOL))
     p = plant_parameters(experiment.plant, experiment.contact)
-    # bristle and surface together see an error of the position
+    # upper bound: bristle and surface in series respond to an error of the position
     return {
         "F_z": p.K * tolerance,
         "p_B": tolerance,

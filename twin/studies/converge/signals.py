@@ -1,4 +1,4 @@
-"""What is compared: the signals on either side of the coupling and the force that the twin is for."""
+"""Compared signals: both sides of the coupling, and the pressing force."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,13 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace
 
+Samples = dict[str, NDArray[np.float64]]
+"""Samples by signal, (n, values): one row per tick of the controller."""
+
 
 @dataclass(frozen=True)
 class Signal:
-    """name: as in recordings. unit, scale: for people, and how many of these are one SI unit."""
+    """A compared signal: name as in recordings, displayed unit, and number of these units per SI unit (`scale`)."""
 
     name: str
     unit: str
@@ -27,12 +30,10 @@ COMPARED_SIGNALS = (
     Signal("tau_load", "uN m", 1e6),
 )
 FORCE_SIGNAL, POSITION_SIGNAL = COMPARED_SIGNALS[:2]
-Samples = dict[str, NDArray[np.float64]]
-"""By name of the signal, (n, values): one row per tick of the controller."""
 
 
 def signal_samples(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
-    """The signals out of the plant's outputs, by "plant.port", and the motor angles (n, 3)."""
+    """Extract the signals from the plant's outputs, by "plant.port", and the motor angles (n, 3)."""
     return {
         "F_z": -plant["plant.F_ee_B"][:, 2:],
         "p_B": plant["plant.p_B"],
@@ -42,7 +43,7 @@ def signal_samples(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
 
 
 def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
-    """The signals of `experiment` run in this process, and wall time per simulated time of the master (1)."""
+    """Run `experiment` in this process; return its signals and the master's wall time per simulated time (1)."""
     run = Trace(experiment.controller_ticks)
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run]).require_success()
@@ -52,5 +53,5 @@ def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
 
 
 def largest_errors(samples: Samples, reference: Samples) -> dict[str, float]:
-    """The largest |difference| of any value at any time: nothing can cancel."""
+    """Largest absolute difference per signal, over all values and times, so that errors cannot cancel."""
     return {name: float(np.abs(values - reference[name]).max()) for name, values in samples.items()}

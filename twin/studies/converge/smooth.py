@@ -1,7 +1,7 @@
-"""An experiment without what snaps to a tick or a count, so that what is left to differ is the coupling.
+"""Experiments without quantisation to ticks or counts, so that only the coupling makes a difference.
 
-An error in the time of an event is of order one in the tick whatever the coupling; an encoder's count is as large as
-many a coupling error; and a trigger that a count decides comes whole periods earlier or later.
+An error in the time of an event is of order one in the tick for any coupling; an encoder's count is as large as many a
+coupling error; and a trigger decided by a count shifts by whole periods.
 """
 
 from dataclasses import dataclass, replace
@@ -14,21 +14,21 @@ from twin.robot.experiment.experiment import Experiment, with_exact_encoders, wi
 from twin.robot.run.trace import run_in_memory
 
 OUT_OF_REACH = 1e9
-"""A trigger force (N) that nothing reaches."""
+"""A trigger force (N) that is never reached."""
 
 
 @dataclass(frozen=True)
 class SmoothExperiment:
-    """An experiment and what was taken out of it, one phrase each."""
+    """An experiment and the removed effects, one phrase each."""
 
     experiment: Experiment
     changes: tuple[str, ...]
 
 
 def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
-    """With exact encoders and a force loop that starts when it did, not when a count says so."""
+    """Return the experiment with exact encoders and a force loop triggered at the original time instead of by force."""
     if experiment.faults:
-        raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
+        raise InputRefused(f"{experiment.name}: has faults, whose effect is not a coupling error; remove [[fault]]")
     if experiment.tasks:
         raise InputRefused(
             f"{experiment.name}: its tasks change phase at the measured force, so two runs are not comparable "
@@ -45,7 +45,7 @@ def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
     smooth = with_exact_encoders(experiment)
     refuse_third_party_parts(experiment, "a study of the coupling", ("controller", "estimator"))
     if experiment.monitor is not None:
-        # it believes in the encoders of the robot
+        # the monitor assumes the robot's real encoders
         smooth = replace(smooth, monitor=None)
         changes.append("no safety monitor")
     triggered = np.flatnonzero(run_in_memory(experiment, only=["controller.triggered"]).held("controller.triggered"))
@@ -58,7 +58,7 @@ def comparable_experiment(experiment: Experiment) -> SmoothExperiment:
 
 
 def without_friction(smooth: SmoothExperiment) -> SmoothExperiment:
-    """Without backlash and friction, too: spring and contact then change direction without an event."""
+    """Remove backlash and friction, too: spring and contact then change direction without an event."""
     experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
     contact = experiment.contact.model_copy(update={"friction": 0.0})
     return SmoothExperiment(

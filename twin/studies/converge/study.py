@@ -1,4 +1,4 @@
-"""`twin converge`: what the coupling of drives and plant costs."""
+"""`twin converge`: the cost of the coupling of drives and plant."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""A study of the coupling as text of at most 80 columns: what to use first, then why, then where the files are."""
+"""Text of a coupling study, at most 80 columns wide: recommendation, reasons, files."""
 
 from collections.abc import Sequence
 from itertools import zip_longest
@@ -24,11 +24,11 @@ ORDER_REMARKS = {
     OrderFinding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
     OrderFinding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
 }
-"""How orders are marked, and why."""
+"""Marks of orders, and their meaning."""
 
 
 def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
-    """The whole report. files: kind -> path."""
+    """Return the report of a coupling study; `files` maps kinds to paths."""
     headline, *others = _headline(study)
     parts: list[Block] = [
         *others,
@@ -51,8 +51,8 @@ def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
 
 def _headline(study: CouplingStudy) -> list[Block]:
     if not study.reference.is_pressing:
-        why = "  so no tolerance of the force says which tick and coupling to use"
-        return [f"{study.name}: presses on nothing", why]
+        why = "  so a tolerance of the force cannot select a tick and coupling"
+        return [f"{study.name}: never presses", why]
     limit = f"{1e3 * study.tolerance:g} mN"
     if study.choice is None:
         return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]
@@ -70,7 +70,7 @@ def _headline(study: CouplingStudy) -> list[Block]:
 
 
 def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
-    """Why an experiment that has another coupling than the one recommended may keep it, and how to change it."""
+    """Explain why an experiment may keep a coupling other than the recommended one, and how to change it."""
     if study.choice is None or (study.choice.coupling, study.choice.point.tick) == (study.coupling, study.tick):
         return []
     error = own.errors[FORCE_SIGNAL.name]
@@ -87,7 +87,7 @@ def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
 
 
 def _settings(study: CouplingStudy) -> str:
-    """The options that make the experiment as recommended."""
+    """The options that set the recommended coupling."""
     assert study.choice is not None
     new, old = study.choice.coupling, study.coupling
     settings = {"tick_ms": f"{1e3 * study.choice.point.tick:g}"} if study.choice.point.tick != study.tick else {}
@@ -97,7 +97,7 @@ def _settings(study: CouplingStudy) -> str:
 
 
 def _own_point(study: CouplingStudy) -> TickPoint | None:
-    """The run of the experiment's own coupling and tick, if it is among the others."""
+    """The run with the experiment's own coupling and tick; None if missing."""
     return next((_point_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
 
 
@@ -173,7 +173,7 @@ def _error(point: TickPoint | None, signal: Signal) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits, in at most eight columns."""
+    """A number with three digits, at most eight columns wide."""
     if value == 0.0 or 1e-3 <= abs(value) < 1e3:
         return f"{float(f'{value:.3g}'):g}"
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.1e}"

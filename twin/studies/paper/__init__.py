@@ -1,1 +1,1 @@
-"""The paper's claims as data with quotes, and the measure of each."""
+"""Claims of the paper as data with quotes, and the measure of each."""

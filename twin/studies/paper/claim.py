@@ -8,17 +8,17 @@ from typing import Any, Literal
 from twin.kernel.errors import UnknownSeries
 
 Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
-""""Not reproduced" and "reproduced after all" are of claims with a `KnownMiss`; "fails" is unexpected."""
+""""not reproduced" and "reproduced after all" are verdicts on claims with a `KnownMiss`; "fails" is unexpected."""
 PAPER_CLAIMS, OWN_CHECKS = "claims of the paper's text", "of this run's own checks"
-"""Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
+"""Names of scores: claims of the paper's text, and twin's own requirements on the true force."""
 
 
 @dataclass(frozen=True)
 class KnownMiss:
-    """A claim that the twin is known not to reproduce.
+    """Explanation of a claim that the twin is known not to reproduce.
 
     Attributes:
-        low, high: what `reason` explains, in the claim's unit; a number beyond it fails, as that of any other claim.
+        low, high: range explained by `reason`, in the claim's unit; a number outside it fails, as for any other claim.
     """
 
     reason: str
@@ -28,19 +28,19 @@ class KnownMiss:
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim: `source` says where its bounds come from, not when they were set (docs/fig5.md says it of Fig. 5).
+    """One claim of the paper with its measure and bounds.
 
     Attributes:
         key: short name.
         text: one line for the scorecard.
-        figure: where it stands.
-        quote: the paper's words, or why we ask it if the paper does not.
-        measure: runs -> the number judged; infinity or nan where it never happens, and nan always fails. None: nothing
-            can be measured.
+        figure: figure or section of the claim.
+        quote: the paper's words, or our reason for a claim that the paper does not make.
+        measure: runs -> judged number; infinity or nan if the event never happens, and nan always fails. None if the
+            claim cannot be measured.
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
-        source: where the bounds come from.
-        trivial: runs -> why this run says nothing about the claim, or "".
-        miss: why it is not reproduced, if it is known not to be; without a `measure` it always is so.
+        source: origin of the bounds, but not their date (docs/fig5.md has the dates of Fig. 5).
+        trivial: runs -> why this run cannot support the claim, or "".
+        miss: explanation of a claim that is known not to be reproduced; required without a `measure`.
     """
 
     key: str
@@ -59,7 +59,7 @@ class Claim:
 
     @property
     def bounds_text(self) -> str:
-        """`5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
+        """Bounds as text: `5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
         if math.isfinite(self.low):
             return f"{self.low:g} .. {self.high:g}" if math.isfinite(self.high) else f">= {self.low:g}"
         return f"<= {self.high:g}" if math.isfinite(self.high) else ""
@@ -67,7 +67,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class ClaimFinding:
-    """A claim and what a run says to it; `value` in the claim's unit."""
+    """A claim and its verdict for a run; `value` in the claim's unit."""
 
     claim: Claim
     value: float
@@ -76,7 +76,7 @@ class ClaimFinding:
 
     @property
     def measured_text(self) -> str:
-        """`5.606 s`, or `never`."""
+        """Measured value as text: `5.606 s`, or `never`."""
         if self.claim.measure is None or (self.verdict in ("trivial", "not scored") and not math.isfinite(self.value)):
             return ""
         if not math.isfinite(self.value):
@@ -85,12 +85,12 @@ class ClaimFinding:
 
     @property
     def bounds_text(self) -> str:
-        """See `Claim.bounds_text`."""
+        """Bounds of the claim as text, see `Claim.bounds_text`."""
         return self.claim.bounds_text
 
 
 def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
-    """Measure `claim` on `runs`; one that needs a series which they lack is not scored."""
+    """Measure `claim` on `runs`; it is not scored if the runs lack a series that it needs."""
     if claim.measure is None:
         return ClaimFinding(claim, math.nan, "not reproduced", claim.miss.reason if claim.miss else "")
     try:
@@ -108,7 +108,7 @@ def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:
 
 
 def finding_to_dict(finding: ClaimFinding) -> dict[str, object]:
-    """For JSON: what was claimed, measured, expected and found."""
+    """A finding as a JSON-compatible dict: claim, measured value, bounds, verdict."""
     claim = finding.claim
     return {
         "claim": claim.key,
@@ -131,7 +131,7 @@ def failed_keys(findings: Iterable[ClaimFinding]) -> list[str]:
 
 
 def keys_with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
-    """Keys of the claims with this verdict."""
+    """Keys of the claims with the given verdict."""
     return [f.claim.key for f in findings if f.verdict == verdict]
 
 
@@ -141,14 +141,14 @@ def unscored_keys(findings: Iterable[ClaimFinding]) -> list[str]:
 
 
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
-    """(how many hold, how many were judged); what is not reproduced was judged."""
+    """(number of claims that hold, number judged); claims that are not reproduced count as judged."""
     verdicts = [f.verdict for f in findings]
     holds = verdicts.count("holds") + verdicts.count("reproduced after all")
     return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
 
 
 def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
-    """`25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
+    """Summary such as `25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
     (held, judged), missed, failing = (
         tally(findings),
         keys_with_verdict(findings, "not reproduced"),
@@ -159,9 +159,9 @@ def standing_text(findings: Sequence[ClaimFinding], name: str) -> str:
 
 
 def bound_usage(finding: ClaimFinding) -> float:
-    """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
+    """Share of its bound that a measure uses: 1 is at the bound, more fails; between two bounds, 0 is in the middle.
 
-    Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.
+    Claims with a lower bound alone have no scale and give 0 or infinity.
     """
     low, high, value = finding.claim.low, finding.claim.high, finding.value
     if not math.isfinite(value):

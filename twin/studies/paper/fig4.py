@@ -1,7 +1,7 @@
-"""Section III.A and Fig. 4 as claims. The paper's forces are estimates from encoders, and so are those judged here.
+"""Claims of Section III.A and Fig. 4, judged on estimates from encoders, as the paper's forces are.
 
-The words are the paper's. Of the bounds, the sweep's way, 0.6 N, 5.6 s, 5 N and 13.7 s are printed in its text; how far
-from them a run may be, and every other bound, is ours.
+The words are the paper's. The text prints the sweep's path, 0.6 N, 5.6 s, 5 N and 13.7 s; the tolerances around them,
+and all other bounds, are ours.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ from twin.studies.paper.claim import (
 from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
-"""Whose runs the claims are judged on, in this order."""
+"""Experiments whose runs are judged, in this order."""
 SMALL_Z_SOURCE = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
 CURVE_SOURCE = "ours: half of the last digit printed of a height, in the worst of descent, arrival, sweep and end"
 LAG_REASON = (
@@ -110,13 +110,14 @@ FIG4_CLAIMS = (
         "z_lag", "... lag in time", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
         lambda runs: measure.lag(runs.position)[0], high=0.5, unit="s",
-        source="ours: less than the delay of the force that the text calls 'severe'", miss=KnownMiss(LAG_REASON, high=0.75),
+        source="ours: less than the delay of the force that the text calls 'severe'",
+        miss=KnownMiss(LAG_REASON, high=0.75),
     ),
     Claim(
         "z_place", "... error in place, without the lag", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
         lambda runs: measure.lag(runs.position)[1], high=0.5, unit="mm", scale=1e3, source=CURVE_SOURCE,
-        miss=KnownMiss("pressed in by the scale the drives give way, and z arrives late and 0.4 mm short", high=1.1),
+        miss=KnownMiss("the drives yield to the scale, and z arrives late and 0.4 mm short", high=1.1),
     ),
     Claim(
         "z_tracks", "whole curve, force-position: average difference", "4 A",
@@ -229,7 +230,7 @@ QUALITY_CLAIMS = (
     Claim(
         "true_overshoot", "overshoot of F_z", "truth", "ours: judged on the true contact force",
         lambda runs: overshoot(runs.force_position.true_F_z, runs.force_position.F_z_ref),
-        high=5.0, unit="%", scale=100.0, digits=1, source="ours: what a patient is spared",
+        high=5.0, unit="%", scale=100.0, digits=1, source="ours: comfort of a patient",
     ),
     Claim(
         "true_final", "F_z at the end", "truth", "ours: judged on the true contact force",
@@ -246,15 +247,15 @@ OUT_OF_SCOPE = ("user experience scores (Sec. III.B): people are not part of the
 
 @dataclass(frozen=True)
 class Fig4Score:
-    """What runs say to Fig. 4.
+    """Score of runs on the claims of Fig. 4.
 
     Attributes:
-        claims: of the paper, judged on estimates.
-        quality: ours, judged on the truth.
-        tuned: parameters that were tuned to meet the text, key -> source.
-        without_x: why nothing is said of forces in x, or "".
-        missing: run -> series that claims need and it lacks.
-        out_of_scope: what the paper reports and no model here can.
+        claims: claims of the paper, judged on estimates.
+        quality: our own claims, judged on the truth.
+        tuned: parameters tuned to meet the text, key -> source.
+        without_x: why the forces in x are not judged, or "".
+        missing: run -> series that claims need and the run lacks.
+        out_of_scope: results of the paper that the model cannot produce.
     """
 
     claims: tuple[ClaimFinding, ...]
@@ -266,26 +267,26 @@ class Fig4Score:
 
     @property
     def failed_keys(self) -> list[str]:
-        """Keys of what fails."""
+        """Keys of the claims that fail."""
         return failed_keys((*self.claims, *self.quality))
 
     @property
     def not_reproduced_keys(self) -> list[str]:
-        """Keys of what is known not to hold, and does not."""
+        """Keys of the claims that are known not to hold, and do not."""
         return keys_with_verdict((*self.claims, *self.quality), "not reproduced")
 
     @property
     def reproduced_keys(self) -> list[str]:
-        """Keys of what is known not to hold, and does."""
+        """Keys of the claims that are known not to hold, and do."""
         return keys_with_verdict((*self.claims, *self.quality), "reproduced after all")
 
     @property
     def unscored_keys(self) -> list[str]:
-        """Keys of what cannot be scored."""
+        """Keys of the claims that cannot be scored."""
         return unscored_keys((*self.claims, *self.quality))
 
     def to_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """The score as a JSON-compatible dict."""
         held, judged = tally(self.claims)
         return {
             "figure": "4",

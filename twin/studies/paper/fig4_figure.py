@@ -1,4 +1,4 @@
-"""Fig. 4 drawn from its runs, by the controller's estimates; the true force is dotted."""
+"""Picture of Fig. 4 from its runs, by the controller's estimates; the true force is dotted."""
 
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 
 MM_PER_M = 1e3
 WIDE_LINE, THIN_LINE = 1.6, 0.9
-"""Widths of lines (pt); noise drawn wide is a block of colour."""
+"""Line widths (pt); noise drawn wide would be a block of colour."""
 PAGE_BLUE, PAGE_VERMILION, PAGE_ORANGE, PAGE_BLACK = 0, 1, 4, 6
-"""Numbers of the page's colours that are the nearest to the paper's."""
+"""Indices of the page's colours that are nearest to the paper's."""
 PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE = PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE, GREY
 TRUE_STYLE: dict[str, Any] = {"color": INK, "lw": THIN_LINE, "ls": ":"}
 TRUE_P, TRUE_FP = "P-based, true", "F&P-based, true"
@@ -22,7 +22,7 @@ CURVE_STYLES: dict[str, dict[str, Any]] = {
     "F&P-based": {"color": FP_BASED, "lw": WIDE_LINE}, "F&P-based-ref": {"color": FP_REFERENCE, "lw": THIN_LINE},
     TRUE_P: {**TRUE_STYLE, "label": "true force (plant)"}, TRUE_FP: {**TRUE_STYLE, "label": None},
 }  # fmt: skip
-"""By label, in the order of the legends."""
+"""Styles by label, in the order of the legends."""
 FRICTION_STYLES = CURVE_STYLES | {name: {**CURVE_STYLES[name], "lw": THIN_LINE} for name in ("P-based", "F&P-based")}
 
 
@@ -42,7 +42,7 @@ def _of_run(name: str, curve: str, scale: float = 1.0, column: int | None = None
 
 
 def _level(value: str = "") -> Reader:
-    """Return a reader of a constant of the force-position run; of 0 without a name."""
+    """Return a reader of a constant attribute of the force-position run; of 0 without a name."""
 
     def samples(runs: Fig4Runs) -> Samples:
         run = runs.force_position
@@ -88,7 +88,7 @@ FIG4_PANELS = (
 
 
 def draw_fig4(runs: Fig4Runs, path: Path) -> None:
-    """Write the picture to `path` (PNG)."""
+    """Draw Fig. 4 from `runs` to `path` (PNG)."""
     with picture(path, 12, 7.5) as figure:
         (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
         places = ("upper right", "lower right", "lower left", "lower left")
@@ -102,7 +102,7 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
         limits = [min(c.get_ylim()[0], d.get_ylim()[0]), max(c.get_ylim()[1], d.get_ylim()[1])]
         c.set_ylim(*limits)
         d.set_ylim(*limits)
-        # ideal runs have no force in x, by symmetry
+        # by symmetry, ideal runs have no force in x
         text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
         c.set_title(text, loc="right", fontsize="small")
         for axes in (c, d):

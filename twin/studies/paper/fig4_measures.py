@@ -1,6 +1,6 @@
-"""Measures of Fig. 4: its runs in, a number in SI out; nan where what is measured never happened, which fails.
+"""Measures of Fig. 4: functions of its runs that return a number in SI, nan (which fails) if the event never happened.
 
-Everything "while sweeping" is nan without a sweep.
+Measures "while sweeping" are nan without a sweep.
 """
 
 import math
@@ -18,40 +18,42 @@ from twin.studies.metrics.required_series import FIG4_SERIES, missing_series
 from twin.studies.metrics.response import Curve, first_time, level_changes, mean_error, rms, window_mask
 
 SWEEP_WINDOW = (10.7, 18.7)
-"""From 2 s after the sweep along y has begun, when the lag of the position loop (1/kp) has died out, to its end (s)."""
+"""Judged part of the sweep (s): from 2 s after its start, when the lag of the position loop (1/kp) has decayed, to its
+end.
+"""
 BEFORE_SWEEP = (8.0, 8.6)
-"""Before the sweep, at rest (s)."""
+"""Rest before the sweep (s)."""
 FINAL_WINDOW = (19.0, 19.9)
-"""After the sweep, at rest (s)."""
+"""Rest after the sweep (s)."""
 MIN_DURATION = 19.9
-"""What a recording has to cover (s)."""
+"""Minimum duration of a recording (s)."""
 CURVE_PARTS = ((0.72, 5.82), (5.82, 8.7), (8.7, 18.7), (18.7, MIN_DURATION))
-"""Of a whole curve: descent, arrival, sweep, end (s)."""
+"""Parts of a whole curve: descent, arrival, sweep, end (s)."""
 MIN_SWEEP = 0.020
-"""Least way along -y (m) that counts as a sweep: half of the paper's 40 mm."""
+"""Minimum path along -y (m) that counts as a sweep: half of the paper's 40 mm."""
 MAX_SYMMETRIC_FORCE = 1e-3
-"""Force in x (N) below which a run is symmetrical."""
+"""Maximum force in x (N) of a symmetrical run."""
 
 SWEEP_START, SWEEP_END, SWEEP_HEIGHT = 0.020, -0.020, -0.105
-"""The sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
+"""Sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
 JUMP_WINDOW = 0.2
-"""Time over which a sudden change is looked for (s)."""
+"""Time window for detecting a sudden change (s)."""
 JUMP_TIME = 0.1
-"""Time after the trigger within which the reference has jumped (s)."""
+"""Time after the trigger within which the reference jumps (s)."""
 FLUCTUATION_WINDOW = (13.2, 14.7)
-"""When the force has to be held although it fluctuates (s)."""
+"""Time window (s) for maintaining the force in spite of the fluctuation."""
 MIN_FORCE_CHANGE = 0.02
-"""Change of the force (N) that is seen at all: half of what one count of a motor encoder is worth (0.04 N)."""
+"""Minimum detectable change of the force (N): half the effect of one count of a motor encoder (0.04 N)."""
 FLUCTUATION_RATIO = 10.0
-"""A fluctuation changes the force by so many times the median change: the largest of noise has less than six."""
+"""Minimum ratio of a fluctuation to the median change of the force; noise reaches less than six."""
 MAX_HEIGHT_RANGE = 0.2e-3
-"""Range (m) within which a height is a constant: a twentieth of the 4 mm that the head presses in."""
+"""Maximum range (m) of a constant height: a twentieth of the 4 mm that the head presses in."""
 FORCE_THRESHOLD = 0.6
-"""Of the force control (N), as printed."""
+"""Trigger threshold of the force control (N), as printed."""
 MAX_LAG = 2.0
-"""Of those that are tried (s)."""
+"""Maximum lag tried (s)."""
 TIME_ROUNDING = 1e-6
-"""Of a time, in blocks of it: a sample on the edge belongs to the block that it begins."""
+"""Rounding tolerance of times, in blocks: a sample on the edge belongs to the block that it begins."""
 
 
 def _cached_series(of: Callable[[RunView], Curve]) -> "cached_property[Curve]":
@@ -60,18 +62,18 @@ def _cached_series(of: Callable[[RunView], Curve]) -> "cached_property[Curve]":
 
 @dataclass(frozen=True)
 class Fig4Run:
-    """One run. Curves at the controller's rate on `t`, those of the plant (the truth) at the tick on `t_plant`.
+    """A run of Fig. 4: estimates at the controller's rate on `t`, truth at the plant's tick on `t_plant`.
 
     Attributes:
         t, t_plant, t_scale: times (n,), s, of controller, plant and electronic scale.
         F_z, F_ee_B: pressing force as the controller estimates it, low-passed (N); force on the environment as
             estimated, unfiltered (n, 3), N.
-        F_z_ref: what the former should be (N).
-        true_F_z, true_F_ee_B: the same in truth, on `t_plant`.
+        F_z_ref: reference of F_z (N).
+        true_F_z, true_F_ee_B: true pressing force and force on the environment, on `t_plant`.
         scale_F_z: the scale's reading (N), on `t_scale`.
-        p_B, z: position as the controller estimates it (n, 3), m: what the paper's encoders give; its height.
-        z_ref, z_cmd: height asked for, pre-defined and after the force loop (m).
-        true_z: in truth, on `t_plant`.
+        p_B, z: position as the controller estimates it (n, 3), m, as from the paper's encoders; its height.
+        z_ref, z_cmd: reference height, pre-defined and after the force loop (m).
+        true_z: true height, on `t_plant`.
     """
 
     recording: RunView
@@ -92,7 +94,7 @@ class Fig4Run:
 
     @property
     def is_in_step(self) -> bool:
-        """Whether estimator and controller tell of the same instants, as they do where nothing was lost."""
+        """Whether estimator and controller have samples at the same instants, as they do if no message was lost."""
         return np.array_equal(self.recording.time("estimator"), self.t)
 
     @cached_property
@@ -106,21 +108,21 @@ class Fig4Run:
 
     @cached_property
     def trigger_time(self) -> float:
-        """When the force loop was triggered (s); infinity: never."""
+        """Trigger time of the force loop (s); infinity if never triggered."""
         return first_time(self.t, self.recording["controller.triggered"])
 
     @cached_property
     def sweeps(self) -> bool:
-        """Whether the platform moves along -y while it should."""
+        """Whether the platform moves along -y during the sweep."""
         y = self.p_B[self.controller_window(*SWEEP_WINDOW), 1]
         return bool(y[0] - y[-1] >= MIN_SWEEP)
 
     def controller_window(self, start: float, end: float) -> np.ndarray:
-        """Mask of the controller's samples in a window."""
+        """Mask of the controller's samples from `start` to `end` (s)."""
         return window_mask(self.t, start, end)
 
     def plant_window(self, start: float, end: float) -> np.ndarray:
-        """Mask of the plant's samples in a window."""
+        """Mask of the plant's samples from `start` to `end` (s)."""
         return window_mask(self.t_plant, start, end)
 
 
@@ -129,8 +131,7 @@ class Fig4Runs:
     """The force-position run and the position-only run.
 
     Attributes:
-        imperfect: the same two of a robot and a scale that are not symmetrical, for the forces in x; None: there are
-            none, and nothing is said of these.
+        imperfect: the same two runs of an asymmetrical robot and scale, for the forces in x; None to leave these out.
     """
 
     force_position: Fig4Run
@@ -147,7 +148,7 @@ class Fig4Runs:
 
     @property
     def without_x(self) -> str:
-        """Why these runs say nothing about forces in x, or ""."""
+        """Why the forces in x are not judged on these runs, or ""."""
         if self.imperfect is None:
             return "needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml as well"
         if all(np.max(np.abs(run.true_F_ee_B[:, 0])) < MAX_SYMMETRIC_FORCE for run in self.imperfect):
@@ -156,7 +157,7 @@ class Fig4Runs:
 
     @property
     def missing(self) -> dict[str, list[str]]:
-        """Series that claims are judged on and a recorded run lacks, by the run's file."""
+        """File of each recorded run -> series that claims need and the run lacks."""
         runs = [self.force_position, self.position, *(self.imperfect or ())]
         recorded = [run.recording for run in runs if isinstance(run.recording, Recording)]
         found = {str(one.path): missing_series(FIG4_SERIES, one.fields()) for one in recorded}
@@ -164,20 +165,20 @@ class Fig4Runs:
 
     @property
     def tuned_parameters(self) -> dict[str, str]:
-        """Parameters whose source says that they were tuned to meet the text: key -> source."""
+        """Parameters whose source states that they were tuned to meet the text: key -> source."""
         runs = (self.force_position, *(self.imperfect[:1] if self.imperfect else ()))
         origins = [run.recording.metadata.get("origins", {}) for run in runs]
         return {key: text for one in origins for key, text in one.items() if text.startswith("tuned")}
 
 
 def fig4_runs(force_position: Recording, position: Recording, *imperfect: Recording) -> Fig4Runs:
-    """The recordings of Fig. 4.
+    """Check the recordings of Fig. 4 and combine them.
 
     Args:
-        imperfect: the same two of fig4_imperfect.toml and fig4_imperfect_position.toml, or none.
+        imperfect: the two runs of fig4_imperfect.toml and fig4_imperfect_position.toml; may be left out.
 
     Raises:
-        InputRefused: as `checked_run`, or they stand in the wrong order.
+        InputRefused: see `checked_run`; or the recordings are in the wrong order.
     """
     pairs = [(force_position, position), *([(imperfect[0], imperfect[1])] if imperfect else [])]
     ideal, *others = [_checked_pair(*pair) for pair in pairs]
@@ -185,10 +186,10 @@ def fig4_runs(force_position: Recording, position: Recording, *imperfect: Record
 
 
 def checked_run(recording: Recording) -> Fig4Run:
-    """A recording of Fig. 4 that can be judged.
+    """Check that a recording of Fig. 4 can be judged, and return it as a run.
 
     Raises:
-        InputRefused: it is too short, or has lost estimates.
+        InputRefused: the recording is too short, or has lost estimates.
     """
     run = Fig4Run(recording)
     end = run.t[-1] if len(run.t) else 0.0
@@ -215,7 +216,7 @@ Measure = Callable[[Fig4Runs], float]
 
 
 def while_sweeping(measure: Measure) -> Measure:
-    """`measure`, of runs that both sweep."""
+    """Restrict `measure` to runs that both sweep; nan otherwise."""
 
     def measured(runs: Fig4Runs) -> float:
         return measure(runs) if runs.force_position.sweeps and runs.position.sweeps else math.nan
@@ -224,7 +225,7 @@ def while_sweeping(measure: Measure) -> Measure:
 
 
 def in_x(measure: Measure) -> Measure:
-    """`measure`, of the imperfect runs, which alone have a force in x."""
+    """Apply `measure` to the imperfect runs, because the ideal runs have no force in x."""
 
     def measured(runs: Fig4Runs) -> float:
         return while_sweeping(measure)(Fig4Runs(*runs.imperfect)) if runs.imperfect is not None else math.nan
@@ -233,17 +234,17 @@ def in_x(measure: Measure) -> Measure:
 
 
 def _ratio(a: float, b: float) -> float:
-    """The ratio of two sizes; infinity over nothing, nan if there is neither."""
+    """Ratio of two sizes; infinity for a zero denominator, nan if both are zero."""
     if b == 0.0:
         return math.inf if a > 0.0 else math.nan
     return a / b
 
 
-# the way over the scale
+# the path over the scale
 
 
 def end_error(runs: Fig4Runs) -> float:
-    """How far the platform is from the ends of the sweep before and after it, the worst of both runs (m)."""
+    """Largest distance of the platform from the ends of the sweep, before and after it, in both runs (m)."""
     missed = [
         abs(float(np.mean(run.p_B[run.controller_window(*window), 1])) - end)
         for run in (runs.force_position, runs.position)
@@ -253,7 +254,7 @@ def end_error(runs: Fig4Runs) -> float:
 
 
 def unsteadiness(runs: Fig4Runs) -> float:
-    """Largest deviation of the speed along y, taken over 1 s, from its mean, as a share of it; of both runs."""
+    """Largest relative deviation of the speed along y, averaged over 1 s, from its mean, in both runs."""
     worst = 0.0
     for run in (runs.force_position, runs.position):
         on = run.controller_window(*SWEEP_WINDOW)
@@ -265,7 +266,7 @@ def unsteadiness(runs: Fig4Runs) -> float:
 
 
 def off_line(runs: Fig4Runs) -> float:
-    """Largest distance from the line p_x = 0, p_z = -105 mm: of the platform in x, of the pre-defined way in z (m)."""
+    """Largest distance from the line p_x = 0, p_z = -105 mm: of the platform in x, of the pre-defined path in z (m)."""
     return max(
         float(np.max(np.hypot(run.p_B[on, 0], run.z_ref[on] - SWEEP_HEIGHT)))
         for run in (runs.force_position, runs.position)
@@ -277,7 +278,7 @@ def off_line(runs: Fig4Runs) -> float:
 
 
 def force_at_trigger(runs: Fig4Runs) -> float:
-    """Estimated force in the sample of the trigger (N)."""
+    """Estimated force at the sample of the trigger (N)."""
     run = runs.force_position
     return float(run.F_z[np.searchsorted(run.t, run.trigger_time)]) if np.isfinite(run.trigger_time) else math.nan
 
@@ -290,7 +291,7 @@ def reference_distance(runs: Fig4Runs) -> float:
 
 
 def reference_jump(runs: Fig4Runs) -> float:
-    """How far the z reference is below the pre-defined one right after the trigger (m)."""
+    """Largest depth of the z reference below the pre-defined one within `JUMP_TIME` after the trigger (m)."""
     run = runs.force_position
     if np.isinf(run.trigger_time):
         return math.nan
@@ -298,7 +299,7 @@ def reference_jump(runs: Fig4Runs) -> float:
 
 
 def position_jump(runs: Fig4Runs) -> float:
-    """How many times faster the platform goes down after the trigger than before."""
+    """Ratio of the platform's downward speed after the trigger to its speed before."""
     run = runs.force_position
     if not JUMP_WINDOW <= run.trigger_time <= run.t[-1] - JUMP_WINDOW:
         return math.nan
@@ -313,7 +314,7 @@ def reference_left(runs: Fig4Runs) -> float:
 
 
 def early_trigger(runs: Fig4Runs) -> float:
-    """How long the force loop was on before the platform truly pressed (s); nan if either never happened."""
+    """Time (s) from the trigger to the first true contact, 0 if the contact is first; nan if either never happened."""
     run = runs.force_position
     lead = first_time(run.t_plant, run.true_F_z > 0.0) - run.trigger_time
     return max(0.0, lead) if math.isfinite(lead) else math.nan
@@ -323,23 +324,23 @@ def early_trigger(runs: Fig4Runs) -> float:
 
 
 def _worst_part(run: Fig4Run, apart: Curve) -> float:
-    """Mean size of `apart` (m), at the controller's rate, in that part of the curve in which it is largest."""
+    """Mean absolute value of `apart` (m), at the controller's rate, in the part of the curve with the largest mean."""
     return max(float(np.mean(np.abs(apart[run.controller_window(*part)]))) for part in CURVE_PARTS)
 
 
 def z_error(run: Fig4Run) -> float:
-    """Distance of the height from the pre-defined one (m)."""
+    """Mean distance of the height from the pre-defined one in its worst part (m)."""
     return _worst_part(run, run.z - run.z_ref)
 
 
 def z_gap(runs: Fig4Runs) -> float:
-    """Distance of both runs' heights (m)."""
+    """Mean distance between the heights of both runs in its worst part (m)."""
     fp, p = runs.force_position, runs.position
     return _worst_part(fp, fp.z - np.interp(fp.t, p.t, p.z))
 
 
 def z_trend(run: Fig4Run) -> float:
-    """Correlation of the height with the pre-defined one; nan if one of them never changes."""
+    """Correlation of the height with the pre-defined one; nan if either is constant."""
     on = run.controller_window(CURVE_PARTS[0][0], CURVE_PARTS[-1][1])
     if min(np.ptp(run.z[on]), np.ptp(run.z_ref[on])) == 0.0:
         return math.nan
@@ -347,14 +348,14 @@ def z_trend(run: Fig4Run) -> float:
 
 
 def lag(run: Fig4Run) -> tuple[float, float]:
-    """(delay in s at which the pre-defined height fits the height best, what is then left in the worst part in m)."""
+    """(delay in s that fits the pre-defined height to the height best, remaining error in the worst part in m)."""
     on = run.controller_window(0.0, CURVE_PARTS[-1][1])
     delay = tracking.lag(run.t[on], run.z[on], run.z_ref[on], MAX_LAG)
     return delay, _worst_part(run, run.z - np.interp(run.t - delay, run.t, run.z_ref))
 
 
 def rise_share(runs: Fig4Runs) -> float:
-    """Share of its changes by which position control's force goes up, from the threshold to the sweep."""
+    """Upward changes of the force as a share of all its changes, position control, from the threshold to the sweep."""
     run = runs.position
     start = first_time(run.t, run.F_z >= FORCE_THRESHOLD)
     if not start + 2.0 * JUMP_WINDOW <= CURVE_PARTS[1][1]:
@@ -369,17 +370,17 @@ def rise_share(runs: Fig4Runs) -> float:
 
 
 def force_error(run: Fig4Run) -> float:
-    """Mean distance of the force from its reference (N)."""
+    """Mean distance of the force from its reference during the sweep (N)."""
     return mean_error(run.F_z[run.controller_window(*SWEEP_WINDOW)], run.F_z_ref)
 
 
 def force_error_ratio(runs: Fig4Runs) -> float:
-    """How many times farther from its reference the force is under position control alone."""
+    """Ratio of the force error of position control alone to that with force control."""
     return _ratio(force_error(runs.position), force_error(runs.force_position))
 
 
 def force_gap(runs: Fig4Runs) -> float:
-    """By how much position control presses less (N)."""
+    """Mean pressing force during the sweep with force control less the force without (N)."""
     fp, p = runs.force_position, runs.position
     return float(
         np.mean(fp.F_z[fp.controller_window(*SWEEP_WINDOW)]) - np.mean(p.F_z[p.controller_window(*SWEEP_WINDOW)])
@@ -387,30 +388,30 @@ def force_gap(runs: Fig4Runs) -> float:
 
 
 def delay(runs: Fig4Runs) -> float:
-    """How much later position control alone reaches 80 % of the reference force (s)."""
+    """Delay of position control alone in reaching 80 % of the reference force, after force control (s)."""
     fp, p = (first_time(run.t, run.F_z >= 0.8 * run.F_z_ref) for run in (runs.force_position, runs.position))
     return p - fp if np.isfinite(fp) else -math.inf
 
 
 def bias(runs: Fig4Runs) -> float:
-    """Mean of the estimated force less the scale's reading (N)."""
+    """Mean of the estimated force less the scale's reading during the sweep (N)."""
     run = runs.force_position
     on = window_mask(run.t_scale, *SWEEP_WINDOW)
     return float(np.mean(np.interp(run.t_scale[on], run.t, run.F_z) - run.scale_F_z[on]))
 
 
 def friction(run: Fig4Run, axis: int) -> float:
-    """Root mean square of the force along x or y (N)."""
+    """Root mean square of the force along x or y during the sweep (N)."""
     return rms(run.F_ee_B[run.controller_window(*SWEEP_WINDOW), axis])
 
 
 def friction_share(axis: int) -> Measure:
-    """Friction of position control alone over that with force control."""
+    """Return a measure: friction of position control alone over friction with force control, along `axis`."""
     return lambda runs: _ratio(friction(runs.position, axis), friction(runs.force_position, axis))
 
 
 def x_share(runs: Fig4Runs) -> float:
-    """Force along x over that along y, in the run where that is more."""
+    """Force along x over force along y (rms), in the run with the larger ratio."""
     return max(_ratio(friction(run, 0), friction(run, 1)) for run in (runs.force_position, runs.position))
 
 
@@ -418,9 +419,9 @@ def x_share(runs: Fig4Runs) -> float:
 
 
 def disproportion(runs: Fig4Runs) -> float:
-    """Largest distance of the scale's reading from a straight line over the way pressed in, as a share of its end.
+    """Largest distance of the scale's reading from a straight line over the depth, as a share of its final value.
 
-    The line goes from where the scale begins to read to where position control alone has come before it sweeps.
+    The line extends from the scale's first reading to the position of position control alone before the sweep.
     """
     run = runs.position
     before = run.t_scale < SWEEP_WINDOW[0]
@@ -446,7 +447,7 @@ def force_range(runs: Fig4Runs) -> float:
 
 
 def fluctuation(run: Fig4Run) -> tuple[float, float]:
-    """(time, size) of the one sudden change of the force (s, N); nan if none stands out from the noise."""
+    """(time, size) of the single sudden change of the force (s, N); nan if no change exceeds the noise."""
     on = run.controller_window(*SWEEP_WINDOW)
     t, change = level_changes(run.t[on], run.F_z[on], JUMP_WINDOW)
     sizes: Curve = np.abs(change)
@@ -457,7 +458,7 @@ def fluctuation(run: Fig4Run) -> tuple[float, float]:
 
 
 def force_after_fluctuation(runs: Fig4Runs) -> float:
-    """Worst error of the force around the fluctuation (N)."""
+    """Largest error of the force around the fluctuation (N)."""
     run = runs.force_position
     return float(np.max(np.abs(run.F_z[run.controller_window(*FLUCTUATION_WINDOW)] - run.F_z_ref)))
 
@@ -466,7 +467,7 @@ def force_after_fluctuation(runs: Fig4Runs) -> float:
 
 
 def true_force_error(runs: Fig4Runs) -> float:
-    """Root mean square of the true force less its reference (N)."""
+    """Root mean square of the true force less its reference during the sweep (N)."""
     run = runs.force_position
     return rms(run.true_F_z[run.plant_window(*SWEEP_WINDOW)] - run.F_z_ref)
 
@@ -478,6 +479,6 @@ def true_final_force(runs: Fig4Runs) -> float:
 
 
 def true_z_error(runs: Fig4Runs) -> float:
-    """Root mean square of the true height less the pre-defined one (m)."""
+    """Root mean square of the true height less the pre-defined one during the sweep (m)."""
     run = runs.force_position
     return rms(run.true_z_error[run.controller_window(*SWEEP_WINDOW)])

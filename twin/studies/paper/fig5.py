@@ -1,7 +1,7 @@
-"""Section III.B and Fig. 5 as claims, one tuple per kind of task. All are judged on the true force and position.
+"""Claims of Section III.B and Fig. 5, one tuple per kind of task, judged on the true force and position.
 
-The paper prints no numbers for its tasks: the words are its own, the bounds are ours and say why. They were written for
-the paper's scale and its drive, and are the same on every body and for every drive.
+The paper prints no numbers for its tasks: the words are its own, the bounds are ours, with reasons. They were written
+for the paper's scale and its drive, and are the same for every body and every drive.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,30 +23,37 @@ PRESS_HOLD = "remains stationary for a while with this force"
 TAP_DOWN = "goes down rapidly with an adjustable force until the pre-defined force is reached"
 ROLL_QUOTE = "moves periodically in the pattern of the tiny circle on the point"
 PUSH_QUOTE = "pushes straight along the pre-defined trajectory"
+_distance_held = measure.phase_measure(PhaseKind.HOLD, measure.distance)
+_full = lambda run: run.full_turns  # noqa: E731
+_pushing = lambda run: run.phase_mask(PhaseKind.PUSH)  # noqa: E731
+_farthest_off = measure.masked_measure(_pushing, lambda run, on: float(np.max(np.abs(measure.off_line(run, on)))))
 
 
 def _excess_claim(figure: str, quote: str, share: float, why: str) -> Claim:
     return Claim(
         "excess", "largest F_z above its reference", figure, quote,
-        measure.masked_measure(lambda run: np.ones(len(run.t), dtype=bool), lambda run, on: overshoot(run.F_z, run.task.force)),
+        measure.masked_measure(
+            lambda run: np.ones(len(run.t), dtype=bool), lambda run, on: overshoot(run.F_z, run.task.force)
+        ),
         high=share, unit="%", scale=100.0, source=why,
     )  # fmt: skip
 
 
 def _trip_claim(figure: str) -> Claim:
     return Claim(
-        "tripped", "safety monitor trips", figure, "ours: a massage that is broken off is none",
+        "tripped", "safety monitor trips", figure, "ours: a massage must not be broken off",
         lambda run: float(run.has_trip), high=0.0, digits=0, source="ours: none",
         trivial=lambda run: "" if run.has_monitor else "the run had no safety monitor",
     )  # fmt: skip
 
 
 def _common_claims(figure: str, down: str, build_up: str) -> tuple[Claim, ...]:
-    """What every task that presses owes: a gentle touch, a gradual rise, no overshoot, no trip."""
+    """Claims on every task that presses: a gentle touch, a gradual rise, no overshoot, no trip."""
     return (
         Claim(
             "touch_speed", "speed at the first touch", figure, down,
-            measure.phase_measure(PhaseKind.DESCEND, measure.speed_of_touch), high=20.0, unit="mm/s", scale=1e3, digits=1,
+            measure.phase_measure(PhaseKind.DESCEND, measure.speed_of_touch),
+            high=20.0, unit="mm/s", scale=1e3, digits=1,
             source="ours: 0.21 kg that hit 1250 N/m at v press with v sqrt(K m), at 20 mm/s half the trigger's 0.6 N",
         ),
         Claim(
@@ -66,7 +73,6 @@ def _constant_force(figure: str, mask: Callable[[TaskRun], Mask], high: float, w
     )  # fmt: skip
 
 
-_distance_held = measure.phase_measure(PhaseKind.HOLD, measure.distance)
 PRESS_CLAIMS = (
     *_common_claims("5 A", PRESS_DOWN, PRESS_UP),
     Claim(
@@ -87,7 +93,8 @@ PRESS_CLAIMS = (
     Claim(
         "stays", "largest distance from the point in the hold", "5 A", PRESS_HOLD,
         _distance_held, high=0.5, unit="mm", scale=1e3, digits=3,
-        source="ours: 'stationary': a tenth of the tiny circle's radius", trivial=measure.symmetry_reason(_distance_held),
+        source="ours: 'stationary': a tenth of the tiny circle's radius",
+        trivial=measure.symmetry_reason(_distance_held),
     ),
 )  # fmt: skip
 
@@ -112,7 +119,9 @@ TAP_CLAIMS = (
         "peak_variation", "coefficient of variation of the peaks", "5 B", TAP_DOWN,
         measure.peak_variation, high=5.0, unit="%", scale=100.0, digits=1, source="ours: taps that feel alike",
     ),
-    _excess_claim("5 B", TAP_DOWN, 20.0, "ours: 'until the pre-defined force is reached': the hardest tap as the mean one"),
+    _excess_claim(
+        "5 B", TAP_DOWN, 20.0, "ours: 'until the pre-defined force is reached': the hardest tap as the mean one"
+    ),
     Claim(
         "missing", "taps that do not touch and leave", "5 B", "ours: a tap that does not leave is a press",
         measure.taps_missing, high=0.0, digits=0, source="ours: none",
@@ -124,13 +133,13 @@ TAP_CLAIMS = (
     _trip_claim("5 B"),
 )  # fmt: skip
 
-_full = lambda run: run.full_turns  # noqa: E731
 ROLL_CLAIMS = (
     *_common_claims("5 C", "goes down gently", "gradually increases the force until the pre-defined force arrives"),
     _constant_force("5 C", _full, 0.1, "ours: 2 % of 5 N; full circles, without the turns that spiral out and back"),
     Claim(
         "radius", "radius over that asked for", "5 C", ROLL_QUOTE,
-        measure.masked_measure(_full, measure.radius), 90.0, 110.0, "%", 100.0, 1, source="ours: a tenth, 0.5 mm of 5 mm",
+        measure.masked_measure(_full, measure.radius), 90.0, 110.0, "%", 100.0, 1,
+        source="ours: a tenth, 0.5 mm of 5 mm",
     ),
     Claim(
         "unroundness", "rms deviation from the fitted circle", "5 C", ROLL_QUOTE,
@@ -144,12 +153,11 @@ ROLL_CLAIMS = (
     ),
     Claim(
         "turns_missing", "turns too few or too many", "5 C", ROLL_QUOTE,
-        measure.masked_measure(_full, measure.turns_missing), high=0.1, source="ours: 'periodically': every turn, to a tenth",
+        measure.masked_measure(_full, measure.turns_missing), high=0.1,
+        source="ours: 'periodically': every turn, to a tenth",
     ),
 )  # fmt: skip
 
-_pushing = lambda run: run.phase_mask(PhaseKind.PUSH)  # noqa: E731
-_farthest_off = measure.masked_measure(_pushing, lambda run, on: float(np.max(np.abs(measure.off_line(run, on)))))
 PUSH_CLAIMS = (
     *_common_claims("5 D", "goes down slowly with an adjustable force", "goes down slowly with an adjustable force"),
     _constant_force("5 D", _pushing, 0.15, "ours: 3 % of 5 N, with the start and the stop in it"),
@@ -162,7 +170,8 @@ PUSH_CLAIMS = (
     Claim(
         "line_worst", "largest distance from the line", "5 D", PUSH_QUOTE,
         _farthest_off, high=1.0, unit="mm", scale=1e3, digits=3,
-        source="ours: 'straight': twice the rms, 1/40 of the shipped line", trivial=measure.symmetry_reason(_farthest_off),
+        source="ours: 'straight': twice the rms, 1/40 of the shipped line",
+        trivial=measure.symmetry_reason(_farthest_off),
     ),
     Claim(
         "line_missing", "share of the line that is left at its end", "5 D", PUSH_QUOTE,
@@ -177,19 +186,19 @@ TASK_CLAIMS: dict[str, tuple[Claim, ...]] = {
     "roll": ROLL_CLAIMS,
     "push": PUSH_CLAIMS,
 }
-"""By kind of task, in the order of Fig. 5 A-D."""
+"""Claims by kind of task, in the order of Fig. 5 A-D."""
 
 
 @dataclass(frozen=True)
 class TaskScore:
-    """One task and what it says to the claims of its kind.
+    """Score of one task on the claims of its kind.
 
     Attributes:
         path: recording of the run.
         run: the task's curves.
-        drive, body: by name.
-        name: of the task among those of the run, `push 2`.
-        manner: what was asked for, in words.
+        drive, body: names.
+        name: name of the task within the run, e.g. `push 2`.
+        manner: text of the requested values.
         findings: in the order of the claims.
     """
 
@@ -206,7 +215,7 @@ class TaskScore:
         return self.run.task.kind
 
     def to_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """The score as a JSON-compatible dict."""
         return {
             "recording": str(self.path),
             "drive": self.drive,
@@ -221,10 +230,10 @@ class TaskScore:
 
 @dataclass(frozen=True)
 class Fig5Score:
-    """What runs say to Fig. 5.
+    """Score of runs on the claims of Fig. 5.
 
     Attributes:
-        tasks: in the order of the runs and of the tasks in them.
+        tasks: in the order of the runs and of their tasks.
         remarks: a sentence on each run that tripped or is damaged.
     """
 
@@ -237,11 +246,11 @@ class Fig5Score:
 
     @property
     def failed_keys(self) -> list[str]:
-        """Keys of the claims that fail anywhere, each once."""
+        """Keys of the claims that fail for any task, each once."""
         return list(dict.fromkeys(failed_keys(self.findings)))
 
     def to_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """The score as a JSON-compatible dict."""
         return {
             "figure": "5",
             "failed": self.failed_keys,
@@ -254,7 +263,7 @@ def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
     """Judge every task of `recordings`.
 
     Raises:
-        InputRefused: one holds no task.
+        InputRefused: a recording has no task.
     """
     tasks = [score for recording in recordings for score in _task_scores(recording)]
     remarks = [text for recording in recordings for text in (trip_sentence(recording), recording.note) if text]
@@ -262,7 +271,7 @@ def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
 
 
 def shown_tasks(score: Fig5Score) -> list[TaskScore]:
-    """Of each kind of task, in the order of Fig. 5, the last one that was begun in the first run that has one."""
+    """Select the tasks to draw: per kind, in the order of Fig. 5, the last begun in the first run with that kind."""
     shown = []
     for kind in TASK_CLAIMS:
         tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
@@ -285,7 +294,7 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
 
 
 def manner(task: Task) -> str:
-    """What a task asks for, in words."""
+    """Text of the values that a task requests."""
     match task:
         case Press():
             return f"{task.force:g} N for {task.hold:g} s"

@@ -1,4 +1,4 @@
-"""Fig. 5 drawn from runs of tasks: the way in space, the position, the pressing force."""
+"""Picture of Fig. 5 from runs of tasks: path in space, position, pressing force."""
 
 import math
 from collections.abc import Callable
@@ -31,24 +31,24 @@ BOX_HALF_WIDTH = 25.0
 BOX_TOP = -86.0
 BOX_MARGIN = 3.0
 BOX_HEIGHT_RATIO = 0.75
-"""Height of the box over its width as drawn; z is drawn larger than x and y."""
+"""Height of the drawn box over its width; z has a larger scale than x and y."""
 WORKING_PHASES = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
 ESTIMATE_COLOR, SHIFTED_COLOR = ORANGE, GREEN
 JUDGED_COLOR = "#e9eef5"
 COLUMN_WIDTH, LEFT_MARGIN, RIGHT_MARGIN = 3.5, 0.803, 0.4088
-"""Inches of a task's panels, and beside all of them for the numbers of their axes."""
+"""Widths (in) of a task's panels, and of the left and right margins for the axis labels."""
 LEGEND_COLUMNS = 2
-"""Entries of the legend that fit below a task's panels, side by side."""
+"""Number of legend entries that fit side by side below a task's panels."""
 TASK_PHASES = {"press": PhaseKind.HOLD, "roll": PhaseKind.CIRCLE, "push": PhaseKind.PUSH}
 LIMIT_SHARE = 0.35
-"""Share of the reference by which a measured force may miss the limit of the monitor for both to fit one axis."""
+"""Maximum excess of the monitor's limit over the force, as a share, for both to fit one axis."""
 TASK_TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
 SHOWN_TAPS = 3
-"""How many taps the panels over time show."""
+"""Number of taps in the panels over time."""
 
 
 def draw_fig5(score: Fig5Score, path: Path) -> None:
-    """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each.
+    """Draw the tasks selected by `shown_tasks` to `path` (PNG), a column each.
 
     A series that a run lacks is left out.
     """
@@ -57,7 +57,8 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
     with picture(path, width, 9.6, by_hand=True) as figure:
         grid = figure.add_gridspec(
             3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
-            left=LEFT_MARGIN / width, right=1.0 - RIGHT_MARGIN / width, top=0.92, bottom=0.08 + 0.02 * math.ceil(4 / len(shown)),
+            left=LEFT_MARGIN / width, right=1.0 - RIGHT_MARGIN / width, top=0.92,
+            bottom=0.08 + 0.02 * math.ceil(4 / len(shown)),
         )  # fmt: skip
         floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
         for column, task in enumerate(shown):
@@ -123,7 +124,7 @@ def _draw_circle(axes: Axes, run: TaskRun) -> None:
 
 
 def _ring(task: Roll, share: float, **look: Any) -> Circle:
-    """A circle about the point with a share of the radius asked for, in mm."""
+    """A circle about the task's point with a share of the requested radius, in mm."""
     return Circle((1e3 * task.point[0], 1e3 * task.point[1]), 1e3 * share * task.radius, fill=False, **look)
 
 
@@ -143,7 +144,7 @@ PATH_PANELS: dict[str, Callable[[Axes, TaskRun], None]] = {
     "roll": _draw_circle,
     "push": _draw_line,
 }
-"""What the panel in the middle shows."""
+"""Functions that draw the middle panel, by kind of task."""
 
 
 def _draw_force(axes: Axes, run: TaskRun) -> None:
@@ -170,7 +171,7 @@ def _draw_force(axes: Axes, run: TaskRun) -> None:
 
 
 def _force_limit(run: TaskRun) -> float | None:
-    """Force (N) at which the safety monitor trips; None without one, or with a third-party one."""
+    """Trip limit (N) of the safety monitor for the force; None without a monitor, or with a third-party one."""
     table = settings(run.recording).get("monitor")
     if table is None or names_stand_in(table):
         return None
@@ -178,7 +179,7 @@ def _force_limit(run: TaskRun) -> float | None:
 
 
 def seen_part(run: TaskRun) -> slice:
-    """The samples that the panels over time show: the whole task; of taps the last ones."""
+    """Samples shown by the panels over time: the whole task, or the last taps."""
     if isinstance(run.task, Tap) and len(run.taps) > 1:
         last = run.taps[-SHOWN_TAPS:]
         return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
@@ -186,18 +187,18 @@ def seen_part(run: TaskRun) -> slice:
 
 
 def bound_of(key: str) -> Claim:
-    """The claim of this key, for its bounds."""
+    """The claim with the given key, for its bounds."""
     return next(claim for claims in TASK_CLAIMS.values() for claim in claims if claim.key == key)
 
 
 def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
-    """Draw the task into `axes`.
+    """Draw the path of the task in space into `axes`.
 
     Args:
-        floor: lowest height that any of the pictures shows (m).
+        floor: lowest height of all panels (m).
     """
     bottom = 1e3 * floor - BOX_MARGIN
-    # in the order written: matplotlib's own guess of what lies in front hides traces that are in the surface
+    # drawn in source order: matplotlib's own depth sorting hides traces within the surface
     axes.computed_zorder = False
     _draw_box(axes, bottom)
     _draw_surface(axes, 1e3 * _height(run))
@@ -228,7 +229,7 @@ def _height(run: TaskRun) -> float:
 
 
 def _draw_box(axes: "Axes3D", bottom: float) -> None:
-    """The twelve edges."""
+    """Draw the twelve edges of the box."""
     corners = np.array(
         list(product((-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (-BOX_HALF_WIDTH, BOX_HALF_WIDTH), (bottom, BOX_TOP)))
     )
@@ -251,7 +252,7 @@ def _draw_surface(axes: "Axes3D", height: float) -> None:
 
 
 def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """(start, way) of the arrows in mm: down beside the point; around the circle or along the line."""
+    """(start, vector) of the arrows in mm: down next to the point; around the circle or along the line."""
     x, y = (1e3 * c for c in run.task.point)
     high, low = -88.0, 1e3 * _height(run) + 1.0
     moves: list[tuple[tuple[float, ...], tuple[float, ...]]] = [((x - 3.0, y, high), (0.0, 0.0, low - high))]

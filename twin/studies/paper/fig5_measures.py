@@ -1,9 +1,9 @@
-"""Measures of the tasks of Fig. 5: one task's run in, a number in SI out, infinity where it never happened.
+"""Measures of the tasks of Fig. 5: functions of one task's run that return a number in SI, infinity if undefined.
 
-Those that look at a part of the task take it as a mask `on` (n,) of the samples of `run.t`.
+The mask `on` (n,) selects the samples of `run.t` in the measured part of the task.
 
-They keep definitions of their own beside those of a run's measures: a claim of the paper is on a part of a task (the
-descent, a full circle, one tap), on its force and not on its ramp, and it goes on after a trip of the safety monitor.
+The definitions differ from the measures of a run: a claim of the paper concerns a part of a task (the descent, a full
+circle, one tap) and its force instead of its ramp, and it is measured beyond a trip of the safety monitor.
 """
 
 import math
@@ -18,16 +18,16 @@ from twin.studies.metrics import response
 from twin.studies.paper.task_run import Mask, TaskRun
 
 RATE_SPAN = 0.2
-"""Time over which a rate of the force is taken (s): what a person feels as one rise."""
+"""Time span of a rate of the force (s), which a person feels as one rise."""
 MAX_OFFSET = 0.5e-3
-"""Distance (m) from a point within which something is above it."""
+"""Maximum horizontal distance (m) from a point of a position above it."""
 DEVIATION_ROUNDING = 1e-9
-"""Deviation (m) below which nothing but rounding moved the robot sideways."""
+"""Deviation (m) below which the sideways motion is only rounding."""
 Measure = Callable[[TaskRun], float]
 
 
 def masked_measure(mask: Callable[[TaskRun], Mask], measure: Callable[[TaskRun, Mask], float]) -> Measure:
-    """`measure` on the samples of `mask`; infinity if there are none, which no bound allows."""
+    """Restrict `measure` to the samples of `mask`; infinity without samples, which no bound allows."""
 
     def measured(run: TaskRun) -> float:
         on = mask(run)
@@ -37,18 +37,18 @@ def masked_measure(mask: Callable[[TaskRun], Mask], measure: Callable[[TaskRun, 
 
 
 def phase_measure(kind: PhaseKind, measure: Callable[[TaskRun, Mask], float]) -> Measure:
-    """`measure` on the samples of a phase."""
+    """Restrict `measure` to the samples of a phase."""
     return masked_measure(lambda run: run.phase_mask(kind), measure)
 
 
 def speed_of_touch(run: TaskRun, on: Mask) -> float:
-    """Speed downwards at the first sample in contact (m/s)."""
+    """Downward speed at the first sample in contact (m/s)."""
     touching = np.flatnonzero(on & (run.F_z > 0.0))
     return float(-run.v_z[touching[0]]) if len(touching) else math.inf
 
 
 def steepness(run: TaskRun, on: Mask) -> float:
-    """Largest rate of the force, over the mean rate that was asked for."""
+    """Largest rate of the force over the requested mean rate."""
     assert not isinstance(run.task, Tap)
     return response.steepest_rise(run.t[on], run.F_z[on], RATE_SPAN) * run.task.build_up / run.task.force
 
@@ -59,25 +59,25 @@ def force_error(run: TaskRun, on: Mask) -> float:
 
 
 def distance(run: TaskRun, on: Mask) -> float:
-    """Largest distance from the point (m)."""
+    """Largest horizontal distance from the task's point (m)."""
     return float(np.max(np.linalg.norm(run.p_B[on, :2] - run.task.point, axis=1)))
 
 
 def share_not_held(run: TaskRun, on: Mask) -> float:
-    """Share of the programmed time in which the force is not there."""
+    """Share of the programmed time without the requested force."""
     assert isinstance(run.task, Press)
     reached = on & (np.abs(run.F_z - run.task.force) <= SETTLING_BAND * run.task.force)
     return 1.0 - float(np.count_nonzero(reached) * (run.t[1] - run.t[0])) / run.task.hold
 
 
 def slowness(run: TaskRun) -> float:
-    """By how much the taps are slower than asked for when they touch, as a share."""
+    """Relative shortfall of the taps' speed at the touch below the requested speed."""
     assert isinstance(run.task, Tap)
     return 1.0 + float(np.mean(run.v_z[run.touches])) / run.task.speed if len(run.touches) else math.inf
 
 
 def height_before(run: TaskRun) -> float:
-    """Least height from which a tap goes down to where it touches, over the lift asked for; 0 beside the point."""
+    """Smallest height above the touch that a tap starts from, over the requested lift; 0 if not above the point."""
     assert isinstance(run.task, Tap)
     heights = []
     for tap in run.taps:
@@ -90,7 +90,7 @@ def height_before(run: TaskRun) -> float:
 
 
 def mean_peak(run: TaskRun) -> float:
-    """Mean of the taps' peaks over the force asked for."""
+    """Mean of the taps' peaks over the requested force."""
     return float(np.mean(run.peaks)) / run.task.force if len(run.peaks) else math.inf
 
 
@@ -100,14 +100,14 @@ def peak_variation(run: TaskRun) -> float:
 
 
 def unrest(run: TaskRun) -> float:
-    """Largest deviation of the time from touch to touch, as a share of the period."""
+    """Largest deviation of the time between touches from the period, as a share of it."""
     assert isinstance(run.task, Tap)
     gaps = [b - a for a, b in pairwise(run.t[run.touches])]
     return max((abs(gap / run.task.period - 1.0) for gap in gaps), default=math.inf)
 
 
 def taps_missing(run: TaskRun) -> float:
-    """How many of the taps asked for do not touch and leave."""
+    """Number of requested taps that do not touch and leave."""
     assert isinstance(run.task, Tap)
     return float(run.task.times - run.whole_taps)
 
@@ -118,7 +118,7 @@ def _circle(run: TaskRun, on: Mask) -> tuple[float, float, float]:
 
 
 def radius(run: TaskRun, on: Mask) -> float:
-    """Fitted radius over that asked for."""
+    """Fitted radius over the requested radius."""
     assert isinstance(run.task, Roll)
     return _circle(run, on)[2] / run.task.radius
 
@@ -136,24 +136,24 @@ def unroundness(run: TaskRun, on: Mask) -> float:
 
 
 def turns_missing(run: TaskRun, on: Mask) -> float:
-    """By how many turns the trace has gone round the point too few or too many."""
+    """Absolute difference between the requested and the completed turns around the point."""
     assert isinstance(run.task, Roll)
     return abs(run.task.turns - response.turns_about(run.p_B[on, 0], run.p_B[on, 1], run.task.point))
 
 
 def off_line(run: TaskRun, on: Mask) -> response.Curve:
-    """Signed distance from the line (m)."""
+    """Signed distance of the samples from the line (m)."""
     assert isinstance(run.task, Push)
     return response.along_and_off(run.p_B[on, :2], run.task.point, run.task.to)[1]
 
 
 def symmetry_reason(deviation: Measure) -> Callable[[TaskRun], str]:
-    """Why a deviation says nothing: on a point or line of the robot's own symmetry there is none, whatever it does."""
+    """Return a function for `Claim.trivial`: its text applies if the deviation is 0 by the robot's own symmetry."""
     return lambda run: "0 by the robot's own symmetry" if deviation(run) < DEVIATION_ROUNDING else ""
 
 
 def line_missing(run: TaskRun, on: Mask) -> float:
-    """Share of the line that is left when the push ends."""
+    """Share of the line that remains when the push ends."""
     assert isinstance(run.task, Push)
     along, _ = response.along_and_off(run.p_B[on, :2], run.task.point, run.task.to)
     return 1.0 - float(along[-1]) / math.dist(run.task.point, run.task.to)

@@ -1,4 +1,4 @@
-"""The claims of the paper judged from recordings: text, facts and pictures."""
+"""Scores of recordings on the paper's claims: text, facts and pictures."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ VERDICT_MARKS = {
     "not scored": "?",
 }  # fmt: skip
 MAX_LISTED_RUNS = 4
-"""More runs than these become a table."""
+"""Maximum number of runs that are listed; more become a table."""
 TASK_KINDS = ("press", "tap", "roll", "push")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
 FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
@@ -28,12 +28,10 @@ RESULTS_FOLDER = Path("results")
 
 
 def fig4_result(score: Fig4Score) -> Result:
-    """Fig. 4: the claims of the paper, then ours on the true force."""
+    """Report on Fig. 4: the claims of the paper, then our own on the true force."""
     lines: list[Block] = []
     if score.unscored_keys:
-        lines += [
-            f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, for want of what a run lacks:"
-        ]
+        lines += [f"Not scored: {count_text(len(score.unscored_keys), 'claim')}, marked ?, whose series a run lacks:"]
         lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
     lines += [_two_columns("Fig. 4", standing_text(score.claims, PAPER_CLAIMS)), _claims_table(score.claims)]
     if not score.without_x:
@@ -51,7 +49,7 @@ def fig4_result(score: Fig4Score) -> Result:
 
 
 def fig5_result(score: fig5.Fig5Score) -> Result:
-    """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
+    """Report on Fig. 5: every claim of every task of a few runs; for many runs a table and the failures."""
     held, judged = tally(score.findings)
     lines: list[Block] = [_two_columns("Fig. 5", f"{held} of {judged} {PAPER_CLAIMS} hold")]
     runs = {task.path for task in score.tasks}
@@ -93,7 +91,7 @@ def _cell(findings: Sequence[ClaimFinding]) -> str:
 
 
 def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
-    """What fails, one line per body, kind of task and claim: how often, the range measured, and with which drives."""
+    """Lines on the failures per body, kind of task and claim: count, measured range, drives."""
     drives = {task.drive for task in tasks}
     groups: dict[tuple[str, str, str], list[tuple[str, ClaimFinding]]] = {}
     for task in tasks:
@@ -113,7 +111,7 @@ def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
 
 
 def _range(findings: Sequence[ClaimFinding]) -> str:
-    """The least and the largest that was measured; `never` counts as larger."""
+    """Range of the measured values as text; `never` counts as the largest."""
     least, *_, largest = [*(ordered := sorted(findings, key=lambda f: f.value)), ordered[-1]]
     if least.measured_text == largest.measured_text:
         return least.measured_text
@@ -136,7 +134,7 @@ def _two_columns(left: str, right: str) -> str:
 
 
 def _result(lines: Sequence[Block], facts: Mapping[str, object], holds: bool) -> Result:
-    """The first line answers; what is wider than the page is folded."""
+    """Result with the first line as the answer; lines wider than the page are folded."""
     first, *others = [_fold_line(line) if isinstance(line, str) and len(line) > TEXT_WIDTH else line for line in lines]
     return Result(first, others, facts, exit_code=0 if holds else 1)
 
@@ -146,16 +144,16 @@ def _fold_line(line: str) -> Note:
 
 
 def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
-    """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
+    """Score recordings on the claims of Fig. 4, and write the files to `out`.
 
     Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
 
     Args:
-        paths: runs, in the order of `FIG4_EXPERIMENTS`, the first two or all; none: the latest in results/.
-        out: folder; None: results/fig4.
+        paths: two or four runs in the order of `FIG4_EXPERIMENTS`; empty for the latest in results/.
+        out: folder; None for results/fig4.
 
     Raises:
-        InputRefused: other runs, or what they hold or the folder cannot be used.
+        InputRefused: wrong number of runs, or an invalid run or folder.
         NotWritten: the disk refuses.
     """
     paths = paths or _latest("fig4")
@@ -174,16 +172,16 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
 
 
 def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
-    """Which claims of Fig. 5 hold in recordings, and files in `out`, or results/fig5.
+    """Score recordings on the claims of Fig. 5, and write the files to `out`.
 
     Exit code 1: a claim fails.
 
     Args:
-        paths: runs of tasks; none: the latest of `FIG5_EXPERIMENTS` in results/.
-        out: folder; None: results/fig5.
+        paths: runs of tasks; empty for the latest of `FIG5_EXPERIMENTS` in results/.
+        out: folder; None for results/fig5.
 
     Raises:
-        InputRefused: what the runs hold or the folder cannot be used.
+        InputRefused: an invalid run or folder.
         NotWritten: the disk refuses.
     """
     recordings = _recordings(paths or _latest("fig5"))

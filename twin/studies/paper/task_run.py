@@ -1,4 +1,4 @@
-"""Tasks of a run (Fig. 5) as curves of what truly happened."""
+"""Tasks of a run (Fig. 5) as curves of the true motion and force."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from twin.studies.metrics.required_series import FIG5_SERIES, missing_series
 
 Mask = NDArray[np.bool_]
 TAP_SHARE = 0.1
-"""Share of the pre-defined force that counts as a tap."""
+"""Minimum share of the pre-defined force that counts as a tap."""
 
 
 def _cached_curve(of: "Callable[[TaskRun], response.Curve]") -> "cached_property[response.Curve]":
@@ -31,14 +31,14 @@ def _cached_curve(of: "Callable[[TaskRun], response.Curve]") -> "cached_property
 
 @dataclass(frozen=True)
 class TaskRun:
-    """One task of a run, from its first phase to its last; without samples if the run never came to it.
+    """One task of a run, from its first phase to its last; empty if the run never reached it.
 
-    Curves are (n,) or (n, 3), SI, at the plant's ticks `t`. Those of the controller are held between its samples, as
+    Curves are (n,) or (n, 3), SI, at the plant's ticks `t`. The controller's curves are held between its samples, as
     its commands are.
 
     Attributes:
-        number: which task of the run, counted from 1.
-        task: what was asked for, SI.
+        number: index of the task in the run, from 1.
+        task: requested values, SI.
         F_z: true pressing force (N).
         p_B: true position of the platform (m).
         v_z: its vertical speed upwards (m/s).
@@ -50,18 +50,18 @@ class TaskRun:
 
     @cached_property
     def _sample_indices(self) -> NDArray[np.int64]:
-        """Index of the controller's sample that holds at each of the plant's ticks."""
+        """Index of the controller's sample that is valid at each of the plant's ticks."""
         return held_samples(self.recording.time("controller"), self.recording.time("plant"))
 
     @cached_property
     def _window(self) -> slice:
-        """The plant's samples in which this task was on."""
+        """The plant's samples during this task."""
         on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
         ticks = np.flatnonzero(on[self._sample_indices])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
 
     def controller_series(self, name: str) -> response.Curve:
-        """A series of the controller, held."""
+        """A series of the controller, held at the plant's ticks."""
         return self.recording[f"controller.{name}"][self._sample_indices[self._window]]
 
     t = _cached_curve(lambda run: run.recording.time("plant")[run._window])
@@ -74,12 +74,12 @@ class TaskRun:
         return self.controller_series("phase").astype(np.int64)
 
     def phase_mask(self, kind: PhaseKind) -> Mask:
-        """Samples of a phase."""
+        """Mask of the samples in a phase."""
         return self.phase == kind
 
     @cached_property
     def full_turns(self) -> Mask:
-        """Samples of the full circles: without the turn that spirals out and the one that spirals back."""
+        """Mask of the full circles, without the turns that spiral out and back."""
         circling = self.phase_mask(PhaseKind.CIRCLE)
         assert self.task.kind == "roll"
         since = self.t - response.first_time(self.t, circling)
@@ -88,7 +88,7 @@ class TaskRun:
 
     @cached_property
     def taps(self) -> list[slice]:
-        """Samples of each tap, from its start to that of the next, or to the end of the task."""
+        """Samples of each tap, from its start to the next start, or to the end of the task."""
         tapping = self.phase_mask(PhaseKind.TAP)
         starts = np.flatnonzero(np.diff(tapping.astype(np.int8), prepend=0) > 0)
         return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
@@ -107,7 +107,7 @@ class TaskRun:
 
     @cached_property
     def whole_taps(self) -> int:
-        """How many taps touch and then leave the surface."""
+        """Number of taps that touch and then leave the surface."""
         whole = 0
         for tap in self.taps:
             F_z = self.F_z[tap]
@@ -122,15 +122,15 @@ class TaskRun:
 
     @cached_property
     def has_trip(self) -> bool:
-        """Whether the safety monitor tripped before this task was over."""
+        """Whether the safety monitor tripped before the end of this task."""
         return len(self.t) == 0 or bool(trip_time(self.recording) <= self.t[-1])
 
 
 def task_runs(recording: Recording) -> list[TaskRun]:
-    """The tasks of a run in their order.
+    """Split a run into its tasks, in their order.
 
     Raises:
-        InputRefused: it holds none, or lacks what they are judged on.
+        InputRefused: the run has no task, or lacks a series that the claims need.
     """
     tables = _tuples(settings(recording).get("task", []))
     tasks = tuple(checked_tasks(TASK_KINDS, tables, []).values())
@@ -147,33 +147,33 @@ def task_runs(recording: Recording) -> list[TaskRun]:
 
 
 def settings(run: RunView) -> dict[str, Any]:
-    """Return the experiment's checked values, keys with units; raise as `recorded_values`."""
+    """Return the recorded experiment's checked values, keys with units; exceptions as in `recorded_values`."""
     path = run.path if isinstance(run, Recording) else Path("run in memory")
     return recorded_values(DECLARED_TABLES, run.metadata, path)
 
 
 def drive_of(recording: Recording) -> str:
-    """`velocity_servo`; `stepper+velocity_servo` where the joints differ."""
+    """Name of the run's drive, e.g. `velocity_servo`; `stepper+velocity_servo` if the joints differ."""
     drive = settings(recording).get("drive", {})
     tables = [drive, *(table for table in drive.values() if isinstance(table, dict))]
     return "+".join(sorted({Path(table["fmu"]).stem for table in tables if "fmu" in table})) or "parts"
 
 
 def body_of(recording: Recording) -> str:
-    """`back`; `scale` or `skin` where no file of bodies was named."""
+    """Name of the run's body, e.g. `back`; `scale` or `skin` if no body file was named."""
     contact = settings(recording).get("contact", {})
     return Path(contact.get("body", contact.get("kind", "unknown"))).stem
 
 
 def trip_time(recording: RunView) -> float:
-    """When the safety monitor tripped (s); infinity: never, or there is none."""
+    """Time of the safety monitor's trip (s); infinity if it never tripped or is missing."""
     if "monitor.tripped" not in recording.fields():
         return np.inf
     return response.first_time(recording.time("monitor"), recording["monitor.tripped"].astype(bool))
 
 
 def trip_sentence(recording: Recording) -> str:
-    """One sentence on a trip, or ""."""
+    """Sentence on the safety monitor's trip; "" without a trip."""
     time = trip_time(recording)
     if np.isinf(time):
         return ""
@@ -183,7 +183,7 @@ def trip_sentence(recording: Recording) -> str:
 
 
 def _tuples(value: Any) -> Any:
-    """JSON's lists as the tuples that the checks expect."""
+    """Convert JSON's lists to the tuples that the checks expect."""
     if isinstance(value, list):
         return tuple(_tuples(item) for item in value)
     return {key: _tuples(item) for key, item in value.items()} if isinstance(value, dict) else value

@@ -56,8 +56,8 @@ def test_any_other_csv_file_has_no_provenance(tmp_path: Path):
         ("# t_s = [[100, 0.0], [2100, 20.0]]\n", "", "[calibration] t_s is missing; expected two points"),
         ("[[900, 0.0], [100, 8000.0]]", "[[900, 0.0], [900, 8000.0]]", "two points of one pixel or value make no axis"),
         ("controller.F_z_mN = 60.0", "controller.F_z_mN = 4.0", "is less than half a pixel, 5"),
-        ("# controller.F_z_mN = 60.0\n", "", "[uncertainty] says nothing about controller.F_z"),
-        ("# t_s = 0.05\n", "", "[uncertainty] says nothing about the time"),
+        ("# controller.F_z_mN = 60.0\n", "", "[uncertainty] lacks controller.F_z"),
+        ("# t_s = 0.05\n", "", "[uncertainty] lacks the time"),
     ],
 )
 def test_a_head_that_lacks_something_is_refused(tmp_path: Path, old: str, new: str, expected: str):

@@ -1,14 +1,14 @@
-"""What a hand feels that holds the platform: the driving-point impedance of drives, springs and sampled loops.
+"""Driving-point impedance felt by a hand at the platform: drives, springs and sampled loops.
 
-The body is taken away; in its place a force F acts on the platform, held from one call of the controller to the next.
-While it is held the platform goes by p(k+1) - p(k), so what the hand puts in is exactly F(k).(p(k+1) - p(k)). The
-admittance from F to the mean velocity of a period,
+The body is removed; in its place a force F acts on the platform, held from one call of the controller to the next.
+During this time the platform moves by p(k+1) - p(k), so the hand's work is exactly F(k).(p(k+1) - p(k)). The admittance
+from F to the mean velocity of a period,
 
     Y(z) = (z - 1)/T C_p (z 1 - A)^-1 B_F,
 
-therefore is passive, gives back at most what was put in, if and only if the robot by itself is stable and the Hermitian
-part of Y is positive semidefinite at all frequencies up to half the controller's rate (discrete-time positive real:
-Hitz and Anderson 1969). So is Z = Y^-1, and sampling, holding and delay are all in it (Colgate and Schenkel 1997).
+is therefore passive, i.e. returns at most the work done on it, if and only if the robot by itself is stable and the
+Hermitian part of Y is positive semidefinite at all frequencies up to half the controller's rate (discrete-time positive
+real: Hitz and Anderson 1969). So is Z = Y^-1; sampling, holding and delay are all included (Colgate and Schenkel 1997).
 """
 
 from dataclasses import dataclass
@@ -28,11 +28,14 @@ from twin.studies.analyse.linear import loops
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
 AXES = ("x", "y", "z")
 ROUNDING_TOLERANCE = 1e-9
-"""What rounding may add to the magnitude of a pole, and take from a share of power."""
+"""Tolerance for rounding in the magnitude of a pole and in a share of power."""
 MIN_FREQUENCY = 0.02
-"""Hz. Below this a robot drifts rather than answers."""
+"""Minimum evaluated frequency (Hz), below which a robot drifts rather than responds."""
 DRIFT_RATE = 0.01
-"""1/s. A force loop whose surface is gone drifts, and its weight and geometry change on the way; that is no swing."""
+"""Maximum growth rate (1/s) of a drift: a force loop that has lost its surface drifts, and its weight and geometry
+change meanwhile; this does not count as a swing.
+"""
+Complex = NDArray[np.complex128]
 
 
 def signal_labels(ports: tuple[Port, ...]) -> list[str]:
@@ -45,21 +48,21 @@ def signal_labels(ports: tuple[Port, ...]) -> list[str]:
 
 
 def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
-    """Springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI. The surface stays at rest.
+    """Build springs, mechanism and contact on a resting surface as a `control.NonlinearIOSystem`, SI, continuous time.
 
-    The equations are those of `twin/robot/plant/dynamics.py` and `twin/robot/plant/contact.py`. Between the component
-    and this system there is one difference: the component scales its bristle back onto the friction cone after each
-    step (`twin.robot.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides
-    the state z_b may therefore be longer here; the friction force is inside the cone in both.
+    The equations are those in `twin/robot/plant/dynamics.py` and `twin/robot/plant/contact.py`. The component differs
+    from this system in one point: it scales its bristle back onto the friction cone after each step
+    (`twin.robot.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides the
+    state z_b may therefore be longer here; the friction force is inside the cone in both.
 
     Args:
-        parameters: what is true. They become the system's `params`, a dictionary of the same names, so that one value
-            can be replaced for one call: `control.linearize(system, x, u, params={"k_s": 2.0})`.
+        parameters: true parameters. They become the system's `params`, a dictionary of the same names, so that one
+            value can be replaced for one call: `control.linearize(system, x, u, params={"k_s": 2.0})`.
 
     Returns:
         A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/robot/plant/dynamics.py`
-        (`STATE_LABELS`) and the 24 values of the component's output ports, labelled as in `signal_labels`. Outside
-        the workspace its derivative is NaN.
+            (`STATE_LABELS`) and the 24 values of the component's output ports, labelled as in `signal_labels`. Outside
+            the workspace its derivative is NaN.
     """
     return control.nlsys(
         _derivative,
@@ -73,10 +76,10 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
 
 
 def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> control.StateSpace:
-    """`plant_system` for small deviations from rest at `x` (8,), `theta_m` (3,): inputs and outputs of the same names.
+    """Linearise `plant_system` about rest at `x` (8,), `theta_m` (3,), with inputs and outputs of the same names.
 
-    Its 6 states are p_B and v_B. The bristle is none of its own: while friction sticks, dz_b/dt = E v_B, so z_b is
-    E p_B but for where it was straight, which nothing changes; as a state that constant would be a pole at 0.
+    Its 6 states are p_B and v_B. The bristle is not a state: while friction sticks, dz_b/dt = E v_B, so z_b is E p_B
+    plus a constant (the position where it was straight), which as a state would be a pole at 0.
     """
     linear = control.linearize(plant_system(parameters), x, theta_m)
     bristle = np.vstack([np.eye(6), np.hstack([linear.A[6:, 3:6], np.zeros((2, 3))])])
@@ -101,11 +104,8 @@ def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArra
     return y
 
 
-Complex = NDArray[np.complex128]
-
-
 class HandLoad(NamedTuple):
-    """What is in the hand besides force: passive, and fixed to the platform.
+    """A passive load in the hand, fixed to the platform.
 
     Attributes:
         mass: (3, 3) symmetric, kg.
@@ -122,7 +122,7 @@ EMPTY_HAND = HandLoad(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
 def load_along(direction: loops.Matrix, mass: float, stiffness: float) -> HandLoad:
-    """A mass (kg) and a spring (N/m) that only feel what goes along `direction` (3,)."""
+    """A mass (kg) and a spring (N/m) that act only along `direction` (3,)."""
     n = np.outer(direction, direction) / float(np.dot(direction, direction))
     return HandLoad(mass * n, stiffness * n, np.zeros((3, 3)))
 
@@ -132,31 +132,31 @@ class FreePlant:
     """Springs and mechanism around an operating point, without the body; small deviations.
 
     Attributes:
-        linear: the plant there, with the body.
+        linear: linearised plant with the body.
     """
 
     linear: control.StateSpace
 
     @cached_property
     def mass(self) -> loops.Matrix:
-        """(3, 3), kg: what the springs' torques accelerate."""
+        """Mass matrix (3, 3) that the springs' torques accelerate (kg)."""
         rows = self._rows
         jacobian, spring_torque = self.linear.C[rows["theta_l_1"] :][:3, :3], self.linear.D[rows["tau_l_1"] :][:3]
         return np.linalg.solve(self.linear.B[3:6].T, (jacobian.T @ spring_torque).T).T
 
     @cached_property
     def force(self) -> loops.Matrix:
-        """(3, 6), N per m and m/s: what the platform feels of springs and mechanism when it is moved."""
+        """Force on the platform by springs and mechanism per displacement and velocity (3, 6), N per m and m/s."""
         body = self.linear.C[self._rows["F_ee_B_x"] :][:3]
         return self.mass @ self.linear.A[3:6] + body
 
     @property
     def stiffness(self) -> loops.Matrix:
-        """(3, 3), N/m: of the springs as the hand feels them with the motors held."""
+        """Stiffness (3, 3) of the springs in the hand with the motors held (N/m)."""
         return -self.force[:, :3]
 
     def with_load(self, held: HandLoad) -> control.StateSpace:
-        """The plant with `held` on it and, behind its 6 states, the three of a force (N) that nothing changes."""
+        """Return the plant with the load `held` and, after its 6 states, three states of a constant force (N)."""
         A, B = np.zeros((9, 9)), np.zeros((9, 3))
         inertia = np.linalg.inv(self.mass + held.mass)
         A[:3, 3:6] = np.eye(3)
@@ -193,35 +193,35 @@ class Hand:
 
     @property
     def stiffness(self) -> loops.Matrix:
-        """(3,), N/m: what a steady force along each axis meets in the end, the others free."""
+        """Steady stiffness (3,) along each axis, with the other axes free (N/m)."""
         compliance = self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B)
         return 1.0 / np.diagonal(compliance)
 
     @property
     def poles(self) -> Complex:
-        """In z."""
+        """Poles of the closed loops in z."""
         return np.linalg.eigvals(self.A).astype(complex)
 
     @property
     def growth(self) -> float:
-        """Of what grows fastest, or dies out slowest (1/s); a platform that stays where it is put does neither."""
+        """Growth rate of the fastest growing or slowest decaying pole (1/s); 0 if the platform stays anywhere."""
         return float(np.log(np.abs(self.poles).max()) / self.period)
 
     @property
     def stable(self) -> bool:
-        """Whether nothing grows, or so slowly that it is a drift."""
+        """Whether no pole grows faster than a drift."""
         return self.growth < DRIFT_RATE
 
 
 def robot_with(
     free: FreePlant, held: HandLoad, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
 ) -> control.StateSpace:
-    """Drives and plant from one call of the controller to the next, with `held` in the hand."""
+    """Build the map of drives and plant, with the load `held`, from one call of the controller to the next."""
     return loops.period_map(loops.tick_map(free.with_load(held), drives, stepping), stepping)
 
 
 def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, float]) -> Hand:
-    """The loops `gains` closed around `robot`, which is `robot_with` something in the hand."""
+    """Close the loops `gains` around `robot`, which is a result of `robot_with`."""
     closed = loops.closed_loops(loops.open_loops(robot, law, whole=True), gains)
     force = np.arange(6, 9)
     rest = np.setdiff1d(np.arange(closed.nstates), force)
@@ -232,13 +232,14 @@ def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, fl
 
 
 def hertz(period: float, count: int) -> loops.Matrix:
-    """Frequencies (Hz) that are looked at, up to half the controller's rate; more of them where drives and springs
-    are."""
+    """Evaluated frequencies (Hz), evenly spaced over their logarithm, up to half the controller's rate."""
     return np.geomspace(MIN_FREQUENCY, 0.499 / period, count)
 
 
 def power_share(Y: Complex) -> loops.Matrix:
-    """Of each (k, k) of `Y` (n, k, k): the least of what a swing takes from the hand, as a share of what goes to and
-    fro, -1 .. 1 (n,); negative: there is one that the robot feeds."""
+    """Smallest share of power that a swing takes from the hand, for each (k, k) of `Y` (n, k, k).
+
+    The share is relative to the exchanged power, -1 .. 1 (n,); negative if the robot supplies energy to some swing.
+    """
     part = 0.5 * (Y + np.conj(np.swapaxes(Y, -1, -2)))
     return np.linalg.eigvalsh(part)[:, 0] / np.linalg.norm(Y, 2, axis=(1, 2))

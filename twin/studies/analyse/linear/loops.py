@@ -1,20 +1,17 @@
-"""Robot and controller as one sampled system, whose loops can be opened one at a time.
+"""Robot and controller as one sampled system whose loops can be opened one at a time.
 
-The robot's computer as a linear difference equation: estimator, force-position law, damping. Nothing of the law is
-written here a second time: the equations are those of `twin/robot/controller/`, called as they are. Within its limits
-the law is linear, so its matrices are its values at the unit vectors, without any error. The estimator is not, and is
-differentiated at the operating point.
+The robot's computer is a linear difference equation: estimator, force-position law, damping. The equations are those in
+`twin/robot/controller/`, called and not copied. Within its limits the law is linear, so its matrices are exactly its
+values at the unit vectors. The estimator is nonlinear and is differentiated at the operating point.
 
-Drives, springs, mechanism and contact from one call of the controller to the next, as the master steps them. The map of
-one tick is put together from the parts' own maps in the master's order (`twin/kernel/cosim/master.py`): the drives see
-omega_ref(k) and tau_load(k), then the plant sees theta_m(k+1), or theta_m(k) with the Jacobi scheme. So poles and gains
-are those of the co-simulation, its coupling error included, not of the differential equations behind it.
+Drives, springs, mechanism and contact map one call of the controller to the next, as the master steps them. The map of
+one tick is composed of the parts' own maps in the master's order (`twin/kernel/cosim/master.py`): the drives see
+omega_ref(k) and tau_load(k), then the plant sees theta_m(k+1), or theta_m(k) with the Jacobi scheme. So the poles and
+gains include the coupling error of the co-simulation, unlike those from the differential equations.
 
-A drive as a linear model per tick, fitted to its frequency response.
-
-What is fitted is the shaft's advance per tick, w(k) = theta_m(k+1) - theta_m(k), over the command omega_ref(k) and the
-load tau_load(k), both held over the tick. The angle itself has a pole at z = 1 that every drive has and no fit shall
-have to find.
+A drive is a linear model per tick, fitted to its frequency response: the shaft's advance per tick, w(k) = theta_m(k+1)
+- theta_m(k), over the command omega_ref(k) and the load tau_load(k), both held over the tick. The angle itself has a
+pole at z = 1 in every drive, which the fit thus need not find.
 
 The fit is rational, both transfer functions over one denominator, by the iteration of Sanathanan and Koerner (1963,
 IEEE Trans Autom Control 8:56). Its variable is not z but
@@ -47,14 +44,29 @@ CENTRE_FREQUENCY = 20.0
 
 MAX_STATES = 8
 GOOD_RESIDUAL = 0.003
-"""Residual with which no more states are tried, if the measurement is certain."""
+"""Residual that ends the search for more states, if the measurement is certain."""
 STANDSTILL_GAIN = 1e-9
-"""Speed per commanded speed of a shaft that stands still but for rounding."""
+"""Maximum speed per commanded speed of a shaft at standstill; above 0 because of rounding."""
 MAX_RESIDUAL = 0.3
-"""Residual beyond which there is no linear model to speak of."""
+"""Maximum residual of a usable linear model."""
 FIT_ITERATIONS = 12
 MIN_DENOMINATOR = 1e-9
-"""Of the largest: rounding is all that is left of a denominator there."""
+"""Minimum denominator as a share of the largest, below which only rounding remains."""
+ANGLE_STEP = 1e-6
+"""Step of the central differences (rad): their error is below 1e-9, and the springs are farther from their backlash."""
+LOOPS = ("position_x", "position_y", "position_z", "force")
+"""Points where the loops can be opened: the three outputs of the position law (m/s), and dp_z of the force law (m)."""
+REFERENCE_SIGNALS = ("p_ref_B_x", "p_ref_B_y", "p_ref_B_z", "F_z_ref")
+ESTIMATED_SIGNALS = ("p_B_x_estimated", "p_B_y_estimated", "p_B_z_estimated", "F_z")
+_ESTIMATION_RECORD = record(belief=BELIEF_RECORD, gravity_compensation="i8", counts=("f8", (6,)), y=ESTIMATE_RECORD)
+LAW_STATES = 9 + 3 + 1 + 3
+"""Integral, derivative and last error of three position loops and the force loop, low-passed force, slow torques."""
+MEASURED_ANGLES = ("theta_m_1", "theta_m_2", "theta_m_3", "theta_l_1", "theta_l_2", "theta_l_3")
+TRUE_SIGNALS = ("p_B_x", "p_B_y", "p_B_z", "F_ee_B_z")
+SPEED_COMMANDS = ("omega_ref_1", "omega_ref_2", "omega_ref_3")
+LOAD_TORQUES = ("tau_load_1", "tau_load_2", "tau_load_3")
+Loops: TypeAlias = control.StateSpace
+"""All loops of the robot, open, as `open_loops` names their inputs and outputs."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +75,10 @@ class DriveModel:
 
     Attributes:
         A, B, C, D: (n, n), (n, 2), (1, n), (1, 2); n may be 0.
-        residual: rms distance of the model from the measured response, the command's or the load's, whichever is worse.
-            It is relative to the response at each frequency, to a tenth of the largest, or to ten times the
-            measurement's uncertainty, whichever is largest.
-        turning: it was measured while the shaft turned, because at rest it does not answer in proportion.
+        residual: rms distance of the model from the measured response, the larger of command and load. It is relative
+            to the response at each frequency, to a tenth of the largest, or to ten times the measurement's uncertainty,
+            whichever is largest.
+        turning: whether it was measured while the shaft turned, because the drive is nonlinear at rest.
     """
 
     A: Matrix
@@ -82,7 +94,7 @@ class DriveModel:
         return (self.D + self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B))[0]
 
     def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Transfer functions (n, 2) at the points `z` (n,)."""
+        """Transfer functions of the model (n, 2) at the points `z` (n,)."""
         states = np.eye(len(self.A))
         return np.array([(self.D + self.C @ np.linalg.solve(point * states - self.A, self.B))[0] for point in z])
 
@@ -90,16 +102,16 @@ class DriveModel:
 def fit_drive(
     frequencies: Matrix, response: NDArray[np.complex128], uncertainty: Matrix, tick: float, label: str
 ) -> DriveModel:
-    """The smallest stable model that is close to a measured response.
+    """Fit the smallest stable model that is close to a measured response.
 
     Args:
-        frequencies: Hz (n,), below half the rate of ticks; 0 for the steady gain.
+        frequencies: Hz (n,), below half the tick rate; 0 for the steady gain.
         response: (n, 2), advance per tick over omega_ref (rad per rad/s) and tau_load (rad per N m).
         uncertainty: standard deviation of `response` (n, 2).
         tick: s.
 
     Raises:
-        InputRefused: no stable model comes close: the drive does not answer in proportion.
+        InputRefused: no stable model is close: the drive is nonlinear.
     """
     z = np.exp(2j * np.pi * tick * frequencies)
     p = np.exp(-2.0 * np.pi * CENTRE_FREQUENCY * tick)
@@ -109,10 +121,10 @@ def fit_drive(
             f"{label}: no linear model describes it: its shaft does not respond to small commands; "
             "see `twin drive check`"
         )
-    # a drive that no load can move has nothing to be relative to
+    # avoid a division by zero for a drive that no load can move
     largest = np.maximum(size.max(axis=0), 1e-9 * size.max())
     weight = 1.0 / np.maximum(np.maximum(size, 0.1 * largest), 10.0 * uncertainty)
-    # a model that is as close as the measurement is certain needs no more states
+    # a model as accurate as the measurement needs no more states
     enough = GOOD_RESIDUAL + np.sqrt(np.mean((uncertainty * weight) ** 2, axis=0)).max()
     best: DriveModel | None = None
     for states in range(MAX_STATES + 1):
@@ -129,7 +141,8 @@ def fit_drive(
         worst = best.residual if best else 1.0
         raise InputRefused(
             f"{label}: no linear model describes it: the best misses its measured frequency response by {worst:.0%}, "
-            f"expected at most {MAX_RESIDUAL:.0%}. Its response to small signals is not linear; simulate instead (twin run)"
+            f"expected at most {MAX_RESIDUAL:.0%}. Its response to small signals is not linear; simulate instead "
+            "(twin run)"
         )
     return best
 
@@ -137,11 +150,11 @@ def fit_drive(
 def _rational_fit(
     variable: NDArray[np.complex128], response: NDArray[np.complex128], weight: Matrix, states: int
 ) -> tuple[Matrix, Matrix]:
-    """(denominator (states + 1,) with 1 first, numerators (states + 1, 2)): polynomials in 1 / `variable`."""
+    """Fit polynomials in 1 / `variable`: (denominator (states + 1,) with 1 first, numerators (states + 1, 2))."""
     powers = (1.0 / variable)[:, None] ** np.arange(states + 1)
     denominator = np.ones(len(variable), dtype=complex)
     for _ in range(FIT_ITERATIONS if states else 1):
-        # a denominator may vanish at a line: where only the steady gain is answered, a pole lies on it
+        # the denominator may vanish at a frequency: if only the steady gain responds, a pole is there
         scale = weight / np.maximum(np.abs(denominator), MIN_DENOMINATOR * np.abs(denominator).max())[:, None]
         blocks, right = [], []
         for channel in range(2):
@@ -158,7 +171,7 @@ def _rational_fit(
 
 
 def _state_space(denominator: Matrix, numerators: Matrix, p: float) -> DriveModel:
-    """The polynomials in 1/lambda as a state-space model in z.
+    """Convert the polynomials in 1/lambda to a state-space model in z.
 
     In lambda it is the observer form; with A, B, C, D there, (lambda 1 - A)^-1 = (1 - p z)(z 1 - A_z)^-1 (1 + p A)^-1
     for A_z = (1 + p A)^-1 (A + p 1), and (1 - p z)(z 1 - A_z)^-1 = -p 1 + (1 - p A_z)(z 1 - A_z)^-1.
@@ -172,18 +185,6 @@ def _state_space(denominator: Matrix, numerators: Matrix, p: float) -> DriveMode
     turned = np.linalg.inv(np.eye(n) + p * A)
     A_z = turned @ (A + p * np.eye(n))
     return DriveModel(A_z, turned @ B, C @ (np.eye(n) - p * A_z), D - p * C @ turned @ B)
-
-
-ANGLE_STEP = 1e-6
-"""Of the central differences (rad): their error is below 1e-9, and no spring is that near its backlash."""
-
-LOOPS = ("position_x", "position_y", "position_z", "force")
-"""Where the loops can be opened: the three outputs of the position law (m/s), and dp_z of the force law (m)."""
-REFERENCE_SIGNALS = ("p_ref_B_x", "p_ref_B_y", "p_ref_B_z", "F_z_ref")
-ESTIMATED_SIGNALS = ("p_B_x_estimated", "p_B_y_estimated", "p_B_z_estimated", "F_z")
-
-
-_ESTIMATION_RECORD = record(belief=BELIEF_RECORD, gravity_compensation="i8", counts=("f8", (6,)), y=ESTIMATE_RECORD)
 
 
 @entry("nothing", _ESTIMATION_RECORD)
@@ -211,7 +212,7 @@ class LoopSettings(NamedTuple):
         eta: belt efficiency, as believed.
         position, force: gains.
         corner: low-pass on the force (Hz).
-        damping: None where the controller has none.
+        damping: None if the controller has no damping.
         period: s.
     """
 
@@ -228,10 +229,10 @@ class Estimation(NamedTuple):
     """The estimator at an operating point; derivatives by the six angles theta_m, theta_l.
 
     Attributes:
-        J: Jacobian there (3, 3), rad/m.
+        J: Jacobian at the point (3, 3), rad/m.
         p_B, tau_l, F_ee_B: derivatives (3, 6).
-        turned: derivative (3, 6) of J u for the steady output u of the position law: what a steady command of the
-            motors changes to because the estimated Jacobian changes.
+        turned: derivative (3, 6) of J u for the steady output u of the position law, i.e. the change of a steady motor
+            command due to the change of the estimated Jacobian.
     """
 
     J: Matrix
@@ -242,10 +243,10 @@ class Estimation(NamedTuple):
 
 
 def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standing: Matrix) -> Estimation:
-    """The estimator around the angles `read` (6,) that the encoders give, theta_m then theta_l, rad.
+    """Linearise the estimator around the angles `read` (6,) from the encoders, theta_m then theta_l, rad.
 
     Args:
-        standing: motor speeds (3,) that the law commands at rest, rad/s: those that the drives' droop eats up.
+        standing: motor speeds (3,) that the law commands at rest, rad/s, to compensate the drives' droop.
 
     Raises:
         numpy.linalg.LinAlgError: the pose is singular.
@@ -273,8 +274,8 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
 class LinearLaw(NamedTuple):
     """c(j+1) = A c + B (angles, a), (omega_ref, b) = C c + D (angles, a), with the period of the controller.
 
-    The inputs are the six angles, then `LOOPS`, then `REFERENCE_SIGNALS`; the outputs three omega_ref, then `LOOPS`, then
-    `ESTIMATED_SIGNALS`. With every loop closed the inputs `LOOPS` are the outputs `LOOPS`.
+    The inputs are the six angles, then `LOOPS`, then `REFERENCE_SIGNALS`; the outputs three omega_ref, then `LOOPS`,
+    then `ESTIMATED_SIGNALS`. With every loop closed the inputs `LOOPS` are the outputs `LOOPS`.
     """
 
     A: Matrix
@@ -283,12 +284,8 @@ class LinearLaw(NamedTuple):
     D: Matrix
 
 
-LAW_STATES = 9 + 3 + 1 + 3
-"""Integral, derivative and last error of three position loops and the force loop, low-passed force, slow torques."""
-
-
 def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
-    """The controller's matrices: one call of it for each unit vector."""
+    """Compute the controller's matrices, with one call of it for each unit vector."""
     inputs = 6 + len(LOOPS) + len(REFERENCE_SIGNALS)
     columns = [_call(settings, estimation, z[:LAW_STATES], z[LAW_STATES:]) for z in np.eye(LAW_STATES + inputs)]
     whole = np.stack(columns, axis=1)
@@ -301,7 +298,7 @@ def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
 
 
 def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
-    """(state, outputs) after one call of the controller, as `task_controller.py` puts it together."""
+    """Compute (state, outputs) after one call of the controller, composed as in `task_controller.py`."""
     angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
     h = settings.period
     p, F_ee_B = estimation.p_B @ angles, estimation.F_ee_B @ angles
@@ -317,14 +314,14 @@ def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs:
 
 
 def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:
-    """(output, state) of one loop that nothing limits; its state is integral, derivative, last error."""
+    """Compute (output, state) of one unlimited loop; its state is integral, derivative, last error."""
     pid = np.array([(*gains, *state, 1)], dtype=PID_RECORD)
     output = _control(pid, error, h)
     return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
 
 
 def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
-    """(motor speeds (3,) by which the motors give way, low-passed torques (3,))."""
+    """Compute (motor speeds (3,) of the damping, low-passed torques (3,))."""
     lead = np.zeros(3)
     if settings.damping is None:
         return lead, slow
@@ -333,21 +330,16 @@ def _damping_speeds(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tupl
     return lead, felt["slow"][0].copy()
 
 
-MEASURED_ANGLES = ("theta_m_1", "theta_m_2", "theta_m_3", "theta_l_1", "theta_l_2", "theta_l_3")
-TRUE_SIGNALS = ("p_B_x", "p_B_y", "p_B_z", "F_ee_B_z")
-SPEED_COMMANDS = ("omega_ref_1", "omega_ref_2", "omega_ref_3")
-LOAD_TORQUES = ("tau_load_1", "tau_load_2", "tau_load_3")
-
-
 class LoopStepping(NamedTuple):
-    """How the co-simulation steps.
+    """Stepping of the co-simulation.
 
     Attributes:
         tick: s.
-        substeps: of the plant per tick.
+        substeps: substeps of the plant per tick.
         period: ticks between two calls of the controller.
         delay: ticks from its call to the drives.
-        jacobi: all continuous components see what is valid at the tick; else the plant sees the drives' newest angles.
+        jacobi: whether all continuous components see the values at the start of the tick; otherwise the plant sees the
+            drives' newest angles.
     """
 
     tick: float
@@ -358,7 +350,7 @@ class LoopStepping(NamedTuple):
 
 
 def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Matrix, Matrix]:
-    """(A_d, B_d) of dx/dt = A x + B u over `h` (s), u held: what the plant's integrator makes of it.
+    """(A_d, B_d) of dx/dt = A x + B u over `h` (s), u held, as the plant's integrator computes it.
 
     Classical Runge-Kutta multiplies a linear state by R(h A), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 (Hairer and Wanner
     1996, Solving Ordinary Differential Equations II, IV.2); the derivative of its step at a state of rest is the same.
@@ -374,7 +366,7 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
 
 
 def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
-    """One tick: commands `SPEED_COMMANDS` in, `MEASURED_ANGLES` and `TRUE_SIGNALS` out, all as small deviations.
+    """Build the linear map of one tick from `SPEED_COMMANDS` to `MEASURED_ANGLES` and `TRUE_SIGNALS`.
 
     Args:
         plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
@@ -415,9 +407,9 @@ def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: 
 
 
 def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.StateSpace:
-    """The same from one call of the controller to the next: its command is held for the period, after the delay.
+    """Extend a tick map to a period of the controller: its command is held for the period, after the delay.
 
-    A delay of q periods and r ticks means that the command of q + 1 periods ago is still on for the first r ticks.
+    A delay of q periods and r ticks means that the command of q + 1 periods ago is still active for the first r ticks.
     """
     q, r = divmod(stepping.delay, stepping.period)
     A, early, late = np.eye(tick.nstates), np.zeros_like(tick.B), np.zeros_like(tick.B)
@@ -428,7 +420,7 @@ def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.Stat
         else:
             late = late + tick.B
     n, delays = tick.nstates, q + (1 if r else 0)
-    # states: those of the tick, then the commands of 1, 2 .. periods ago
+    # states: the tick's, then the commands of 1, 2 .. periods ago
     A_, B_ = np.zeros((n + 3 * delays, n + 3 * delays)), np.zeros((n + 3 * delays, 3))
     A_[:n, :n] = A
     A_[n + 3 :, n:-3] = np.eye(3 * max(0, delays - 1))
@@ -444,19 +436,17 @@ def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.Stat
     return control.ss(A_, B_, C, tick.D, T, inputs=list(SPEED_COMMANDS), outputs=tick.output_labels, name="robot")
 
 
-Loops: TypeAlias = control.StateSpace
-"""All loops of the robot, open, as `open_loops` names their inputs and outputs."""
-
-
 def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -> Loops:
-    """All loops open: inputs `LOOPS`, `REFERENCE_SIGNALS`, `SPEED_COMMANDS`; outputs `LOOPS`, `ESTIMATED_SIGNALS`, `SPEED_COMMANDS` and the truth.
+    """Connect robot and law with all loops open.
 
-    What comes in at one of `SPEED_COMMANDS` is added to what the law commands, behind the output of that name.
+    The inputs are `LOOPS`, `REFERENCE_SIGNALS`, `SPEED_COMMANDS`; the outputs `LOOPS`, `ESTIMATED_SIGNALS`,
+    `SPEED_COMMANDS` and the true signals. Inputs `SPEED_COMMANDS` are added to the law's commands, after the outputs of
+    that name.
 
     Args:
-        robot: `period_map`, of which no output depends directly on an input.
+        robot: result of `period_map`; its outputs must not depend directly on an input.
         law: with the same period.
-        whole: keep the states that no input reaches or no output sees, those of `robot` first.
+        whole: whether to keep states that no input reaches or no output sees, the states of `robot` first.
     """
     angles = len(MEASURED_ANGLES)
     C_m, C_true = robot.C[:angles], robot.C[angles:]
@@ -490,8 +480,8 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
 def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
     """Indices of the states that an input can reach and an output can see.
 
-    Others are at rest for ever, like the integral of a loop with ki = 0 or the bristle of a surface that is not
-    touched, and each of them would be a pole at z = 1.
+    Other states are always at rest, like the integral of a loop with ki = 0 or the bristle of an untouched surface, and
+    each of them would be a pole at z = 1.
     """
     linked = A != 0.0
     reached, seen = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
@@ -501,13 +491,13 @@ def linked_states(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
 
 
 def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
-    """`loops` with some of `LOOPS` closed, each with a gain that multiplies all gains of its law; 1: as it is.
+    """Close some of `LOOPS`, each with a factor on all gains of its law; 1 for the gains as set.
 
-    Inputs and outputs stay: what comes in at a closed loop is added there.
+    Inputs and outputs stay: an input at a closed loop is added to its signal.
     """
     n = len(LOOPS)
     K = np.diag([gains.get(name, 0.0) for name in LOOPS])
-    # a = K b + what is added, b = C_b x + D_b a: solvable because no loop depends directly on itself
+    # a = K b + external inputs, b = C_b x + D_b a: solvable because no loop depends directly on itself
     share = np.linalg.inv(np.eye(n) - K @ loops.D[:n, :n])
     back, added = share @ K @ loops.C[:n], np.zeros((n, loops.ninputs))
     added[:, :n] = share
@@ -521,7 +511,7 @@ def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
 
 
 def spectral_radius(loops: Loops, gains: Mapping[str, float]) -> float:
-    """Largest magnitude of a pole with the loops closed; below 1: stable."""
+    """Largest magnitude of a pole with the loops closed; below 1 if stable."""
     return float(np.abs(closed_poles(loops, gains)).max())
 
 

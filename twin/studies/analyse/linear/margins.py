@@ -1,26 +1,25 @@
 """Margins, sensitivity and bandwidth of a loop, from its frequency response and cross-checked by eigenvalues.
 
-The frequency response is evaluated point by point and handed to python-control as data. Its margins of a state-space
-loop go through a transfer function's coefficients, which rounding ruins with a dozen states near z = 1: for a stable
-loop of this robot the gain margin came out as 0.9 where it is 90.
+The frequency response is evaluated point by point and passed to python-control as data. Its margins of a state-space
+loop use a transfer function's coefficients, which rounding ruins with a dozen states near z = 1: for a stable loop of
+this robot the resulting gain margin was 0.9 instead of 90.
 
-Disk margins: how far gain and phase of several loops may be off, all at once and each as it likes. Each loop is
-multiplied by a complex number f of its own, from a disk (Seiler, Packard and Gahinet 2020, An Introduction to Disk
-Margins, IEEE Control Systems 40(5):78):
+Disk margins: permitted error of gain and phase of several loops, all at once and independently. Each loop is multiplied
+by a complex number f of its own, from a disk (Seiler, Packard and Gahinet 2020, An Introduction to Disk Margins, IEEE
+Control Systems 40(5):78):
 
     f = (1 + (1 - sigma)/2 delta) / (1 - (1 + sigma)/2 delta),  |delta| < alpha.
 
 The loops stay stable for all of them up to alpha = 1 / max mu(S + (sigma - 1)/2 1), the largest over all frequencies, S
-being their sensitivity. Balanced, sigma = 0, the disk reaches from (1 - alpha/2)/(1 + alpha/2) to its inverse on the
-real axis, and holds all turns of up to 2 arctan(alpha/2).
+being their sensitivity. Balanced, sigma = 0, the disk extends from (1 - alpha/2)/(1 + alpha/2) to its inverse on the
+real axis, and contains all rotations of up to 2 arctan(alpha/2).
 
-All of it is of the linear model, at the frequencies that are looked at: what is narrower than their grid is not seen.
+All margins are those for the linear model on a frequency grid: resonances narrower than the grid are missed.
 
-How large a diagonal perturbation has to be until it makes a matrix singular: the structured singular value, mu. mu(M)
-is one over the largest singular value of the smallest complex diagonal Delta with det(1 - Delta M) = 0. No D that is
-diagonal and positive moves it, so it is at most the largest singular value of D M D^-1 for any of them, and the
-smallest of those is taken for it. For up to three rows that is mu itself; for more it is an upper bound, which errs on
-the safe side (Doyle 1982, IEE Proc D 129:242; Packard and Doyle 1993, Automatica 29:71).
+The structured singular value mu(M) is one over the largest singular value of the smallest complex diagonal Delta with
+det(1 - Delta M) = 0. A positive diagonal D leaves it unchanged, so it is at most the largest singular value of D M D^-1
+for any D, and the minimum over D is used as mu. For up to three rows the minimum equals mu; for more it is an upper
+bound, which errs on the safe side (Doyle 1982, IEE Proc D 129:242; Packard and Doyle 1993, Automatica 29:71).
 """
 
 from collections.abc import Sequence
@@ -36,28 +35,41 @@ from twin.studies.analyse.linear.loops import LOOPS, Loops, Matrix, closed_loops
 Complex = NDArray[np.complex128]
 
 MIN_FREQUENCY = 0.02
-"""rad/s. Two decades below the slowest loop."""
+"""Minimum frequency (rad/s), two decades below the slowest loop."""
 GRID_POINTS = 1500
 MARGIN_TOLERANCE = 0.01
-"""Relative. What eigenvalues and frequency response may differ by about a gain margin."""
+"""Maximum relative difference of a gain margin between eigenvalues and frequency response."""
 LARGEST_GAIN = 1000.0
-"""A gain that can be raised so far has no margin worth a number."""
+"""Largest gain factor examined; a larger gain margin counts as unlimited."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
+NORM_EXPONENTS = (4.0, 32.0, 256.0, 2048.0)
+"""Exponents of the norms, ending near the largest singular value: seven equal ones make the last norm 0.1 % too large.
+"""
+MAX_STEPS, MAX_STEP_LENGTH, MIN_STEP_SHARE = 60, 3.0, 1e-9
+"""Maximum number of steps of log D, maximum step, and minimum share of a step in the line search."""
+MAX_SPREAD = 60.0
+"""Maximum spread of log D, which is unbounded for a loop without feedback."""
+MIN_FALL, MIN_NORM = 1e-13, 1e-300
+"""Thresholds below which a decrease of the norm, and a matrix, count as zero."""
+BOUND_TOLERANCE = 1e-5
+"""Maximum relative difference of equal bounds."""
+REFINED_POINTS = 25
+"""Number of frequencies examined on either side of the smallest margin, in each of two refinements."""
 
 
 class Margins(NamedTuple):
-    """How far a closed loop is from instability; None where there is no such number.
+    """Margins of a closed loop; None if undefined.
 
     Attributes:
-        gain: factor by which the loop's gain may grow.
-        gain_frequency: of the swing it then has (rad/s).
-        reduction: factor to which the gain may fall, < 1.
+        gain: largest permitted factor on the loop's gain.
+        gain_frequency: frequency of the swing at that gain (rad/s).
+        reduction: smallest permitted factor on the gain, < 1.
         phase: rad.
-        crossover: frequency at which the loop's gain is 1 and the phase margin counts (rad/s).
+        crossover: frequency of unit loop gain and of the phase margin (rad/s).
         sensitivity: M_s, largest |1/(1+L)|.
         complementary: M_t, largest |L/(1+L)|.
-        bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
-        remark: why a number is missing.
+        bandwidth: lowest frequency with |L/(1+L)| below 1/sqrt(2) (rad/s).
+        remark: reason for a missing number.
     """
 
     gain: float | None
@@ -91,7 +103,7 @@ def loop_response(loops: Loops, gains: dict[str, float], name: str, omega: Matri
 
 
 def margins(loops: Loops, gains: dict[str, float], name: str) -> Margins:
-    """Margins of the loop `name` of a system that is stable with all loops closed with `gains`."""
+    """Compute the margins of the loop `name` of a system that is stable with all loops closed with `gains`."""
     omega = frequencies(loops.dt)
     L = loop_response(loops, gains, name, omega)
     gain, phase, _, at_gain, at_phase, _ = control.stability_margins(control.frd(L, omega, smooth=True), returnall=True)
@@ -115,7 +127,7 @@ def margins(loops: Loops, gains: dict[str, float], name: str) -> Margins:
 
 
 def _cross_check(loops: Loops, gains: dict[str, float], name: str, found: Margins) -> Margins:
-    """The margins if the eigenvalues agree with the gain margin, else without it."""
+    """Return the margins if the eigenvalues agree with the gain margin, else without it."""
 
     def stable(factor: float) -> bool:
         return spectral_radius(loops, {**gains, name: factor * gains[name]}) < 1.0
@@ -139,7 +151,7 @@ def worst_sensitivity(loops: Loops, gains: dict[str, float]) -> float:
 def sensitivity(loops: Loops, gains: dict[str, float], breaks: Sequence[str], omega: Matrix) -> Complex:
     """(1 + L)^-1 (n, k, k) of the loops opened at all `breaks` at once, some of `LOOPS` and `COMMANDS`.
 
-    It is what becomes of something added there: with it, and with what comes back.
+    The sensitivity is the response to an input at the break, with the input itself and the feedback.
     """
     closed = closed_loops(loops, gains)
     labels = closed.input_labels, closed.output_labels
@@ -150,10 +162,10 @@ def sensitivity(loops: Loops, gains: dict[str, float], breaks: Sequence[str], om
 
 
 def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) -> float | None:
-    """Factor up to which the gains of all of `names` together keep the system stable, by eigenvalues.
+    """Largest common factor on the gains of `names` that keeps the system stable, by eigenvalues.
 
-    It is above 1 for a stable system and below 1 for one that smaller gains make stable; 0 if none do down to
-    1 / `LARGEST_GAIN`; None if nothing happens up to `LARGEST_GAIN`.
+    The factor is above 1 for a stable system and below 1 for a system that smaller gains stabilise; 0 if unstable down
+    to 1 / `LARGEST_GAIN`; None if stable up to `LARGEST_GAIN`.
     """
 
     def stable(factor: float) -> bool:
@@ -173,31 +185,19 @@ def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) ->
 
 
 class Pole(NamedTuple):
-    """A pole: magnitude omega (rad/s) and damping ratio zeta of s = ln(z) / period; zeta < 0: it grows."""
+    """A pole: magnitude omega (rad/s) and damping ratio zeta of s = ln(z) / period; zeta < 0 if it grows."""
 
     omega: float
     zeta: float
 
 
 def poles(z: Complex, period: float) -> list[Pole]:
-    """`z` (n,) as poles of swings, slowest decay first; one of each conjugate pair; without those of pure delays."""
+    """Convert `z` (n,) to poles of swings, slowest decay first, without pure delays; one of each conjugate pair."""
     lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)]
     s = np.log(lasting) / period
-    # a pole at z = 1, rounding aside, neither grows nor decays
+    # a pole at z = 1 neither grows nor decays; avoid a division by zero
     magnitude = np.maximum(np.abs(s), 1e-9)
     return [Pole(float(magnitude[i]), float(-s.real[i] / magnitude[i])) for i in np.argsort(-s.real)]
-
-
-NORM_EXPONENTS = (4.0, 32.0, 256.0, 2048.0)
-"""Of the norms that end up as the largest singular value: seven singular values that are equal count 0.1 % too much."""
-MAX_STEPS, MAX_STEP_LENGTH, MIN_STEP_SHARE = 60, 3.0, 1e-9
-"""How often log D is moved on, how far at most, and to which share of a step it is tried."""
-MAX_SPREAD = 60.0
-"""Spread of log D: a loop that nothing comes back to wants an infinite one."""
-MIN_FALL, MIN_NORM = 1e-13, 1e-300
-"""A fall of the norm that is none, and a matrix that is none."""
-BOUND_TOLERANCE = 1e-5
-"""Relative. Bounds that are no farther apart are one."""
 
 
 def scale_matrix(M: Complex, log_D: Matrix) -> Complex:
@@ -206,14 +206,14 @@ def scale_matrix(M: Complex, log_D: Matrix) -> Complex:
 
 
 def best_scaling(M: Complex, start: Matrix) -> Matrix:
-    """log D (k,) with which the largest singular value of D M D^-1 is smallest.
+    """log D (k,) that minimises the largest singular value of D M D^-1.
 
-    It is a convex function of log D with edges where singular values are equal; sums of their powers have none, and
-    come close with the exponent (Schatten norms).
+    The largest singular value is a convex function of log D with edges where singular values are equal; sums of their
+    powers are smooth and approach it with the exponent (Schatten norms).
 
     Args:
         M: (k, k).
-        start: log D to begin with.
+        start: initial log D.
     """
     found = start
     for exponent in NORM_EXPONENTS:
@@ -226,7 +226,7 @@ def _norm(M: Complex, log_D: Matrix, exponent: float) -> tuple[float, Matrix]:
     left, sizes, right = np.linalg.svd(scale_matrix(M, log_D))
     share = (sizes / max(sizes[0], MIN_NORM)) ** exponent
     total = share.sum()
-    # a singular value's logarithm goes with |u_k|^2 - |v_k|^2
+    # d log(sigma_k) / d log D = |u_k|^2 - |v_k|^2
     slopes = np.abs(left.T) ** 2 - np.abs(right) ** 2
     return float(np.log(max(sizes[0], MIN_NORM)) + np.log(total) / exponent), share @ slopes / total
 
@@ -257,10 +257,10 @@ def _minimise_norm(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
 
 
 def largest_mu(M: Complex) -> tuple[int, float]:
-    """(which, bound) of the matrix (n, k, k) whose upper bound of mu is largest.
+    """(index, bound) of the matrix (n, k, k) with the largest upper bound of mu.
 
-    The scaling of the one that seems largest is the best for it and good for its neighbours, so that few have to be
-    looked at.
+    The best scaling for the seemingly largest matrix is also good for its neighbours, so that few matrices have to be
+    examined.
     """
     bounds = np.linalg.svd(M, compute_uv=False)[:, 0]
     log_D, looked_at = np.zeros(M.shape[-1]), 0.0
@@ -275,17 +275,13 @@ def largest_mu(M: Complex) -> tuple[int, float]:
     return which, float(bounds[which])
 
 
-REFINED_POINTS = 25
-"""Frequencies looked at between that of the smallest margin and the next ones, twice."""
-
-
 @dataclass(frozen=True)
 class DiskMargin:
-    """How far all loops of the linear model may be off at once, at the frequencies that were looked at.
+    """Permitted error of all loops of the linear model at once, at the examined frequencies.
 
     Attributes:
-        alpha: size of the disk; at least that for more than three loops.
-        frequency: of the swing that they then have (rad/s).
+        alpha: size of the disk; a lower bound for more than three loops.
+        frequency: frequency of the swing at this error (rad/s).
     """
 
     alpha: float
@@ -293,25 +289,25 @@ class DiskMargin:
 
     @property
     def gain(self) -> float | None:
-        """Factor by which each gain may grow or shrink; None: by any."""
+        """Permitted factor on, or divisor of, each gain; None if unlimited."""
         return (2.0 + self.alpha) / (2.0 - self.alpha) if self.alpha < 2.0 else None
 
     @property
     def phase(self) -> float:
-        """By which each phase may be off (rad)."""
+        """Permitted error of each phase (rad)."""
         return float(2.0 * np.arctan(0.5 * self.alpha))
 
     JSON_KEYS = "alpha frequency gain phase"
 
 
 def smallest_disk(S: Complex, skew: float = 0.0) -> tuple[int, float]:
-    """(which, alpha) of the sensitivity (n, k, k) that leaves the smallest disk, with sigma = `skew`."""
+    """(index, alpha) of the sensitivity (n, k, k) with the smallest disk, with sigma = `skew`."""
     which, mu = largest_mu(S + 0.5 * (skew - 1.0) * np.eye(S.shape[-1]))
     return which, 1.0 / mu
 
 
 def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) -> DiskMargin:
-    """Of the loops opened at all `breaks` at once, see `sensitivity`, of a system that is stable."""
+    """Compute the disk margin of a stable system's loops opened at all `breaks` at once, see `sensitivity`."""
     omega = frequencies(loops.dt)
     for _ in range(3):
         which, alpha = smallest_disk(sensitivity(loops, gains, breaks, omega))
@@ -321,6 +317,6 @@ def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) ->
 
 
 def _refined_frequencies(omega: Matrix, which: int) -> Matrix:
-    """Frequencies from the one before `which` to the one after it."""
+    """Frequencies between the neighbours of the index `which`."""
     low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
     return np.unique(np.concatenate([np.geomspace(low, high, 2 * REFINED_POINTS + 1), [omega[which]]]))

@@ -1,4 +1,4 @@
 """Digitised figures of the paper: CSV curves with provenance in their head, see README.md here.
 
-There are none: no figure has been digitised yet, and none is made up.
+The folder has no curves yet: no figure has been digitised, and invented curves are not accepted.
 """

@@ -1,4 +1,4 @@
-"""The provenance of a digitised curve: the head of its file, checked."""
+"""Provenance of a digitised curve, parsed from the head of its file and checked."""
 
 import datetime
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ Points = tuple[tuple[float, float], tuple[float, float]]
 
 
 class Figure(Settings):
-    """What was digitised."""
+    """The digitised curve's figure in the paper."""
 
     number: str
     panel: str
@@ -27,7 +27,7 @@ class Figure(Settings):
 
 
 class Digitisation(Settings):
-    """Who did it, when and with what."""
+    """Author, date and tool of a digitisation."""
 
     by: str
     on: datetime.date
@@ -35,7 +35,7 @@ class Digitisation(Settings):
 
 
 class FileHead(Settings):
-    """The head of a file, by column: two points (pixel, value) of its axis, and the uncertainty."""
+    """Head of a file, with two points (pixel, value) of each column's axis, and each column's uncertainty."""
 
     figure: Figure
     digitised: Digitisation
@@ -45,13 +45,13 @@ class FileHead(Settings):
 
 @dataclass(frozen=True)
 class Provenance:
-    """Of one curve.
+    """Provenance of one curve.
 
     Attributes:
-        head: as it stands in the file.
+        head: head of the file.
         signal: name of the curve in the log.
-        value: uncertainty of the signal, SI.
-        time: uncertainty of the time, s.
+        value: uncertainty of the signal (SI).
+        time: uncertainty of the time (s).
     """
 
     head: FileHead
@@ -67,10 +67,10 @@ class Provenance:
 
 
 def provenance(log: Log) -> Provenance | None:
-    """What the head of `log` says; None if it is no digitised curve: it has no table [figure].
+    """Parse the head of `log`; None without a table [figure], i.e. if the log is not a digitised curve.
 
     Raises:
-        LogRefused: the head is not as README.md beside this file says, or claims what no image can give.
+        LogError: the head does not follow the README.md in this folder, or claims an accuracy below half a pixel.
     """
     if "[figure]" not in log.comments:
         return None
@@ -91,7 +91,7 @@ def provenance(log: Log) -> Provenance | None:
     time = next((found[name] for name in TIME_NAMES if name in found), None)
     if time is None or signal not in found:
         missing = "the time" if time is None else signal
-        raise LogError(f"{log.path}: [uncertainty] says nothing about {missing}; it has {', '.join(head.uncertainty)}")
+        raise LogError(f"{log.path}: [uncertainty] lacks {missing}; it has {', '.join(head.uncertainty)}")
     return Provenance(head, signal, found[signal], time)
 
 
@@ -107,7 +107,7 @@ def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) 
 
 
 def _by_column(content: dict[str, Any]) -> dict[str, Any]:
-    """`content` with flat tables of columns: TOML takes the dot in `controller.F_z_N` for a table of its own."""
+    """Flatten the tables of columns in `content`: TOML parses the dot in `controller.F_z_N` as a nested table."""
     tables = {key: content[key] for key in ("calibration", "uncertainty") if isinstance(content.get(key), dict)}
     return content | {key: dict(_columns("", table)) for key, table in tables.items()}
 
@@ -118,5 +118,5 @@ def _columns(prefix: str, table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
             yield from _columns(f"{prefix}{key}.", value)
         else:
             points = isinstance(value, list) and all(isinstance(point, list) for point in value)
-            # a strict model asks for tuples
+            # a strict model expects tuples
             yield f"{prefix}{key}", tuple(map(tuple, value)) if points else value
