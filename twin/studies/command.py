@@ -63,19 +63,16 @@ class Study:
     """Decorator that declares a function as a study; Python callers can still call the function directly.
 
     An argument whose type is a dataclass, such as `MasterOptions`, is expanded: each field becomes an option. In
-    addition
-    the function takes `say` (see `Say`), or `reporter` (see `Reporter`) if it records a run, or neither if it is fast.
-    It
-    returns an `Answer`, yields answers as they become available, or prints its own output. Shared options such as
-    `--json`
-    are added to the command; a function that needs the value of a shared option declares it as an argument.
+    addition the function takes `say` (see `Say`), or `reporter` (see `Reporter`) if it records a run, or neither if it
+    is fast. It returns an `Answer`, yields answers as they become available, or prints its own output. Shared options
+    such as `--json` are added to the command; a function that needs the value of a shared option declares it as an
+    argument.
 
     Attributes:
         words: command name, if it differs from the function's name.
         draws: whether the study draws pictures; adds `--format` and `--columns`.
         isolated: whether the study steps FMUs and so runs in a separate process unless `--isolate none` is given; or
-            the
-            name of the flag that makes it step FMUs.
+            the name of the flag that makes it step FMUs.
         limited: whether `--limit-step` and `--limit-wall` of the process are added.
         json: whether `--json` is added.
         reported: whether the answer's fact `recording` is a recording of which `--report` writes a page.

@@ -67,8 +67,7 @@ def findings(runs: Fig4Runs) -> dict[str, Any]:
     """Judge the claims of Fig. 4 and return the additional fields of a row.
 
     Fields: "claims", key -> {"value", "verdict"}, and "curves", as `pack_curves` writes them: height (m) and forces (N)
-    of
-    both runs as estimated and, with `true_` in the name, as simulated.
+    of both runs as estimated and, with `true_` in the name, as simulated.
     """
     # The plant of the sweep is the imperfect one.
     score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))

@@ -65,10 +65,9 @@ class Columns:
 
     Attributes:
         by_name: column name -> column. As in a row: "run", "seconds", "stepping_s" (numbers), "drive", "status",
-            "reason",
-            "within_limits", "key", "no_hold" (categorical). Derived: "has_metrics", "has_curves" (categorical);
-            "parameters/LABEL" (numbers if all are floats, else categorical); "metrics/NAME", "values/CLAIM" (numbers);
-            "verdicts/CLAIM" (categorical). NaN or None where a row has no value.
+            "reason", "within_limits", "key", "no_hold" (categorical). Derived: "has_metrics", "has_curves"
+            (categorical); "parameters/LABEL" (numbers if all are floats, else categorical); "metrics/NAME",
+            "values/CLAIM" (numbers); "verdicts/CLAIM" (categorical). NaN or None where a row has no value.
     """
 
     by_name: dict[str, Column]

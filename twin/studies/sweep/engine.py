@@ -31,8 +31,7 @@ class Job:
         trial: function that makes a run and returns its `RunFinding`, "module:function"; same signature as the default.
         here: working directory of all runs.
         files: (drive, text settings) of a run -> expected `files_digest`; a worker refuses runs whose files differ.
-            Empty
-            to skip the check.
+            Empty to skip the check.
     """
 
     experiment: Path
@@ -66,9 +65,8 @@ class Engine(Protocol):
         """Run each of `tasks` exactly once and yield the results in batches as they arrive, in any order.
 
         A run that fails, crashes or hangs yields a result like any other; a result never depends on the process, the
-        order
-        or the preceding runs. Closing the generator ends everything it started; runs in progress are lost. Ctrl-C is
-        raised within 0.1 s, see `raise_interrupt`.
+        order or the preceding runs. Closing the generator ends everything it started; runs in progress are lost. Ctrl-C
+        is raised within 0.1 s, see `raise_interrupt`.
 
         Raises:
             TwinError: no run can continue, for example because the disk is full or the cluster is gone.

@@ -57,8 +57,7 @@ class Vary(_SweepTable):
         count: number of levels in a grid.
         scale: whether levels and probability are uniform in the value or in its logarithm.
         distribution: distribution of an uncertain value; uniform has `from` and `to`, normal `mean` and `std`,
-            lognormal
-            `median` and `sigma`, the standard deviation of the natural logarithm.
+            lognormal `median` and `sigma`, the standard deviation of the natural logarithm.
     """
 
     key: str | None = None

@@ -44,8 +44,7 @@ def call_with_timeout(
     """Run `call` in a separate thread and return its result within `limit` s.
 
     Dask's calls have no complete timeout, and in a separate thread Ctrl-C cannot interrupt them halfway. A call that
-    does
-    not return is abandoned with its thread.
+    does not return is abandoned with its thread.
 
     Args:
         hear: function polled while waiting; its exceptions propagate while `call` continues.

@@ -137,8 +137,7 @@ def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path)
     """Write the map of `metric` over `axes` to `path` (PNG), a panel per drive.
 
     Cells of a grid show the best run at that point over all other parameters; sampled runs are dots. An orange cross is
-    a
-    run without that number.
+    a run without that number.
     """
     columns, drives = sweep.columns, drives_in(sweep.columns)
     x, y = (parameter(columns, label) for label in axes)

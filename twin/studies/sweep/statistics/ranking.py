@@ -69,8 +69,7 @@ def round_metrics(numbers: Numbers) -> Numbers:
     """Round `numbers` to `METRIC_DECIMALS` decimals exactly like Python's `round`, i.e. to the nearest double.
 
     Scaling by a power of ten and back, as numpy does, is exact except where the product, itself rounded, is close to
-    the
-    middle between two decimals. From 2^13 on doubles are further apart than decimals.
+    the middle between two decimals. From 2^13 on doubles are further apart than decimals.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = numbers * 10.0**METRIC_DECIMALS
@@ -87,8 +86,7 @@ def usual_metric(columns: Columns) -> str:
     """Return the default metric to rank by.
 
     The hold error; the error since the first touch if no run held a force, or the rows are of an older twin; the
-    lateral
-    error if no force was controlled.
+    lateral error if no force was controlled.
     """
     return _first_available(columns, USUAL_METRICS)
 
@@ -230,8 +228,7 @@ class MetricSpread:
         missing: number of runs without the metric.
         quantiles: values at `QUANTILES`.
         counts: counts of `HISTOGRAM_BINS` bins of equal width from the smallest to the largest value; of a single bin
-            if
-            the values differ only by rounding.
+            if the values differ only by rounding.
         edges: edges of the bins, one more than there are bins.
     """
 

@@ -43,10 +43,9 @@ class Correlation:
 def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation | None:
     """Compute the rank correlation over the runs of one drive; None if too few runs have both, or one is constant.
 
-    Sources: Spearman (1904), ties share the mean of their ranks. Interval: Fisher's z with the variance
-    (1 + rho^2/2) / (n - 3) of Bonett and Wright (2000). p: Student's t with n - 2 degrees of freedom (Kendall and
-    Stuart,
-    Advanced Theory of Statistics 2, 31.19). Only monotonic relations are detected.
+    Sources: Spearman (1904), ties share the mean of their ranks. Interval: Fisher's z with the variance (1 + rho^2/2) /
+    (n - 3) of Bonett and Wright (2000). p: Student's t with n - 2 degrees of freedom (Kendall and Stuart, Advanced
+    Theory of Statistics 2, 31.19). Only monotonic relations are detected.
     """
     x, y = parameter(columns, label), value(columns, metric)
     both = ~(np.isnan(x) | np.isnan(y))
@@ -132,8 +131,7 @@ def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: st
     Args:
         labels: labels of the d parameters, in the order of the design.
         runs: number of runs planned for this drive, in blocks of d + 2. Run numbers of a drive are consecutive; each
-            block
-            starts where `saltelli_cube` begins one.
+            block starts where `saltelli_cube` begins one.
     """
     width = len(labels) + 2
     planned = runs // width
@@ -199,8 +197,8 @@ def half_widths(blocks: Numbers) -> Numbers:
     """Compute half the interval width of each first-order and total index, (2, d), from complete blocks (n, d + 2).
 
     Student's t at 0.975 with n - 1 degrees of freedom, times the jackknife standard error, i.e. the spread of the
-    indices
-    with one block left out at a time (Efron and Tibshirani 1993, Eq. 11.5). NaN where all blocks but one are equal.
+    indices with one block left out at a time (Efron and Tibshirani 1993, Eq. 11.5). NaN where all blocks but one are
+    equal.
     """
     # Slow to import, and most of this package does without scipy.
     from scipy.special import stdtrit
