@@ -1,14 +1,13 @@
-"""Prediction of gains by the linear model, at the corners at which they must hold: stability, sensitivity, step
-response.
+"""Prediction of gains by the linear model at the corners of an experiment: stability, sensitivity, step response.
 
 The tuned gains are P of the position law, and P and I of the force law. A corner is an operating point on one stiffness
 with one drive; the goals apply at every corner.
 
-The laws are those of `twin/robot/controller/`, in closed form because thousands of gains are tried:
+The laws of `twin/robot/controller/` are evaluated in closed form because thousands of gains are tried:
 
     e_F = F_z_ref - F_z,  I(k) = I(k-1) + ki T e_F,  dp_z = -(kp_F e_F + I(k)),  u = kp (p_ref + dp_z e_z - p).
 
-A test compares the poles with those of `twin.studies.analyse`, which calls the compiled laws.
+A test compares the poles with `twin.studies.analyse`, which calls the compiled laws.
 """
 
 import math
@@ -47,7 +46,7 @@ HALF_POWER = 1.0 / np.sqrt(2.0)
 UNIT_FACTORS = (1.0, 1.0, 1.0, 1.0)
 """Neutral factors on the loops x, y, z and force."""
 GRID_TOLERANCE = 1.02
-"""Factor by which M_s may exceed its value on the frequency grid, between two frequencies."""
+"""Largest ratio of M_s between two frequencies to M_s on the frequency grid."""
 MAX_FACTOR = 1000.0
 
 
@@ -131,7 +130,7 @@ class LawGains(NamedTuple):
 
 
 def round_gains(gains: LawGains) -> LawGains:
-    """Round `gains` to three digits, the precision in which they are shown and written."""
+    """Round `gains` to three digits, as shown and written."""
     return LawGains(*(float(f"{gain:.2e}") for gain in gains))
 
 
@@ -165,7 +164,7 @@ def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
 
 
 UNITY_GAINS = LawGains(1.0, 1.0, 0.0)
-"""Gains for which the analysis is made; the loops are then opened."""
+"""Gains used to linearise the robot before its loops are opened."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +226,8 @@ def corners(
         (corners, error messages of points without a linear model, linearisations with the identified drives).
 
     Raises:
-        InputRefused: there is no operating point, a drive has no linear model, or a surface is too soft for the force.
+        InputRefused: the experiment has no operating point, a drive has no linear model, or a surface is too soft for
+            the force.
         ComponentFailed: a drive failed while it was measured.
     """
     points, problems = operating_points(experiments[0])
@@ -272,7 +272,7 @@ class StepAnswer:
 
     Attributes:
         overshoot: overshoot (share of the step).
-        settling: time from which it stays within `SETTLED_BAND` (s); infinity if it does not settle in `STEP_HORIZON`.
+        settling: time until it stays within `SETTLED_BAND` (s); infinity if it does not settle in `STEP_HORIZON`.
         error: integrated absolute error over `STEP_HORIZON`, of a unit step (s).
         bandwidth: frequency where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """

@@ -30,7 +30,7 @@ STIFFNESS_RANGE = (300.0, 5000.0)
 MAX_STIFFNESS_RATIO = 2.0
 """Maximum ratio between neighbouring stiffnesses."""
 STIFFNESS_ERROR_FACTOR = 1.3
-"""Factor by which the estimate may be wrong either way: the tolerance of [controller.tissue]."""
+"""Factor of the stiffness estimate's error in either direction: the tolerance of [controller.tissue]."""
 MAX_ERROR_RATIO = 1.05
 """Ratio of the errors since the first touch, with the schedule to with one set, above which it is reported."""
 ONE_SET = "with one set"
@@ -152,10 +152,10 @@ def geometric_grid(low: float, high: float) -> list[float]:
 
 
 def design_schedule(base: tuned.TuningResult) -> GainSchedule:
-    """Design a schedule for the experiment of `base`, over the stiffness range for which its gains were tuned.
+    """Design a schedule for the experiment of `base`, over the stiffness range of its tuning.
 
     Raises:
-        InputRefused: there is no force control in contact, or the range is a single stiffness.
+        InputRefused: the experiment has no force control in contact, or the range is a single stiffness.
     """
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
@@ -204,8 +204,8 @@ def _is_stable(base: tuned.TuningResult, K: float, gains: LawGains) -> bool:
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
-    """Return `experiment` with `gains` as the safe set and with the schedule; its `values` still contain those of the
-    file."""
+    """Return `experiment` with `gains` as the safe set and with the schedule; its `values` still contain the file's
+    gains."""
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(

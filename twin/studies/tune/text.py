@@ -47,7 +47,7 @@ def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequen
 
     Args:
         folder: folder of the TOML file.
-        options: command-line options with which the experiment was tuned.
+        options: command-line options of the tuned experiment.
     """
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.meets_goals else "; GOALS NOT MET")
 

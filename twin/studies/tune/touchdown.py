@@ -15,7 +15,7 @@ HOLD_OVERSHOOT, HOLD_SETTLING, HOLD_ERROR = JUDGED_MEASURES = "hold_overshoot", 
 NEVER_TEXT, NONE_TEXT = "never", "none"
 """Text of a force that never settles, and of a measure that does not exist."""
 FAILURE_MISS = 10.0
-"""Amount by which a failed or tripped run misses its goals, larger than any measure's."""
+"""Miss of a failed or tripped run, larger than any measure's."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def whole_runs(
 
 
 class Shortfall(NamedTuple):
-    """A missed goal: the amount by which it is missed (larger is worse, for the search), and an error message."""
+    """A missed goal: size of the miss (larger is worse, for the search), and an error message."""
 
     by: float
     text: str
@@ -88,7 +88,7 @@ def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = 
 
     On its own surface the experiment must settle and overshoot by at most `overshoot` (share of the force). On another
     surface it may overshoot by that or as much as `before`, the reference run called `than`. The hold error must never
-    exceed that of `before`.
+    exceed the one of `before`.
     """
     was, now = before.measures, after.measures
 

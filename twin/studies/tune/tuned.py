@@ -54,16 +54,15 @@ from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
 
 SEARCH_SEED = 1
 POPULATION_PER_GAIN, MAX_GENERATIONS = 8, 40
-"""Population per gain; maximum number of generations. On Fig. 4's experiment 25 end up to 15 % slower, and 60 are no
-faster.
-"""
+"""Population per gain; maximum number of generations. On Fig. 4's experiment 25 end up to 15 % slower, 60 not
+faster."""
 GAIN_BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
 """Search range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
 GOAL_TOLERANCE = 1e-3
 """Relative amount by which a missed goal still counts as met; for the overshoot, as a share of the step."""
 MISS_PRICES = {"bandwidth": 1e2, "run": 5e3, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
 """Penalties of missed goals, each larger than any cost of slowness; safety goals rank above bandwidth. The penalty of a
-run is below those of the linear model, since only gains that meet the latter are simulated: a larger one would make the
+run is below the linear model's penalties, since only gains without those are simulated: a larger one would make the
 search avoid runs.
 """
 
@@ -79,16 +78,17 @@ HEIGHT_STEP = 1e-3
 END_SHARE = 0.25
 """Share of the samples after the step, at their end, that is searched for a lasting oscillation."""
 SPECTRUM_SAMPLES = 2**18
-"""Number of samples to which the step is extended before the FFT: frequencies 0.01 Hz apart."""
+"""Length of the zero-padded FFT of the step (samples): frequencies 0.01 Hz apart."""
 OVERSHOOT_TOLERANCE = 0.05
-"""Share of a step by which a simulated overshoot may exceed its goal: backlash and encoder counts are not linear."""
+"""Tolerance on the overshoot of a simulated step (share of the step): backlash and encoder counts are not linear."""
 MAX_SWING = 0.1
 """Peak-to-peak amplitude (share of the step) above which a lasting simulated oscillation is reported."""
 SETTLING_FACTOR = 4.0 / 3.0
-"""Factor by which backlash and encoder counts delay settling; a predicted time must be visible within
-`STEP_HORIZON`."""
+"""Delay of settling caused by backlash and encoder counts, as a factor; a predicted time must be visible within
+`STEP_HORIZON`.
+"""
 BANDWIDTH_TOLERANCE = 0.1
-"""Share of the requested bandwidth by which the simulated one may be too low."""
+"""Tolerance on the simulated bandwidth (share of the requested one)."""
 SEARCH_SHARE = 0.8
 """Share of the time that the search takes, for the progress report; the rest is the confirmation in the
 co-simulation."""
@@ -242,7 +242,7 @@ def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
     The same run without the step is subtracted to cancel their common motion, the initial sagging.
 
     Args:
-        gains: gains with which the linear model is stable.
+        gains: gains that keep the linear model stable.
     """
     try:
         still, moved = paired_step_runs(corner, gains)
@@ -423,8 +423,8 @@ def tune_gains(
         say: progress callback.
 
     Raises:
-        InputRefused: the goals cannot be met by any gains, a gain that is not tuned is not zero, or there is no linear
-            model.
+        InputRefused: the goals cannot be met by any gains, a gain that is not tuned is not zero, or a linear model is
+            missing.
         ComponentFailed: a drive failed while it was measured.
     """
     first = experiments[0]
