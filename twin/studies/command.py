@@ -106,8 +106,7 @@ study = Study
 
 
 def options_of(record: type[Record], asked: ArgumentValues) -> Record:
-    """Return an instance of the dataclass `record` from the arguments in `asked`; missing fields keep their
-    defaults."""
+    """Return a `record` dataclass filled from the arguments in `asked`; missing fields keep their defaults."""
     return record(**{one.name: asked[one.name] for one in fields(record) if one.name in asked})  # type: ignore[arg-type]
 
 

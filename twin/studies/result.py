@@ -228,8 +228,7 @@ def _table(table: Table) -> Iterator[str]:
 
 
 def to_json(result: Result) -> Any:
-    """Return `result` for JSON: its facts, or headline, tables and notes with unformatted numbers if it has no
-    facts."""
+    """Return `result` for JSON: its facts, or else headline, tables and notes with unformatted numbers."""
     if result.facts is not None:
         return result.facts
     parts = [result.headline, *result.body]

@@ -121,8 +121,8 @@ class Response:
         return slice(round(start / TICK), round(end / TICK))
 
     def mean_speed(self, start: float, end: float) -> float:
-        """Return the mean speed (rad/s) in start <= t < end (s): slope of a line through the angle, so ripple averages
-        out."""
+        """Return the mean speed (rad/s) in start <= t < end (s): slope of a line through the angle, averaging
+        ripple."""
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))

@@ -246,8 +246,7 @@ def trials(
 
 
 def verdict(compared: Sequence[DriveTrials]) -> list[str]:
-    """Return a sentence for each drive but the first, over all experiments, and one for each drive that is not
-    judged."""
+    """Return a sentence per drive, except the first, over all experiments, and a sentence per drive not judged."""
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Ranks]] = {}
     for one in compared:

@@ -332,8 +332,7 @@ def _half_step(table: Drive | DrivePart) -> dict[str, float]:
 
 
 def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
-    """Return (largest change of theta_m in the work cycle (rad), the tighter relative solver tolerance that causes
-    it)."""
+    """Return (largest change of theta_m (rad) under a tighter relative solver tolerance, that tolerance)."""
     stated = [tolerance for part in plan.parts if (tolerance := plan.tolerance(part))]
     tolerance = TOLERANCE_FACTOR * min(stated, default=USUAL_TOLERANCE)
     parts = {name: part.model_copy(update={"tolerance": None}) for name, part in plan.table.parts.items()}

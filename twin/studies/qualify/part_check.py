@@ -92,8 +92,7 @@ def assess_part(
 
 @dataclass(frozen=True)
 class _Bench:
-    """A bench that makes a new instance of the part for each check, after the last one is freed (some allow only
-    one)."""
+    """A bench with a new instance of the part per check, after the last one is freed: some parts allow only one."""
 
     part: ThirdPartyPart
     experiment: Experiment

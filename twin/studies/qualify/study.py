@@ -222,8 +222,7 @@ def compare_drives(
     out: Path,
     say: Say,
 ) -> Result:
-    """Run experiments with one drive after the other and compare their true signals; a picture of each is saved in
-    `out`.
+    """Run experiments with one drive after the other and compare their true signals, with a picture of each in `out`.
 
     Exit code 3: a run failed.
 

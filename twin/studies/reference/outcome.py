@@ -356,8 +356,7 @@ def _first_number(*stated: object) -> float | None:
 
 
 def _output_ports(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
-    """Return ports of the results' variables (else outputs, a local, any), and the names that are not a single
-    number."""
+    """Return ports of the results' variables (else outputs, a local, any), and the names without a single number."""
     numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
     unknown = tuple(name for name in asked if name not in numbers or numbers[name].size > 1)
@@ -382,8 +381,7 @@ def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort
 
 
 def _ports(letter: str, variables: list[Variable]) -> list[FmuPort]:
-    """Return numbered ports for `variables`, since the names of FMU variables may contain characters invalid in
-    wires."""
+    """Return numbered ports for `variables`, whose names may contain characters invalid in wires."""
     return [FmuPort(Port(f"{letter}{n}", v.size, v.unit or "1"), v) for n, v in enumerate(variables)]
 
 
@@ -514,8 +512,7 @@ def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> 
 def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
-    """Run an experiment of the FMU `file` in this process; `ended` is called with the outcome before the FMU is
-    freed."""
+    """Run an experiment of an FMU in this process; `ended` is called with the outcome before the FMU is freed."""
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:

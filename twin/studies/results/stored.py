@@ -182,8 +182,7 @@ def stored_run(recording: Path) -> StoredRun:
 
 
 def other_folders(results: Path) -> dict[str, int]:
-    """Return folder name -> size (bytes) of folders in `results` without runs, such as pages and pictures of other
-    commands."""
+    """Return name -> size (bytes) of the folders in `results` without runs, such as pictures of other commands."""
     return {home.name: size_of(home) for home in _folders(results) if not any(True for _ in _runs(home))}
 
 

@@ -14,8 +14,7 @@ MAX_PRESSES = 3
 
 
 class _Presses:
-    """Ctrl-C presses of one sweep, one list entry each: append is atomic, whereas incrementing a counter could lose a
-    press."""
+    """Ctrl-C presses of one sweep, one list entry each: append is atomic, incrementing a counter could lose a press."""
 
     def __init__(self) -> None:
         self.noted: list[int] = []
@@ -56,8 +55,7 @@ def defer_interrupts() -> Iterator[None]:
 
 
 def raise_interrupt() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed, but only once per sweep, so that its cleanup is not
-    interrupted."""
+    """Raise KeyboardInterrupt if Ctrl-C was pressed, only once per sweep, so that its cleanup is not interrupted."""
     if _in_main_thread() and _presses.noted and not _presses.raised:
         _presses.raised = True
         raise KeyboardInterrupt

@@ -40,8 +40,7 @@ class _SweepTable(BaseModel):
 
 
 class Condition(_SweepTable):
-    """Condition of a [[vary]] table, `when = { key, value }`: its keys vary only where the earlier `key` has
-    `value`."""
+    """Condition `when = { key, value }` of a [[vary]] table: its keys vary only in runs where `key` has `value`."""
 
     key: str
     value: Value
@@ -285,8 +284,7 @@ def _name_vary_tables(sentence: str) -> str:
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """A run of the design: the drive (None for the experiment's own) and the chosen values, by the label of their
-    [[vary]]."""
+    """A run of the design: drive (None for the experiment's own) and chosen values by the label of their [[vary]]."""
 
     drive: str | None
     parameters: dict[str, Value]
@@ -578,8 +576,7 @@ class _RunFiles:
 
 
 def _without_paths(values: Any) -> Any:
-    """Return `values` with paths of FMUs reduced to file names: the location has no effect, and the content is
-    hashed."""
+    """Return `values` with FMU paths reduced to file names; locations have no effect, and contents are hashed."""
     if isinstance(values, dict):
         return {
             k: Path(v).name if k in FILE_KEYS and isinstance(v, str) else _without_paths(v) for k, v in values.items()

@@ -78,8 +78,7 @@ def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | No
 
 
 def _row(line: bytes) -> Row | None:
-    """Parse a row, or return None if it is invalid; the standard library is slower but accepts texts the fast parser
-    does not."""
+    """Parse a row; None if invalid. The slower standard library is the fallback for texts the fast parser rejects."""
     try:
         found: Row = _ROW_ADAPTER.validate_json(line)
     except ValidationError:
@@ -92,8 +91,7 @@ class DiskError(ComponentFailed):
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Load the complete rows of the file at `path` with all their fields, oldest first; of duplicate keys the first
-    wins.
+    """Load the complete rows of the file at `path` with all fields, oldest first; of duplicate keys the first wins.
 
     Raises:
         InputRefused: see `read_columns`.
@@ -123,8 +121,7 @@ def read_columns(path: Path) -> tuple[Columns, int]:
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
-    """Yield (row, its line, file offset of its end) for every complete line of the file at `path`; nothing if it is
-    missing."""
+    """Yield (row, its line, file offset of its end) per complete line of the file at `path`; nothing without a file."""
     if not os.path.lexists(path):
         return
     end = 0

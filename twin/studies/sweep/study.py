@@ -141,8 +141,7 @@ def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
 
 
 def _check_plan(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
-    """Return `plan` if its metric exists and a run does not take hours; checked here since an estimate makes two
-    runs."""
+    """Return `plan` after checking its metric and, unless `sure`, the duration of a run; an estimate needs both too."""
     from twin.studies.sweep.statistics.ranking import require_rank
 
     if by:

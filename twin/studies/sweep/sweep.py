@@ -97,8 +97,7 @@ def run_sweep(
 
 
 class _Tally:
-    """Incremental summary of the rows, updated per batch: scanning all rows after each batch would take quadratic
-    time."""
+    """Incremental summary of the rows, updated per batch: rescanning all rows each time would take quadratic time."""
 
     def __init__(self, total: int, before: Columns):
         self._total, self._before, self._began = total, len(before), time.monotonic()

@@ -1,2 +1,1 @@
-"""Tuning of gains for given goals: search on the linear model of the sampled loops, confirmation in the
-co-simulation."""
+"""Tuning of gains for given goals: search on the linear model of the sampled loops, check in the co-simulation."""

@@ -319,8 +319,7 @@ def predict(corner: Corner, gains: LawGains) -> Prediction:
 def close_loops(
     corner: Corner, gains: LawGains, factors: Sequence[float] = UNIT_FACTORS
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Return (A, B, C) with the laws closed: inputs p_ref (3,) and F_z_ref, outputs true position (3,) and pressing
-    force.
+    """Return (A, B, C) with the laws closed: inputs p_ref (3,), F_z_ref; outputs true position (3,), pressing force.
 
     The force law's integral is a state only where that law acts with an integral gain.
 
@@ -407,8 +406,7 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> StepAnswer:
-    """Summarise a step response `share` (n,), normalised to end at 1, at the times `t` (n,) up to `STEP_HORIZON`
-    (s)."""
+    """Summarise a step response `share` (n,), normalised to end at 1, at times `t` (n,) (s) up to `STEP_HORIZON`."""
     return StepAnswer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED_BAND),

@@ -1,5 +1,4 @@
-"""Gain schedules over the stiffness of the tissue: design on the linear model per point, confirmation, text and
-TOML."""
+"""Gain schedules over the stiffness of the tissue: design on the linear model per point, simulation, text and TOML."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -68,8 +67,7 @@ class DesignedPoint:
     wholes: list[tuple[WholeRun, WholeRun]]
 
     def ratio(self, drive: int) -> float:
-        """Return the ratio of the errors since the first touch, with the schedule to with one set; NaN if a run
-        failed."""
+        """Return the error since the first touch with the schedule, relative to one set; NaN if a run failed."""
         fixed, scheduled = (whole.outcome.force_error if whole.outcome else None for whole in self.wholes[drive])
         return scheduled / fixed if fixed and scheduled else float("nan")
 
@@ -196,16 +194,14 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
 
 
 def _is_stable(base: tuned.TuningResult, K: float, gains: LawGains) -> bool:
-    """Whether an experiment with these gains for the stiffness `K` would be accepted, i.e. its believed loop is
-    stable."""
+    """Whether the believed loop of the experiment with these gains is stable on the stiffness `K`."""
     first = with_schedule(base.experiments[0], gains, ())
     loop = believed_loop(first.controller, first.plant, first.start)
     return spectral_radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
-    """Return `experiment` with `gains` as the safe set and with the schedule; its `values` still contain the file's
-    gains."""
+    """Return `experiment` with `gains` as the safe set and with the schedule; `values` keep the file's gains."""
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(

@@ -68,8 +68,7 @@ def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequen
 
 
 def findable_path(experiment: Path, folder: Path) -> Path:
-    """Return `experiment` as typed if that path resolves to the same file from `folder` or a parent folder, else
-    absolute."""
+    """Return `experiment` as typed if it is found under that path from `folder` or a parent folder, else absolute."""
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
     return experiment if found is not None and found.resolve() == file else file
@@ -225,8 +224,7 @@ def _z_error(whole: WholeRun) -> str:
 
 
 def draw_tuning(done: TuningResult, path: Path) -> None:
-    """Draw step response and, below it, sensitivity for each drive, law and stiffness, and write them to `path`
-    (PNG)."""
+    """Draw step response and sensitivity for each drive, law and stiffness, and write the picture to `path` (PNG)."""
     shown = worst_places(done.after.predictions)
     columns = min(MAX_PANEL_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)

@@ -114,8 +114,7 @@ def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = 
 
 
 def price(before: Sequence[WholeRun], after: Iterator[WholeRun], overshoot: float) -> float:
-    """Return the penalty for missed goals, 0 .. 1; 0 if all are met. Runs after the first failing one are not
-    simulated."""
+    """Return the penalty for missed goals, 0 .. 1; 0 if all are met. Stops simulating at the first run that misses."""
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
         by = sum(one.by for one in shortfalls(old, new, overshoot))
         if by:

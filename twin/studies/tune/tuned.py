@@ -111,8 +111,7 @@ class Miss(NamedTuple):
 
 
 def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
-    """Yield each goal missed by `prediction`; the bandwidth goal applies to the law whose steps are examined, see
-    `Goals`."""
+    """Yield each goal missed by `prediction`; the bandwidth goal applies only to the law `goals.law`."""
     if not prediction.stable:
         yield Miss("stability", prediction.radius - 1.0, prediction.radius, prediction)
         return
@@ -314,8 +313,7 @@ def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
 
 
 def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
-    """Describe a violation of the goals in the co-simulation that the linear model does not predict; "" without
-    violation."""
+    """Describe a violation of the goals in the co-simulation that the linear model does not predict; "" without one."""
     simulated, linear = trial.answer, prediction.answers[trial.law]
     if trial.swing > MAX_SWING:
         return f"the co-simulation never comes to rest, it swings by {100.0 * trial.swing:.0f} % of the step"

@@ -148,8 +148,7 @@ def _version(package: str) -> str:
 
 
 def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str, str]) -> str:
-    """Describe version differences: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" without
-    differences.
+    """Describe version differences: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if equal.
 
     Args:
         who: name of the other process.

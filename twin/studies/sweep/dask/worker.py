@@ -45,8 +45,7 @@ class SweepPlugin(WorkerPlugin):
         self._processes: dict[int, tuple[threading.Lock, WarmProcess]] = {}
 
     def teardown(self, worker: Worker) -> None:
-        """End the processes of the sweep, even in the middle of a run; called by Dask when the sweep or the worker
-        ends."""
+        """End the processes of the sweep, even during a run; called by Dask when the sweep or the worker ends."""
         self._stopping.set()
         with self._lock:
             for guard, process in self._processes.values():

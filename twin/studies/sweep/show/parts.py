@@ -275,8 +275,7 @@ def parts(sweep: SweepRows, asked: SweepQuery) -> list[ReportPart]:
 
 
 def headline(sweep: SweepRows, by: str) -> str:
-    """Return the first sentence: `NAME  20 runs: smallest hold_error_N 0.031 (run 4: k_s_Nm_per_rad = 0.5); 2
-    failed`."""
+    """Return the first sentence, such as `NAME  20 runs: smallest hold_error_N 0.031 (run 4: kp = 0.5); 2 failed`."""
     columns = sweep.columns
     begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
     text = f"{sweep.name}  {begun}{count_text(sweep.runs, 'run')}"

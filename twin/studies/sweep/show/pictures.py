@@ -170,8 +170,7 @@ def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path)
 
 
 def shown_range(values: Numbers) -> tuple[float, float, str]:
-    """Return (low, high, remark) of the color scale, without outliers, which would leave one color for all other
-    values.
+    """Return (low, high, remark) of the color scale, without outliers, which would flatten all other colors.
 
     The remark counts the outliers clipped to the ends of the scale; "" without outliers.
     """

@@ -137,8 +137,7 @@ def _has_no_rank(metric: str) -> bool:
 
 @cache_per_columns
 def ranked_rows(columns: Columns, metric: str) -> Positions:
-    """Return the rows of completed runs within the sweep's limits that have `metric`, smallest first; ties in row
-    order."""
+    """Return the rows of completed runs within the sweep's limits that have `metric`, least first, ties in order."""
     numbers = rank_value(columns, metric)
     fit = columns.categorical("status").mask(lambda status: status == "done")
     fit &= columns.categorical("within_limits").mask(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
@@ -242,8 +241,7 @@ class MetricSpread:
 
 @cache_per_columns
 def metric_spread(columns: Columns, metric: str) -> MetricSpread | None:
-    """Return the distribution of `metric` over all finished runs, within limits or not; None if no run has the
-    metric."""
+    """Return the distribution of `metric` over all finished runs, within limits or not; None if no run has it."""
     numbers = value(columns, metric)
     numbers = numbers[~np.isnan(numbers)]
     if len(numbers) == 0:
@@ -411,8 +409,7 @@ def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Number
 
 
 def _resample(points: int) -> Iterator[NDArray[np.int64]]:
-    """Yield `BOOTSTRAP_SAMPLES` resamples of `points` indices, one at a time, since all together may not fit in
-    memory."""
+    """Yield `BOOTSTRAP_SAMPLES` index arrays drawn with replacement from `points` points, one at a time."""
     rng = np.random.default_rng(0)
     return (rng.integers(max(1, points), size=points) for _ in range(BOOTSTRAP_SAMPLES))
 
@@ -472,8 +469,7 @@ class Likelihood:
 
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
-    """Return the probability of every claim judged in at least one run, in the order of the paper; failed runs do not
-    count."""
+    """Return the probability of each claim judged in at least one run, in the paper's order, without failed runs."""
     judged = columns.names_in_group("verdicts")
     if not judged:
         return []
@@ -501,8 +497,7 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
 
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a probability, inside 0 .. 1 even if all runs succeed or fail; (0, 1) for no
-    runs.
+    """Return the 95 % Wilson interval of a probability, always inside 0 .. 1; (0, 1) for no runs.
 
     Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
     """
@@ -517,10 +512,9 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bands:
-    """Pointwise quantiles of the curves of `runs` runs: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m
-    and N.
+    """Pointwise quantiles of curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
 
-    Quantiles are taken at each time separately: no single run need follow one.
+    Quantiles over `runs` runs are taken at each time separately: no single run need follow one.
     """
 
     t: Curve

@@ -71,8 +71,7 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
 
 @cache_per_columns
 def _ranks_of(columns: Columns, metric: str) -> Numbers:
-    """Return the ranks of the runs that have `metric`, cached since every parameter is correlated with the same
-    metric."""
+    """Return the ranks of the runs that have `metric`, cached since every parameter is correlated with it."""
     numbers = value(columns, metric)
     return _ranks(numbers[~np.isnan(numbers)])
 
@@ -89,8 +88,7 @@ Interval = tuple[float, float] | None
 
 @dataclass(frozen=True)
 class Index:
-    """Sobol' indices of one parameter, each with its interval (low, high) of nominally 95 %, None if too few blocks
-    exist.
+    """Sobol' indices of one parameter, each with a nominal 95 % interval (low, high), None with too few blocks.
 
     The actual coverage was measured on functions with known indices, see docs/sweep_show.md.
 
