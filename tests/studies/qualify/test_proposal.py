@@ -236,8 +236,8 @@ def test_the_wires_of_an_ssp_are_those_of_its_structure(shop: Path, tmp_path: Pa
     [
         ('<!DOCTYPE x [<!ENTITY a "b">]>', FMUS, "it has a document type"),
         ("<open>", FMUS, "not valid XML: "),
-        ("", (("motor", "../motor.fmu"),), "part 'motor' is no FMU inside this archive (../motor.fmu)"),
-        ("", (("motor", "http://x/motor.fmu"),), "no FMU inside this archive"),
+        ("", (("motor", "../motor.fmu"),), "part 'motor' is not an FMU inside this archive (../motor.fmu)"),
+        ("", (("motor", "http://x/motor.fmu"),), "not an FMU inside this archive"),
         ("", (), "0 parts; expected 1 to 50"),
         ("", [(str(n), "resources/motor.fmu") for n in range(60)], "60 parts"),
         ("", FMUS * 2, "two elements of system 'drive' are called 'power stage'"),

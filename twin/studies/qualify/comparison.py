@@ -56,12 +56,12 @@ COMPARED_MEASURES = {
     ),
     "rms_z_error": Definition(
         "rms z", "m",
-        "root mean square of the true z minus its pre-defined reference, in tasks minus what the force loop makes of "
-        "it, second half of the run",
+        "root mean square of the true z minus its pre-defined reference, in tasks minus the reference shifted by the "
+        "force loop, second half of the run",
     ),
     "peak_current": Definition("peak I", "A", "largest current of any of the three drives, if they have that output"),
     "shaft_work": Definition(
-        "work", "J", "work the three shafts do on the springs, what they get back not counted: tau_load omega_m > 0",
+        "work", "J", "work the three shafts do on the springs, without the work they get back: tau_load omega_m > 0",
     ),
     "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),

@@ -55,10 +55,10 @@ CHECK_MEANINGS = {
     "scale": f"commanded with {SPEED_IN_USE:g} rad/s without load, it is within a factor 1.5: no unit or gear is wrong",
     "rate": "omega_m is the rate of theta_m, within 5 %",
     "load": f"a load of {LOAD_IN_USE:g} N m sets the shaft back, or does nothing; it never pushes it forward",
-    "repeats": "two fresh instances give the same theta_m and omega_m, bit for bit",
+    "repeats": "two new instances give the same theta_m and omega_m, bit for bit",
     "reset": "after reset an instance repeats its first run, bit for bit",
-    "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
-    "written": "its state, written down and read by another process, is gone on from there, bit for bit",
+    "state": "after its state was saved, changed and restored, an instance continues from there, bit for bit",
+    "written": "another process reads its serialized state and continues from there, bit for bit",
 }
 """Check name -> condition. A failed check disqualifies a drive, except `reset`, `state` and `written`, which not every
 run needs.
@@ -145,7 +145,7 @@ MEASURE_DEFINITIONS = {
     ),
     "bandwidth": Definition(
         "bandwidth (-3 dB)", "Hz",
-        f"frequency at which the speed's amplitude has fallen to 1/sqrt(2) of what it is at 0.25 Hz, for a command of "
+        f"frequency at which the speed's amplitude has fallen to 1/sqrt(2) of its value at 0.25 Hz, for a command of "
         f"{BIAS_SPEED:g} rad/s with a sine of {SMALL_SPEED:g} rad/s on it",
     ),
     "rise_time": Definition(
@@ -158,7 +158,7 @@ MEASURE_DEFINITIONS = {
     ),
     "overshoot": Definition(
         "overshoot", "%",
-        "by how much omega_m exceeds its final mean at most after that step; 0 where it is no more than the ripple",
+        "largest excess of omega_m over its final mean after that step; 0 if not above the ripple",
     ),
     "stall_torque": Definition(
         "stall torque", "N m",

@@ -125,7 +125,9 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
     if bench.part.fmu is None:
         return
     if not isinstance(bench.part.fmu, FmuDescription):
-        yield Check("reset", "note", "not tried: an SSP has none, and runs and sweeps make it anew each time")
+        yield Check(
+            "reset", "note", "not tried: an SSP has no reset, and runs and sweeps make a new instance each time"
+        )
         yield from _state_checks(bench, inputs)
         return
     with bench.make_component() as component:
@@ -137,7 +139,7 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
             again = call_part(component, inputs)
             yield make_check("reset", *_compare_repetition("after a reset it", first, again), otherwise="note")
         except ComponentFailed as problem:
-            yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
+            yield Check("reset", "note", f"{problem}; runs and sweeps make a new instance each time")
     yield from _state_checks(bench, inputs)
 
 
@@ -171,7 +173,9 @@ def _latency_check(bench: _Bench, first: PartCalls) -> Check:
     if moved[0] == 0:
         return Check("instant", "ok", "outputs of t_k answer the inputs of t_k")
     late = 1e3 * bench.inputs.period * int(moved[0])
-    return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
+    return Check(
+        "instant", "note", f"outputs answer inputs {late:g} ms late: an internal delay, in addition to delay_ticks"
+    )
 
 
 def _compare_repetition(who: str, first: PartCalls, again: PartCalls) -> tuple[bool, str]:

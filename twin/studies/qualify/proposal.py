@@ -35,7 +35,7 @@ from twin.robot.experiment.drive_files import MAPPING_FILE, load_drive
 from twin.robot.paths import WHEEL_FOLDER
 
 LOOP_TEMPLATE = """
-[velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #
+[velocity_loop]           # twin's own, commands a drive that takes no speed; tune it, then remove the #
 # kp = 0.1                # {unit} per rad/s
 # ki = 1.0                # {unit} per rad
 # limit = 1.0             # {unit}
@@ -183,7 +183,7 @@ def parts_proposal(
     roles = set(found.chosen.values())
     unfed = [name for name, v in free.items() if v.causality == "input" and v.kind >= 0 and name not in roles]
     if unfed:
-        lines.append("# Not fed, so they keep their start values, or what [parts.NAME.parameters] says:")
+        lines.append("# Not connected, so they keep their start values, or those of [parts.NAME.parameters]:")
         lines += [escape_controls(f"#   {name} = {free[name].start:g}") for name in unfed[:MAX_UNFED_INPUTS]]
         lines += [f"#   and {len(unfed) - MAX_UNFED_INPUTS} more"] if len(unfed) > MAX_UNFED_INPUTS else []
     if command != "velocity":
@@ -282,7 +282,7 @@ def _fmu_entries(package: Package) -> dict[str, str]:
         entries[part.name] = package.entry(source)
         if not entries[part.name].endswith(".fmu"):
             raise InputRefused(
-                f"{package.file}: part '{part.name}' is no FMU inside this archive "
+                f"{package.file}: part '{part.name}' is not an FMU inside this archive "
                 f"({source or 'a system of its own'}); put the FMUs into one folder and name them all"
             )
     return entries

@@ -47,7 +47,7 @@ EXERCISE_TICKS, STATE_TICKS = 50, 500
 CHECK_SETUP = Setup(stop=(EXERCISE_TICKS + STATE_TICKS) * TICK, step=TICK)
 COMMAND_SHARE = 0.1
 """Command of a drive that takes no speed, as a share of the velocity loop's limit."""
-OTHER_FUTURE = "it goes on differently from a restored state; twin treats it as without a state"
+OTHER_FUTURE = "it continues differently from a restored state; twin treats it as stateless"
 WRITTEN_CHECK = "written"
 CONTINUE_JOB = "twin.studies.qualify.qualification:continue_from_state"
 T = TypeVar("T")

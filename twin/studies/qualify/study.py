@@ -272,7 +272,7 @@ def _build(table: "Drive") -> None:
     for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
         if is_system(Path(fmu)):
             raise InputRefused(
-                f"{fmu}: --compile builds one FMU; run twin cosim {fmu} --compile, which keeps what it builds"
+                f"{fmu}: --compile builds one FMU; run twin cosim {fmu} --compile, which caches the binaries"
             )
         built = build_binary(Path(fmu))
         if built is not None:

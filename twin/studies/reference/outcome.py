@@ -64,9 +64,9 @@ MAX_EXACT_INTEGER = 2.0**53
 """Limit of whole numbers: larger ones do not fit the doubles exchanged between components."""
 TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
 OUTCOME_MEANINGS = {
-    "agrees": "it did what the results say",
-    "differs": "it did something else than the results say",
-    "ran": "it ran to the end; there are no results to hold it to",
+    "agrees": "it reproduced the results",
+    "differs": "it deviated from the results",
+    "ran": "it ran to the end; there are no results to compare",
     "refused": "something was refused before it ran",
     "failed": "it could not be initialised, or returned an error, NaN or infinity",
     "lost": "its process crashed, hung or outgrew its limits",
@@ -374,7 +374,7 @@ def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort
     offered = {v.name: v for v in description.variables_of("input") if v.size == 1}
     for name in (*stimuli.signals, *stimuli.others):
         if name not in offered or name in stimuli.others:
-            raise InputRefused(f"{stimuli.where}: column '{name}' is no input of numbers of {description.path.name}")
+            raise InputRefused(f"{stimuli.where}: column '{name}' is not a numeric input of {description.path.name}")
         if np.abs(stimuli.signals[name]).max() >= MAX_EXACT_INTEGER and not _continuous(offered[name]):
             raise InputRefused(f"{stimuli.where}: column '{name}' has whole numbers of more than 53 bits")
     return _ports("u", [offered[name] for name in stimuli.signals])

@@ -257,7 +257,7 @@ def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
     if "experiment" not in run.metadata:
-        return {}, "does not say what it was made of"
+        return {}, "the recording does not name its experiment"
     try:
         return now.differences(run), ""
     except TwinError as problem:

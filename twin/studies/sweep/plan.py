@@ -143,7 +143,7 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
     if vary.scale == "log" and needed != ("low", "high"):
         mistakes.append('scale = "log" belongs to from and to; remove it')
     if vary.when and vary.when.key not in known:
-        named = f"known here are {', '.join(known)}" if known else "no table stands before this one"
+        named = f"known here are {', '.join(known)}" if known else "there is no table before this one"
         mistakes.append(f"when: '{vary.when.key}' is not decided before; {named}")
     return mistakes
 
@@ -155,13 +155,13 @@ def _name_mistakes(vary: Vary) -> list[str]:
         return ["keys: one is there twice; remove one"]
     if bad := [name for name in vary.names if not name.strip() or "=" in name]:
         return [f"key '{bad[0]}': expected a key of the experiment, such as contact.stiffness_N_per_m"]
-    return ["'drive' is no key to vary; name drives = [...] at the top"] if "drive" in vary.names else []
+    return ["'drive' cannot be varied as a key; name drives = [...] at the top"] if "drive" in vary.names else []
 
 
 def _why_not(vary: Vary, name: str, sampled: bool) -> str:
     if name == "count" and sampled:
-        return "belongs to a grid; runs says how many are drawn, remove it"
-    return "values say everything; remove it" if vary.values is not None else "does not belong here; remove it"
+        return "belongs to a grid; the number of draws is runs, remove it"
+    return "values define all levels; remove it" if vary.values is not None else "does not belong here; remove it"
 
 
 DesignName = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
@@ -560,7 +560,7 @@ class _RunFiles:
         from twin.robot.assembly.roles import part_sha256
         from twin.studies.sweep.claims import require_fig4_claims
 
-        where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
+        where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "its own values"
         try:
             loaded = load_experiment(self._experiment, settings, drive)
             if self._judged:

@@ -131,9 +131,7 @@ def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
                 return
             row = _row(line)
             if row is None:
-                raise InputRefused(
-                    f"{path}: line {number} is no row of a sweep; remove the line, its run is then done again"
-                )
+                raise InputRefused(f"{path}: line {number} is not a row of a sweep; remove the line to repeat its run")
             end += len(line)
             yield row, line, end
 
@@ -181,7 +179,7 @@ class RowFile:
             DiskError: the disk is full or failed; nothing of the batch is then in the file.
         """
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
-        remedy = f"{self.count} finished runs are kept. Make room, then give the same command to go on"
+        remedy = f"{self.count} finished runs are kept. Make room, then repeat the command to continue"
         with translate_disk_errors(self.path, kind=DiskError, remedy=remedy):
             try:
                 rest = memoryview(content)

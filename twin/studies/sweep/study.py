@@ -135,8 +135,8 @@ def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
         return
     question = f"{place}: makes up to {count:,} runs"
     if not sys.stdin.isatty():
-        raise InputRefused(f"{question}; add --yes if that is intended, --dry-run shows what it takes")
-    if not confirm(f"{question}. Go on?"):
+        raise InputRefused(f"{question}; add --yes if that is intended, --dry-run estimates the cost")
+    if not confirm(f"{question}. Continue?"):
         raise InputRefused(f"{question}; nothing was run")
 
 
@@ -155,8 +155,8 @@ def _check_plan(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
     if seconds > LONG_RUN_DURATION:
         raise InputRefused(
-            f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or say --yes if that "
-            "is meant"
+            f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or add --yes if that "
+            "is intended"
         )
     return plan
 

@@ -25,7 +25,7 @@ def join_fmus(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, lis
     """
     for fmu in fmus:
         if fmu.suffix.lower() != ".fmu":
-            raise InputRefused(f"{fmu}: of several files each has to be an FMU; give one system, or FMUs")
+            raise InputRefused(f"{fmu}: several files must all be FMUs; give one system, or FMUs")
     names = unique_names(identifier(fmu.stem) for fmu in fmus)
     variables = {
         f"{name}.{v.name}": v

@@ -48,7 +48,7 @@ def cosim(
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
-        Option("Go on from a state of a run with the same options.", "RUN[@SECONDS]", "--from"),
+        Option("Continue from a saved state of a run with the same options.", "RUN[@SECONDS]", "--from"),
     ] = None,
     out: Annotated[
         Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME. With --to: the file.", "DIR")

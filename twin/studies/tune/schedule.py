@@ -158,7 +158,7 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
     if not places:
-        raise InputRefused(f"{name}: there is no force control in contact, so there is no stiffness to schedule over")
+        raise InputRefused(f"{name}: no force control in contact, so a schedule over stiffness does not apply")
     low, high = base.stiffness or STIFFNESS_RANGE
     if low == high:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")

@@ -83,7 +83,7 @@ def tuning_parts(done: TuningResult) -> list[Block]:
     """Return the report of tuning."""
     doubtful = [
         f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response; "
-        "trust what is simulated"
+        "trust the simulation"
         for drive in done.drives
         if (model := drive.drives[0]).turning or model.residual > MAX_MODEL_ERROR
     ]

@@ -93,7 +93,7 @@ class _Batches:
                 call_with_timeout(ANSWER_TIMEOUT, self._client.register_plugin, plugin)
             except OSError as problem:
                 raise ClusterLost(
-                    f"{self._address}: its workers did not take the sweep ({problem}); give the same command again"
+                    f"{self._address}: its workers did not take the sweep ({problem}); repeat the command"
                 ) from None
 
     def results(self) -> Generator[list[Result]]:
@@ -150,13 +150,13 @@ class _Batches:
         elif self._looked - self._worker_seen > WORKER_TIMEOUT:
             raise ClusterLost(
                 f"the last worker of {self._address} has been gone for {WORKER_TIMEOUT:g} s; finished runs are kept. "
-                f"Start others with dask worker {self._address} --nthreads 1, then give the same command to go on"
+                f"Start others with dask worker {self._address} --nthreads 1, then repeat the command to continue"
             )
 
     def _cluster_error(self) -> ClusterLost:
         return ClusterLost(
             f"the scheduler {self._address} is gone; finished runs are kept. "
-            "Start it and its workers again, then give the same command to go on"
+            "Start it and its workers again, then repeat the command to continue"
         )
 
     def _batch(self, waiting: deque[Task]) -> list[Task]:

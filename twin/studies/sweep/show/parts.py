@@ -135,7 +135,7 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
     columns = sweep.columns
     verdicts = (columns.categorical(name) for name in columns.names_in_group("verdicts").values())
     judged = int(np.any([one.mask(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
-    remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
+    remarks = ["P: Wilson interval. true_...: twin's own claims, on the true force"]
     if missing := len(columns) - judged:
         remarks.append(f"{missing} of {len(columns)} runs did not end and are not judged: reasons below")
     remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]

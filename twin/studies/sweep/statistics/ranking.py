@@ -523,7 +523,7 @@ class Bands:
 
     def __getitem__(self, name: str) -> Curve:
         if name not in self.quantiles:
-            raise InputRefused(f"{ROWS_FILE}: no run kept its curve {name}; run the sweep anew in another --out")
+            raise InputRefused(f"{ROWS_FILE}: no run kept its curve {name}; repeat the sweep with another --out")
         return self.quantiles[name]
 
 

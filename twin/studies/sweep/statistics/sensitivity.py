@@ -135,7 +135,7 @@ def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: st
     planned = runs // width
     if runs % width:
         # Equal runs are planned only once, so the block of a run is then unknown.
-        return Indices((), f"{runs} runs are no whole blocks of {width}; draw with another seed", 0, planned)
+        return Indices((), f"{runs} runs are not complete blocks of {width}; draw with another seed", 0, planned)
     run = columns.numbers("run").astype(int)
     first = int(run.min()) if len(run) else 1
     # Rows may be missing, even the drive's first; all drives have equally many blocks.
