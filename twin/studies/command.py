@@ -139,7 +139,7 @@ def _with_own_options(function: Function) -> Function:
 
 
 class StudyInterrupt(TwinError):
-    """Ctrl-C; the message lists the results kept."""
+    """Interrupt of a study by Ctrl-C; the message lists the results kept."""
 
     exit_code = INTERRUPT_EXIT_CODE
 

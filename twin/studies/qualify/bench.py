@@ -56,7 +56,7 @@ MAX_MOTION = 1e9
 
 
 def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
-    """List the inputs and outputs of each part, and local variables that could be the shaft if no output can.
+    """Return a list of the inputs and outputs of each part as text, plus local variables if no output can be the shaft.
 
     Args:
         parts: part name -> FMU; "" for a single FMU.
@@ -319,7 +319,7 @@ def call_part(component: Component, inputs: Inputs) -> PartCalls:
 
 
 def not_finite(component: Component, row: NDArray[np.float64]) -> str:
-    """Return the error for outputs in `row` that are not finite, as the verb phrase of a sentence."""
+    """Return an error for the outputs in `row` that are NaN or infinite, as the verb phrase of a sentence."""
     names = [name for name, values in by_port(component.outputs, row).items() if not np.isfinite(values).all()]
     return f"returned NaN or infinity for {', '.join(names)}"
 

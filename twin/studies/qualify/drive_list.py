@@ -27,6 +27,7 @@ DRIVE_COLUMNS = (
 
 
 def drive_facts(plan: "DrivePlan") -> dict[str, object]:
+    """Return the facts of a drive for JSON: FMUs, roles, wires, parameters, warnings."""
     from twin.kernel.fmi.description import capability_rows
     from twin.kernel.fmi.variable import to_json
 
@@ -84,6 +85,7 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def drive_text(plan: "DrivePlan") -> str:
+    """Return the facts of a drive as text of at most 80 columns."""
     from twin.kernel.fmi.description import KIND_NAMES, capability_rows
     from twin.kernel.fmi.variable import to_json
     from twin.robot.assembly.drives import qualified_name

@@ -233,7 +233,7 @@ def part_check(
 
 
 def contracts() -> Result:
-    """Return the ports of every part that may be third-party."""
+    """Return the ports of every role that a third-party part can take."""
     facts = {
         role: {
             side: [

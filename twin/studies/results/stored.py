@@ -357,7 +357,7 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
 
 
 def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
-    """List the runs in `results`.
+    """Return the answer that lists the runs in `results`, with their differences from the current experiment files.
 
     Args:
         experiments: experiments whose runs are listed; empty for all, and other folders in `results`.

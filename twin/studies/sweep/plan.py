@@ -47,7 +47,7 @@ class Condition(_SweepTable):
 
 
 class Vary(_SweepTable):
-    """The keys of [[vary]].
+    """One [[vary]] table of a sweep file: keys that vary together, and their levels or distribution.
 
     Attributes:
         key, keys: keys of the experiment, with their units; several keys get the same value.
@@ -115,7 +115,7 @@ class Vary(_SweepTable):
 
 
 def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]:
-    """Return error messages for keys of a [[vary]] table that contradict each other.
+    """Return error messages for missing, superfluous or contradictory keys of a [[vary]] table.
 
     Args:
         sampled: whether the design draws samples; a grid has levels.
@@ -168,7 +168,7 @@ DesignName = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
 class SweepFile(BaseModel):
-    """The keys of a sweep file.
+    """Content of a sweep file (TOML).
 
     Attributes:
         experiment: experiment file, searched from the sweep's folder upwards.
@@ -234,7 +234,8 @@ def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
 
 
 def _disagreements(definition: SweepFile) -> list[str]:
-    """Return error messages for contradictions between keys of a sweep file."""
+    """Return error messages for missing, superfluous or contradictory keys of a sweep file, including its [[vary]]
+    tables."""
     sampled = definition.design != "grid"
     mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]
     if sampled and definition.runs is None:
@@ -302,7 +303,7 @@ def largest_count(definition: SweepFile) -> int:
 
 
 def points(definition: SweepFile) -> list[DesignPoint]:
-    """Generate all distinct runs; each drive runs the same points, so that drives can be compared.
+    """Generate all distinct runs of a design; each drive runs the same points, so that drives can be compared.
 
     Raises:
         InputRefused: there are more than `MAX_PLANNED_RUNS` runs.
@@ -488,7 +489,8 @@ Draft = tuple[DesignPoint, tuple[str, ...]]
 
 
 def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
-    """Select the first run of every drive, the runs with the least and largest of each number, one per other value."""
+    """Select per drive the first run, the runs with the smallest and largest of each number, and one per other
+    value."""
     ends: dict[tuple[str | None, str, object], tuple[float, int]] = {}
     for number, (point, _) in enumerate(drafts):
         ends.setdefault((point.drive, "", None), (0.0, number))

@@ -31,7 +31,7 @@ LOOSE_SHAPE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 
 @with_config(LOOSE_SHAPE)
 class ClaimShape(TypedDict):
-    """The result of a claim on a run."""
+    """The stored result of a claim on a run: verdict and measured value."""
 
     verdict: str
     value: float | None
@@ -68,6 +68,7 @@ _ROW_ADAPTER: TypeAdapter[Any] = TypeAdapter(RowShape)
 
 
 def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
+    """Parse a JSON text and check its structure; None if either fails."""
     try:
         found = json.loads(text)
         shape.validate_python(found)
@@ -87,7 +88,7 @@ def _row(line: bytes) -> Row | None:
 
 
 class DiskError(ComponentFailed):
-    """A row cannot be written; earlier rows are kept."""
+    """Failure to write a row to the disk; earlier rows are kept."""
 
 
 def read_rows(path: Path) -> list[Row]:

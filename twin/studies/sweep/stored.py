@@ -101,7 +101,7 @@ class SweepRows:
 
 
 def claim(folder: Path, plan: "SweepPlan") -> None:
-    """Write the definition of `plan` to `folder`, or check that the folder belongs to the same plan.
+    """Write sweep.json of `plan` to `folder`, or check that the folder already belongs to the same plan.
 
     Raises:
         InputRefused: the folder belongs to another sweep, or cannot be created.

@@ -207,7 +207,7 @@ class Corner:
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Axes of the position law whose steps are examined."""
+        """Axes of the position law whose steps are examined: z in contact, else all."""
         return (2,) if self.point.in_contact else (0, 1, 2)
 
 
@@ -261,7 +261,7 @@ def open_corner(experiment: Experiment, shared: Linearisation, point: OperatingP
 
 
 def at_stiffness(corner: Corner) -> Experiment:
-    """Return the corner's experiment with its contact, by `undisturbed_experiment`."""
+    """Return the corner's experiment, undisturbed, with the stiffness and surface height of the corner."""
     p = corner.point.parameters
     return undisturbed_experiment(corner.experiment, stiffness=p.K, height=p.z_s)
 

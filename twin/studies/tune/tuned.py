@@ -111,7 +111,7 @@ class Miss(NamedTuple):
 
 
 def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
-    """Yield each goal missed by `prediction`; the bandwidth goal applies only to the law `goals.law`."""
+    """Yield each goal missed by `prediction`: stability, margin, overshoot, and bandwidth of the law `goals.law`."""
     if not prediction.stable:
         yield Miss("stability", prediction.radius - 1.0, prediction.radius, prediction)
         return

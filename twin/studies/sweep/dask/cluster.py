@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 class ClusterLost(ComponentFailed):
-    """The scheduler or all of its workers are gone, or do not answer; rows written before are kept."""
+    """Loss of the scheduler or of all workers, or a timeout; rows written before are kept."""
 
 
 def call_with_timeout(
