@@ -56,7 +56,7 @@ def test_a_motor_with_volts_and_two_torques_is_commanded_with_volts(
     command, found, certain = interpret_variables("motor.fmu", described(fmu).variables)
     assert (command, found.chosen["command"], certain) == ("voltage", "u_cmd", sure)
     text = parts_proposal({"motor": described(fmu)}, tmp_path)[0]
-    assert 'command = "motor.u_cmd"' in text and "u_cmd = " not in text.partition("# Not fed")[2]
+    assert 'command = "motor.u_cmd"' in text and "u_cmd = " not in text.partition("# Not connected")[2]
 
 
 def test_every_doubtful_choice_stands_as_a_comment_and_no_choice_is_made(root: Path):
