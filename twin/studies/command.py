@@ -75,9 +75,9 @@ class Study:
             the name of the flag that makes it step FMUs.
         limited: whether `--limit-step` and `--limit-wall` of the process are added.
         json: whether `--json` is added.
-        reported: whether the answer's fact `recording` is a recording of which `--report` writes a page.
-        before: validators called with the arguments before the worker process starts, so that invalid input is refused
-            at once. A mapping returned by a validator is added to the answer's facts.
+        reported: whether `--report` writes a page of the recording named in the answer's fact `recording`.
+        before: validators called with the arguments before the worker process starts, to refuse invalid input at once.
+            A mapping returned by a validator is added to the answer's facts.
         on_failure: text appended to the error message if a component fails, such as the location of partial results.
     """
 
@@ -224,7 +224,7 @@ def run_isolated(
 
     Args:
         name: "module:function", see `answer_study`.
-        isolate: "run" for a separate process, "none" for this one; a study that steps no FMU needs no isolation.
+        isolate: "run" for a separate process, else this one; a study without FMUs needs no isolation.
         formats, columns: file formats and width of pictures for a paper, in addition to the screen pictures.
 
     Raises:

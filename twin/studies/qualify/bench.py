@@ -175,7 +175,6 @@ def response(
     All axes of a three-axis drive get the same command and load; the first is measured.
 
     Args:
-        plan: drive.
         omega_ref, tau_load: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks,).
         enough: function of the angles so far (ticks,), called every half second; True ends the run early.
 
@@ -218,7 +217,6 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
     """Refuse finite but physically impossible motion.
 
     Args:
-        plan: drive.
         system: system made by `on_bench`.
         rows: outputs of the system (ticks, outputs), finite.
 

@@ -222,7 +222,6 @@ def trials(
         experiments: experiment files.
         drives: drives, see `load_experiment`.
         settings, body: settings and body of all experiments, see `load_experiment`.
-        say: progress callback.
 
     Raises:
         InputRefused: an experiment or a drive is invalid; checked before any experiment is run.

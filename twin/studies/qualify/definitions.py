@@ -78,7 +78,6 @@ class Workload:
 
     Args:
         label: name of the drive.
-        say: progress callback.
         sure: whether a check of more than an hour is confirmed.
     """
 

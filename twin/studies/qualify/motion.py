@@ -92,7 +92,6 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `direction`, `scale` and `rate`; measure `speed` and `no_load_speed`.
 
     Args:
-        plan: drive.
         cycle: response to the work cycle.
 
     Raises:
@@ -130,7 +129,6 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `load`, measure `droop`.
 
     Args:
-        plan: drive.
         cycle: response to the work cycle.
 
     Raises:
@@ -203,7 +201,6 @@ def stall_torque(plan: DrivePlan, done: Response) -> Measure:
     """Measure `stall_torque`.
 
     Args:
-        plan: drive.
         done: response to `overload`.
 
     Raises:
@@ -277,7 +274,6 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `repeats`, measure `cost`.
 
     Args:
-        plan: drive.
         cycle: response to the work cycle.
 
     Raises:
@@ -302,7 +298,6 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
     steps cannot reduce.
 
     Args:
-        plan: drive.
         cycle: response to the work cycle.
     """
     steps, _ = rates(plan.label, plan.table, TICK)

@@ -37,7 +37,6 @@ class PartAssessment:
     """The result of checking a part.
 
     Attributes:
-        part: part.
         period: period of its calls (s).
         checks: checks in the order they were made.
         cost: wall time per call (s).
@@ -65,7 +64,6 @@ def assess_part(
         experiment: experiment of the run.
         period: period of the part, in ticks.
         own: whether the run used twin's own component in this role.
-        say: progress callback.
 
     Raises:
         InputRefused: the part cannot be instantiated.
@@ -210,7 +208,6 @@ def part_check(
         experiment: file or name of the experiment. Its run with twin's own part provides the inputs; if `part` is None,
             a run with the part named in the experiment.
         settings: settings applied to the experiment with the part, such as mapping and parameters.
-        say: progress callback.
 
     Raises:
         InputRefused: the part or the experiment cannot be used.

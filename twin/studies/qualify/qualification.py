@@ -59,7 +59,6 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
     An FMU that continues differently from its restored state is marked as stateless.
 
     Args:
-        plan: drive.
         apart: whether each check has a process of its own, so that a crash of an FMU costs only that check.
 
     Raises:
@@ -228,7 +227,6 @@ class Qualification:
     """The judgement of a drive.
 
     Attributes:
-        plan: drive.
         checks, measures: all checks of `CHECK_MEANINGS` that could be made, and all measures of `MEASURE_DEFINITIONS`.
         curves: curves behind the findings.
         doubts: sentences on measures that suggest another unit of the load.
@@ -289,7 +287,6 @@ def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
     """Qualify a drive by all checks and measures, in this process: an FMU that crashes takes the process with it.
 
     Args:
-        table: drive.
         apart: whether checks that no experiment needs have processes of their own. Instances are then not freed in this
             process, since some FMUs crash when freed and the process ends anyway.
 

@@ -180,7 +180,6 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
         out: folder of the picture.
         apart: see `qualify_drive`.
         sure: whether a check of more than an hour is confirmed.
-        say: progress callback.
 
     Raises:
         InputRefused, ComponentFailed: see `qualify_drive`.
@@ -231,7 +230,6 @@ def compare_drives(
         experiments: files or names of the experiments.
         settings, body: see `trials`.
         out: folder of the pictures.
-        say: progress callback.
 
     Raises:
         InputRefused: a drive does not fit; checked before any run.

@@ -472,7 +472,6 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
 
     Args:
         apart: whether each experiment has a process of its own, so that a crash costs only that experiment.
-        limits: limits of these processes.
 
     Raises:
         InputRefused: the archive or its manifest is invalid.

@@ -27,7 +27,6 @@ class Job:
         recordings: folder for the recordings, one subfolder per run.
         record: runs to record, "all", "failures" or `"none"`.
         claims: "fig4" or "", see `SweepFile`.
-        limits: limits of each worker process.
         trial: function that makes a run and returns its `RunFinding`, "module:function"; same signature as the default.
         here: working directory of all runs.
         files: (drive, text settings) of a run -> expected `files_digest`; a worker refuses runs whose files differ.

@@ -29,7 +29,6 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
     Args:
         found: rows of `plan`, stored in `folder`.
         engine, limits: see `run_sweep`.
-        say: progress callback.
 
     Raises:
         KeyboardInterrupt, TwinError: see `run_sweep`.

@@ -203,7 +203,6 @@ def complete_sweep(
 
     Args:
         engine, limits, record: see `run_sweep`.
-        say: progress callback.
         parquet: whether to also write rows.parquet.
         by: metric to rank by; None for the default, see `usual_metric`.
         as_json: whether the answer has facts; without `--json` the possibly many rows are left out.

@@ -67,7 +67,6 @@ def run_sweep(
     Args:
         engine: executor of the runs.
         record: runs to record, see `Job`; recordings are written to `folder`/runs/NUMBER.
-        limits: limits of each worker process.
         show: progress callback, called at the start and after each batch of rows.
 
     Raises:

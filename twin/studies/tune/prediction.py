@@ -288,7 +288,6 @@ class Prediction:
     """The predicted behaviour of gains at a corner.
 
     Attributes:
-        corner: corner.
         radius: spectral radius; the loop is stable below 1.
         sensitivity: M_s, the largest |1/(1+L)| of any loop with the others closed; infinity if unstable.
         answers: law -> step response, the worst over its axes; empty if unstable.

@@ -211,7 +211,6 @@ class StepTrial:
     """A simulated step at a corner.
 
     Attributes:
-        corner: corner.
         law: law whose reference was stepped.
         t, share: time since the step (s) (n,), and response (n,), 1 at the final value of the linear model.
         answer: summary of the response; its bandwidth is NaN if the response does not settle in `STEP_HORIZON`.
@@ -335,7 +334,6 @@ class GainAssessment:
     """Gains assessed at every corner.
 
     Attributes:
-        gains: gains.
         predictions: predictions of the linear model, one per corner.
         misses: worst miss of each missed goal.
         trials: corner number -> simulated step, None if the run failed. A corner predicted to be unstable is not
@@ -356,7 +354,6 @@ class TuningResult:
 
     Attributes:
         experiments: experiments, one per drive.
-        goals: requested goals.
         stiffness: stiffness range (N/m); None for the stiffness of the experiment.
         drives: identified drives, one linearisation per experiment.
         problems: error messages of points without a linear model.
@@ -418,7 +415,6 @@ def tune_gains(
         experiments: the same experiment with each drive that the gains must suit, at least one.
         goals: goals; `law` is determined here.
         stiffness: stiffness range of the contact (N/m).
-        say: progress callback.
 
     Raises:
         InputRefused: the goals cannot be met by any gains, a gain that is not tuned is not zero, or a linear model is
