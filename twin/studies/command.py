@@ -1,11 +1,10 @@
-"""The decorator that makes a command of a study: one function, whose arguments are those of the command line.
+"""Declaration and execution of studies: the decorator that turns a function into a command, progress, answer.
 
-The command's name is the function's, or the words that the decorator is given (`@study("drive check")`); its help is
-the docstring up to `Raises:`. A module holds it if it is `twin/studies/NAME.py` or `twin/studies/NAME/study.py`, or one
-of the command line itself: nothing else says that there is such a command. The arguments are read without running
-anything, so such a module imports at its top only what they need, and what computes inside the function.
-
-Besides: progress of a study while it runs; its answer, the same for every study.
+The arguments of the function are those of the command line. The command's name is the function's, or the words given
+to the decorator (`@study("drive check")`); its help is the docstring up to `Raises:`. Modules named
+`twin/studies/NAME.py` or `twin/studies/NAME/study.py`, and those of the command line, are searched for studies; there
+is no other registration. Arguments are read without running the study, so such a module imports only their types at
+its top, and the computing code inside the function.
 """
 
 import inspect
@@ -28,7 +27,10 @@ if TYPE_CHECKING:
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = TypeVar("Record")
 ArgumentValues = Mapping[str, Any]
-"""Values of a study's arguments, by name."""
+"""Argument name of a study -> value."""
+DEFAULT_PORT = 8765
+"""Port of the `--live` server and default of its viewers."""
+ANSWER_JOB = "twin.studies.command:answer_study"
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,11 @@ class Option:
     """An option of a command, named `--like-this` after its argument.
 
     Attributes:
-        help: one sentence.
-        metavar: stands for the value.
-        flags: other names: "--overshoot-percent", "-j --processes", "--try/--no-try".
+        help: help text, one sentence.
+        metavar: placeholder of the value in the help.
+        flags: additional names: "--overshoot-percent", "-j --processes", "--try/--no-try".
         least, most: bounds of a number.
-        complete: what the shell offers: "experiment", "experiment name", "drive", "body", "setting" or "role".
+        complete: source of shell completions: "experiment", "experiment name", "drive", "body", "setting" or "role".
     """
 
     help: str
@@ -58,25 +60,25 @@ class Argument(Option):
 
 @dataclass(frozen=True)
 class Study:
-    """Marks a function as a study, as `@study(...)`; it stays what it is for who calls it from Python.
+    """Decorator that declares a function as a study; Python callers can still call the function directly.
 
-    An argument whose type is a dataclass, such as `MasterOptions`, stands for its fields: each is an option. Beside its
-    options it takes `say`, see `Say`; or `reporter`, see `Reporter`, if it records a run; or neither, if there is
-    nothing to wait for. It returns an `Answer`, yields one after the other as it has them, or prints for itself.
-    Options that studies share, such as `--json`, are added; one that needs to know such an option has it among its
-    arguments.
+    An argument whose type is a dataclass, such as `MasterOptions`, is expanded: each field becomes an option. In
+    addition the function takes `say` (see `Say`), or `reporter` (see `Reporter`) if it records a run, or neither if it
+    is fast. It returns an `Answer`, yields answers as they become available, or prints its own output. Shared options
+    such as `--json` are added to the command; a function that needs the value of a shared option declares it as an
+    argument.
 
     Attributes:
-        words: of the command, if they are not the function's name.
-        draws: whether it draws pictures, which `--format` and `--columns` are of.
-        isolated: whether it steps FMUs, so that it runs in a process of its own unless `--isolate none` is given; or
-            the name of the flag without which it steps none.
-        limited: whether `--limit-step` and `--limit-wall` are of that process.
-        json: whether there is `--json`.
-        reported: whether the fact `recording` of its answer is one, of which `--report` writes a page.
-        before: called with what is asked before the study's process begins: slips are refused at once. What one
-            returns is added to the answer's facts.
-        on_failure: what is added to the message if a component fails, such as where results are until then.
+        words: command name, if it differs from the function's name.
+        draws: whether the study draws pictures; adds `--format` and `--columns`.
+        isolated: whether the study steps FMUs and so runs in a separate process unless `--isolate none` is given; or
+            the name of the flag that makes it step FMUs.
+        limited: whether `--limit-step` and `--limit-wall` of the process are added.
+        json: whether `--json` is added.
+        reported: whether `--report` writes a page of the recording named in the answer's fact `recording`.
+        before: validators called with the arguments before the worker process starts, to refuse invalid input at once.
+            A mapping returned by a validator is added to the answer's facts.
+        on_failure: text appended to the error message if a component fails, such as the location of partial results.
     """
 
     words: str = ""
@@ -94,7 +96,7 @@ class Study:
         return function
 
     def shared_options(self) -> list[str]:
-        """Those of `SHARED_OPTIONS` that it has."""
+        """Return the keys of `SHARED_OPTIONS` that this study has."""
         process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
         page = ["report"] if self.reported else []
         return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *page, *process]
@@ -104,12 +106,12 @@ study = Study
 
 
 def options_of(record: type[Record], asked: ArgumentValues) -> Record:
-    """Return a record of options, from what is asked by their names; what is not asked has its default."""
+    """Return a `record` dataclass filled from the arguments in `asked`; missing fields keep their defaults."""
     return record(**{one.name: asked[one.name] for one in fields(record) if one.name in asked})  # type: ignore[arg-type]
 
 
 def _with_own_options(function: Function) -> Function:
-    """Return `function` with the fields of its records of options as arguments of its own."""
+    """Return `function` with each dataclass argument expanded into the fields of the dataclass."""
     parameters = inspect.signature(function).parameters.values()
     records: dict[str, Any] = {
         one.name: one.annotation
@@ -137,21 +139,21 @@ def _with_own_options(function: Function) -> Function:
 
 
 class StudyInterrupt(TwinError):
-    """Ctrl-C; says what is kept."""
+    """Interrupt of a study by Ctrl-C; the message lists the results kept."""
 
     exit_code = INTERRUPT_EXIT_CODE
 
 
 JobIsolation = Literal["run", "none"]
-"""What lives in a process of its own."""
+"""Scope of the separate process."""
 JOB_ISOLATION: JobIsolation = "run" if os.name == "posix" else "none"
-"""Where processes can be guarded they are, unless one says no."""
+"""Default of `--isolate`: a guarded process on POSIX, else none."""
 Isolation = Literal["run", "drive", "none"]
-"""The same of a run, whose drives may have processes of their own."""
+"""Scope of the separate process of a run; drives can have processes of their own."""
 
 
 PictureFormat = Literal["svg", "pdf"]
-"""What pictures are written as for a paper."""
+"""File formats of pictures for a paper."""
 
 Isolate = Annotated[
     JobIsolation,
@@ -189,8 +191,6 @@ ColumnMaps = Annotated[
 ]
 FromS = Annotated[float | None, Option("Start of the part of the log to use, in s.", "S")]
 ToS = Annotated[float | None, Option("End of the part of the log to use, in s.", "S")]
-DEFAULT_PORT = 8765
-"""Where `--live` serves; viewers propose it, too."""
 LivePort = Annotated[int, Option("With --live: port; 0: any free one.", "N", flags="--port", least=0, most=65535)]
 LiveOrigins = Annotated[
     Sequence[str],
@@ -208,7 +208,7 @@ SHARED_OPTIONS: Mapping[str, tuple[Any, Any]] = {
     "limit_step": (LimitStep, JobLimits.step),
     "limit_wall": (LimitWall, math.inf),
 }
-"""Options that studies share, by the names of arguments: what they are, and their defaults."""
+"""Shared options: argument name -> (annotated type, default)."""
 
 
 def run_isolated(
@@ -220,17 +220,17 @@ def run_isolated(
     formats: Sequence[str] = (),
     columns: int = 2,
 ) -> "Answer":
-    """What a study answers.
+    """Run a study, in a separate process or in this one, and return its answer.
 
     Args:
         name: "module:function", see `answer_study`.
-        isolate: what gets a process of its own; a study that steps no FMU needs none.
-        formats, columns: of pictures for a paper, besides those for the screen.
+        isolate: "run" for a separate process, else this one; a study without FMUs needs no isolation.
+        formats, columns: file formats and width of pictures for a paper, in addition to the screen pictures.
 
     Raises:
-        ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
+        ComponentFailed: an FMU crashed, hung or ended the process. Nothing is recorded here, so it does not matter
             whether stepping had begun.
-        TwinError: the study raised one.
+        TwinError: the study raised it.
     """
 
     def hear(note: dict[str, Any]) -> None:
@@ -250,50 +250,48 @@ def run_isolated(
 
 
 def answer_recording(reporter: "Reporter", name: str, asked: ArgumentValues) -> dict[str, Any]:
-    """What a study answers that records a run, taken apart; a job of the guard.
+    """Run a study that records a run, and return the fields of its `Answer`; a job of the guard.
 
-    Notes, besides those of the study: {"experiment": what is run, "folder": of the run, "duration" (s)} before it.
+    Notes, in addition to the study's own: {"experiment": name, "folder": folder of the run, "duration" (s)} before the
+    run.
 
     Args:
-        name: "module:function"; the function takes what is asked, and `reporter`.
+        name: "module:function"; the function is called with the arguments in `asked` and `reporter`.
     """
     return vars(answer_of(load_function(name)(**asked, reporter=reporter)))
 
 
 def confirm(question: str) -> bool:
-    """Whether who sits at the terminal says yes."""
+    """Ask `question` on the terminal and return whether the user answers yes."""
     import click
 
     return click.confirm(question, err=True)
 
 
 class Say(Protocol):
-    """Takes what is being done, and how much of all is over, 0 .. 1; None: unknown."""
+    """Progress callback: called with the current activity and the completed share, 0 .. 1 (None if unknown)."""
 
     def __call__(self, what: str, share: float | None = None, /) -> None: ...
 
 
 def ignore_progress(what: str, share: float | None = None, /) -> None:
-    """Where progress is not asked for."""
+    """Ignore a progress report."""
 
 
 class Steps:
-    """Counts steps that take about as long as each other."""
+    """Progress counter for steps of about equal duration."""
 
     def __init__(self, say: Say, total: int):
         self._say, self._total, self._begun = say, total, 0
 
     def next(self, what: str) -> None:
-        """The one before is over, and `what` begins."""
+        """Complete the current step and report that step `what` begins."""
         self._say(f"{what}, {self._begun + 1} of {self._total}", min(1.0, self._begun / self._total))
         self._begun += 1
 
     def share(self, what: str, done: float) -> None:
-        """So much of the present step, 0 .. 1, is over."""
+        """Report that the share `done`, 0 .. 1, of the current step is complete."""
         self._say(what, min(1.0, (max(0, self._begun - 1) + done) / self._total))
-
-
-ANSWER_JOB = "twin.studies.command:answer_study"
 
 
 @dataclass(frozen=True)
@@ -301,9 +299,9 @@ class Answer:
     """The answer of a study to its command.
 
     Attributes:
-        text: for people, at most 80 columns.
-        facts: for programs; JSON can hold them.
-        exit_code: of a command that asks this; 0 or, of what was judged, 1 and more if it failed.
+        text: output for users, at most 80 columns wide.
+        facts: output for programs, convertible to JSON.
+        exit_code: exit code of the command: 0, or 1 and more if a judged result failed.
     """
 
     text: str
@@ -314,7 +312,7 @@ class Answer:
 def write_verdict(
     name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()
 ) -> Result:
-    """`result` of a comparison with notes and with where its files are; picture and verdict are written."""
+    """Write the picture and the verdict of a comparison, and return `result` with `notes` and the files added."""
     files = {"picture": make_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
     draw(files["picture"])
     write_json(files["verdict"], result.facts)
@@ -324,14 +322,14 @@ def write_verdict(
 def answer_study(
     reporter: "Reporter", study: str, asked: dict[str, Any], formats: Sequence[str] = (), columns: int = 2
 ) -> dict[str, Any]:
-    """The answer of a study, taken apart; a job of the guard.
+    """Run a study and return the fields of its `Answer`; a job of the guard.
 
-    Notes {"say": what is being done, "share": of all that is over, or None}.
+    Notes: {"say": current activity, "share": completed share or None}.
 
     Args:
-        study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing, and
-            returns a `Result` or an `Answer`.
-        formats, columns: of pictures for a paper, see `for_paper`.
+        study: "module:function"; the function is called with the arguments in `asked` and `say`, its progress callback,
+            and returns a `Result` or an `Answer`.
+        formats, columns: file formats and width of pictures for a paper, see `for_paper`.
     """
 
     def say(what: str, share: float | None = None, /) -> None:
@@ -339,7 +337,7 @@ def answer_study(
 
     if not formats:
         return vars(answer_of(load_function(study)(**asked, say=say)))
-    # most answers draw nothing, and it takes a while to load
+    # Most answers draw nothing, and importing matplotlib is slow.
     from twin.studies.figure import for_paper
 
     with for_paper(formats, columns) as paper:
@@ -350,5 +348,5 @@ def answer_study(
 
 
 def answer_of(found: Result | Answer) -> Answer:
-    """What is printed of a study's result; an answer is one already."""
+    """Return `found` as an `Answer`: a `Result` is rendered to text and JSON."""
     return found if isinstance(found, Answer) else Answer(render_text(found), to_json(found), found.exit_code)

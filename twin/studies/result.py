@@ -1,7 +1,7 @@
 """The result of a study and its layout: text of 80 columns, JSON.
 
-A study computes and returns a `Result`; where columns stand, how many digits they have and how sentences are folded is
-said in its tables and notes, and done here.
+A study computes and returns a `Result` of tables and notes; this module aligns columns, formats numbers and folds
+sentences.
 """
 
 import textwrap
@@ -13,17 +13,17 @@ from typing import Any
 
 TEXT_WIDTH = 80
 NO_BREAK_SPACE = "\xa0"
-"""Between what is to stand on one line."""
+"""Separator of words that must stay on one line."""
 
 
 def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
-    """`text` after `head` in lines of `TEXT_WIDTH`.
+    """Wrap `text` after `head` into lines of at most `TEXT_WIDTH` columns.
 
     Args:
-        text: on one line.
-        head: begins the first line.
-        later: columns by which later lines are indented; None: they begin below the text.
-        whole: names of files, signals and options stay whole: nothing is parted at hyphens, or because it is long.
+        text: a single line.
+        head: beginning of the first line.
+        later: indent of later lines (columns); None to align with the text of the first line.
+        whole: whether names of files, signals and options stay whole: no break at hyphens or inside long words.
     """
     indent = " " * (len(head) if later is None else later)
     return textwrap.wrap(
@@ -33,47 +33,47 @@ def wrap_text(text: str, head: str = "", later: int | None = None, whole: bool =
 
 
 def labelled_lines(label: str, text: str, whole: bool = False) -> list[str]:
-    """`text` beside its label, as all reports end with: `  note       ...`."""
+    """Wrap `text` after its label, in the layout that ends all reports: `  note       ...`."""
     return wrap_text(text, f"  {label:<10} ", whole=whole)
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of Markdown."""
+    """Format a Markdown table."""
     lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
 def shorten(text: str, length: int) -> str:
-    """A value in at most so many characters."""
+    """Truncate `text` to at most `length` characters, with `...` at the end if it is cut."""
     return text if len(text) <= length else f"{text[: length - 3]}..."
 
 
 def join_names(names: Sequence[str], most: int) -> str:
-    """`a, b and 3 more`: at most so many of `names`."""
+    """Join at most `most` of `names`: `a, b and 3 more`."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def count_text(count: int, noun: str) -> str:
-    """`1 run`, `2 runs`."""
+    """Format a count with its noun: `1 run`, `2 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 Cell = str | float | None
-"""Of a table: text as it stands, a number in the format of its column, NaN as `-`, None as nothing."""
+"""Cell of a table: a text is shown unchanged, a number in the format of its column, NaN as `-`, None as empty."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
+    """A column of a table.
 
     Attributes:
-        name: its title.
-        width: its width, beyond which a cell moves what follows; 0: that of the widest cell.
-        form: format of its numbers, such as ".3f", where a zero has no minus; or of its texts, such as ".14s".
-        unit: below its title.
-        left: whether it begins at the left, as names do.
-        gap: spaces before it.
-        folds: the last one: text that goes on in lines below.
+        name: title.
+        width: minimum width; a wider cell shifts the rest of its row. 0 for the width of the widest cell.
+        form: format of numbers, such as ".3f" (zero is shown without a minus sign), or of texts, such as ".14s".
+        unit: unit, shown below the title.
+        left: whether cells are left-aligned, as names are.
+        gap: spaces before the column.
+        folds: whether long text wraps into the lines below; only for the last column.
     """
 
     name: str = ""
@@ -85,7 +85,7 @@ class Column:
     folds: bool = False
 
     def text(self, value: Cell) -> str:
-        """A cell as it is shown."""
+        """Format a cell of this column."""
         if value is None or isinstance(value, str):
             return format(value or "", self.form if self.form.endswith("s") else "")
         if isnan(value):
@@ -99,10 +99,10 @@ class Note:
     """A sentence that is folded into lines.
 
     Attributes:
-        text: on one line; a no-break space is shown as a space.
-        head: begins the first line.
-        later: columns by which later lines are indented; None: they begin below the text.
-        whole: names of files, signals and options stay whole.
+        text: a single line; a no-break space is shown as a space.
+        head: beginning of the first line.
+        later: indent of later lines (columns); None to align with the text of the first line.
+        whole: whether names of files, signals and options stay whole.
     """
 
     text: str
@@ -112,19 +112,19 @@ class Note:
 
 
 Row = Sequence[Cell] | Note | str
-"""Cells, at most as many as there are columns; or a line across all of them."""
+"""Row of a table: cells, at most one per column, or a line across all columns."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells.
+    """A table of text.
 
     Attributes:
-        columns: from the left.
-        rows: from the top.
+        columns: columns from left to right.
+        rows: rows from top to bottom.
         indent: spaces before the first column.
-        left_out: where columns are that do not fit in 80; "": all are shown.
-        title: for JSON and HTML, where its place in the text is not seen.
+        left_out: place where the columns beyond 80 characters can be found; "" to show all columns.
+        title: title in JSON and HTML, where the surrounding text is missing.
     """
 
     columns: Sequence[Column]
@@ -135,7 +135,7 @@ class Table:
 
     @property
     def cells(self) -> list[list[str]]:
-        """Text of every row of cells, as many as there are columns."""
+        """Formatted cells of every row that is not a line across, one per column."""
         return [
             [column.text(value) for column, value in zip_longest(self.columns, row)]
             for row in self.rows
@@ -144,25 +144,25 @@ class Table:
 
 
 Block = Table | Note | str
-"""Of a text; a string is a line as it stands, so "" is an empty one."""
+"""Part of a text; a string is a complete line, so "" is an empty line."""
 
 
 def note(label: str, text: str, whole: bool = False) -> Note:
-    """A sentence beside its label: `  note       ...`."""
+    """Return a note after its label: `  note       ...`."""
     return Note(text, f"  {label:<10} ", whole=whole)
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a study found.
+    """The result of a study.
 
     Attributes:
-        headline: the answer.
-        body: what there is to say besides, in this order.
-        facts: for programs, in SI units; None: headline, tables and notes as they are, see `to_json`.
-        files: what was written, by what it is.
-        label: columns of their labels; 0: they have none.
-        exit_code: of a command that asks this; 0 or, of what was judged, 1 and more if it failed.
+        headline: main answer.
+        body: remaining parts of the text, in order.
+        facts: values for programs, in SI units; None to derive JSON from headline, tables and notes, see `to_json`.
+        files: kind -> file written.
+        label: width of the labels of files (columns); 0 for no labels.
+        exit_code: exit code of the command: 0, or 1 and more if a judged result failed.
     """
 
     headline: Block
@@ -174,18 +174,18 @@ class Result:
 
     @property
     def text(self) -> str:
-        """See `render_text`."""
+        """Text of the result, see `render_text`."""
         return render_text(self)
 
 
 def render_text(result: Result) -> str:
-    """`result` for people, in lines of at most 80 columns but for what cannot be folded."""
+    """Render `result` as text, at most 80 columns wide except where a line cannot be folded."""
     files = [f"  {kind:<{result.label}} {file}" if result.label else f"  {file}" for kind, file in result.files.items()]
     return lay_out([result.headline, *result.body, *files])
 
 
 def lay_out(blocks: Sequence[Block]) -> str:
-    """The text of `blocks`, one below the other."""
+    """Render `blocks` as text, one below the other."""
     return "\n".join(line.rstrip() for block in blocks for line in _lines(block))
 
 
@@ -228,7 +228,7 @@ def _table(table: Table) -> Iterator[str]:
 
 
 def to_json(result: Result) -> Any:
-    """`result` for programs: its facts, or, where it has none, what people read, with numbers as they are."""
+    """Return `result` for JSON: its facts, or else headline, tables and notes with unformatted numbers."""
     if result.facts is not None:
         return result.facts
     parts = [result.headline, *result.body]
@@ -249,7 +249,7 @@ def to_json(result: Result) -> Any:
 
 
 def _plain(part: Block) -> list[str]:
-    """The sentence of a part, its label before it; a table and an empty line have none."""
+    """Return the text of a note or line, with its label in front; empty for a table or an empty line."""
     match part:
         case Note():
             return [f"{label}: {part.text}" if (label := part.head.strip()) else part.text]

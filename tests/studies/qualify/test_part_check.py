@@ -120,7 +120,7 @@ def test_another_gain_is_told_as_a_difference_and_no_fault():
     ("kind", "name", "verdict", "said"),
     [
         ("Good", "instant", "ok", "outputs of t_k answer the inputs of t_k"),
-        ("Late", "instant", "note", "outputs answer inputs 2 ms late: a delay inside"),
+        ("Late", "instant", "note", "outputs answer inputs 2 ms late: an internal delay"),
         ("Deaf", "instant", "note", "no output answers its inputs within"),
         ("Restless", "repeatable", "fails", "a new one gives other outputs from the same inputs"),
         ("Unfinished", "calls", "fails", "returned NaN or infinity for omega_ref at t = 0.102 s, call 52"),

@@ -56,7 +56,7 @@ def test_a_motor_with_volts_and_two_torques_is_commanded_with_volts(
     command, found, certain = interpret_variables("motor.fmu", described(fmu).variables)
     assert (command, found.chosen["command"], certain) == ("voltage", "u_cmd", sure)
     text = parts_proposal({"motor": described(fmu)}, tmp_path)[0]
-    assert 'command = "motor.u_cmd"' in text and "u_cmd = " not in text.partition("# Not fed")[2]
+    assert 'command = "motor.u_cmd"' in text and "u_cmd = " not in text.partition("# Not connected")[2]
 
 
 def test_every_doubtful_choice_stands_as_a_comment_and_no_choice_is_made(root: Path):
@@ -236,8 +236,8 @@ def test_the_wires_of_an_ssp_are_those_of_its_structure(shop: Path, tmp_path: Pa
     [
         ('<!DOCTYPE x [<!ENTITY a "b">]>', FMUS, "it has a document type"),
         ("<open>", FMUS, "not valid XML: "),
-        ("", (("motor", "../motor.fmu"),), "part 'motor' is no FMU inside this archive (../motor.fmu)"),
-        ("", (("motor", "http://x/motor.fmu"),), "no FMU inside this archive"),
+        ("", (("motor", "../motor.fmu"),), "part 'motor' is not an FMU inside this archive (../motor.fmu)"),
+        ("", (("motor", "http://x/motor.fmu"),), "not an FMU inside this archive"),
         ("", (), "0 parts; expected 1 to 50"),
         ("", [(str(n), "resources/motor.fmu") for n in range(60)], "60 parts"),
         ("", FMUS * 2, "two elements of system 'drive' are called 'power stage'"),

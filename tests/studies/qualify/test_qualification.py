@@ -67,7 +67,7 @@ def test_an_fmu_whose_state_does_not_come_back_counts_as_one_without(
     done = twin("drive", "check", fmu, "--json", cwd=tmp_path, isolated=True)
     checks = json.loads(done.stdout)["checks"]
     assert {name for name in ("state", "written") if checks[name]["verdict"] == "note"} == noted
-    assert checks["written"]["detail"].startswith("it goes on differently from a restored state")
+    assert checks["written"]["detail"].startswith("it continues differently from a restored state")
     after = twin("run", "fig4_force_position", "--drive", fmu, *SHORT, "--out", tmp_path / "after", cwd=tmp_path)
     sentence = "no state is saved: liar.fmu (drive_1) goes on differently from a state that it saved"
     assert sentence not in " ".join(before.stdout.split()) and sentence in " ".join(after.stdout.split())

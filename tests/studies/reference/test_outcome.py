@@ -83,7 +83,7 @@ def test_other_results_parameters_or_inputs_differ(servo: Path, tmp_path: Path, 
     ("changed", "told"),
     [
         ({"p_ssv": ssv(real("drop", "1")).decode()}, "did you mean 'droop'?"),
-        ({"a_in_csv": FILES["a_in.csv"].replace("tau_load", "tau")}, "column 'tau' is no input of numbers"),
+        ({"a_in_csv": FILES["a_in.csv"].replace("tau_load", "tau")}, "column 'tau' is not a numeric input"),
         ({"a_in_csv": "time,omega_ref\n0,nan\n1,1\n"}, "omega_ref is 'nan'"),
         ({"a_in_csv": " " * (MAX_TEXT_BYTES + 1)}, "expected at most 10 MB"),
         ({"a_ref_csv": "time,omega_m\n0,0\n1,x\n"}, "omega_m is 'x'"),

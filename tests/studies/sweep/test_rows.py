@@ -142,7 +142,7 @@ def test_a_line_that_is_no_row_is_refused_with_its_number(file: Path):
     lines = file.read_bytes().splitlines(keepends=True)
     for damaged in (b"\0\0\0\n", b"{}\n", b"[1]\n", b'"key"\n'):
         file.write_bytes(lines[0] + damaged + lines[2])
-        with pytest.raises(InputRefused, match="line 2 is no row of a sweep"):
+        with pytest.raises(InputRefused, match="line 2 is not a row of a sweep"):
             RowFile(file)
 
 

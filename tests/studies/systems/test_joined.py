@@ -38,7 +38,7 @@ def test_two_fmus_of_one_name_are_two_components_of_the_system(tmp_path: Path):
 
 def test_what_is_no_fmu_or_has_nothing_to_join_is_refused(tmp_path: Path):
     a, two = odd_fmu(tmp_path / "A.fmu"), odd_fmu(tmp_path / "two.fmu", types=("Real", "Integer"))
-    with pytest.raises(InputRefused, match="each has to be an FMU"):
+    with pytest.raises(InputRefused, match="several files must all be FMUs"):
         join_fmus([a, tmp_path / "x.ssp"])
     with pytest.raises(InputRefused, match="no output has the name"):
         join_fmus([two, a])

@@ -1,1 +1,1 @@
-"""Drives on a test bench: what one does with known commands and loads, and how several do in the same experiment."""
+"""Drives on a test bench: the response of one to known commands and loads, and comparison in the same experiment."""

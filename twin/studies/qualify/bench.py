@@ -1,6 +1,6 @@
-"""The bench: a drive at a commanded speed and a load, both known beforehand; a part at what it would get in a run.
+"""The test bench: drives run at a prescribed speed command and load, third-party parts called with recorded inputs.
 
-The variables of an FMU, listed for a user who maps them to roles.
+Also lists the variables of an FMU for users who map them to roles.
 """
 
 import time
@@ -37,29 +37,29 @@ if TYPE_CHECKING:
     from twin.kernel.systems.enclosed import EnclosedSystem
 
 MAX_VARIABLES = 60
-"""Variables of a causality that are listed; a list of thousands is of no help."""
+"""Maximum number of variables listed per causality; longer lists are of no help."""
 
 
 VARIABLE_COLUMNS = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
-"""Columns beside the name of a variable."""
+"""Columns after the name of a variable."""
 SLICE_TICKS = 100
 CHECK_TICKS = 500
-"""Ticks after which it is asked whether a run has seen enough."""
+"""Ticks between two checks for an early end of a run."""
 CALLS_TIME_LIMIT = 5.0
-"""Wall time (s) after which a part that is slow has been called often enough."""
+"""Wall time (s) after which a slow part has been called often enough."""
 CALLS_PER_BLOCK = 500
-"""Calls between two looks at the clock."""
+"""Number of calls between two checks of the wall time."""
 NUDGE_SIZE = 1e-3
-"""By which inputs are changed, of their size or in SI, to see what follows: less than anybody would notice."""
+"""Change of inputs, relative or in SI, that reveals whether outputs respond: too small to have other consequences."""
 MAX_MOTION = 1e9
-"""rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
+"""Maximum angle (rad) and speed (rad/s). No shaft turns so far in any unit, and squares of it are finite."""
 
 
 def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
-    """The inputs and outputs of each part; of what is local, what its shaft may be where no output can.
+    """Return a list of the inputs and outputs of each part as text, plus local variables if no output can be the shaft.
 
     Args:
-        parts: FMUs by part; "" for the only one.
+        parts: part name -> FMU; "" for a single FMU.
     """
     blocks: list[Block] = []
     for part, fmu in parts.items():
@@ -78,7 +78,7 @@ def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> st
 
 
 def variables_facts(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> list[dict[str, Any]]:
-    """The same for JSON, all of them."""
+    """Return the variables of each part for JSON, without a limit on their number."""
     return [
         {
             "part": part, "name": v.name, "causality": causality, "type": v.type, "unit": v.unit or None,
@@ -99,13 +99,13 @@ def _variables_by_causality(fmu: "FmuDescription | EnclosedSystem") -> dict[str,
 
 @dataclass(frozen=True)
 class Response:
-    """What a drive did, one sample per tick, all (ticks,).
+    """The response of a drive, one sample per tick, all (ticks,).
 
     Attributes:
-        t: s.
-        omega_ref, omega_m: rad/s.
-        tau_load: N m.
-        theta_m: rad.
+        t: time (s).
+        omega_ref, omega_m: commanded and actual motor speed (rad/s).
+        tau_load: load (N m).
+        theta_m: motor angle (rad).
         cost: wall time in the drive's steps, per tick (s).
     """
 
@@ -117,11 +117,12 @@ class Response:
     cost: float
 
     def window(self, start: float, end: float) -> slice:
-        """The samples in start <= t < end (s)."""
+        """Return the slice of the samples in start <= t < end (s)."""
         return slice(round(start / TICK), round(end / TICK))
 
     def mean_speed(self, start: float, end: float) -> float:
-        """Mean speed (rad/s) in a window of time (s): slope of a line through the angle, so ripple averages out."""
+        """Return the mean speed (rad/s) in start <= t < end (s): slope of a line through the angle, averaging
+        ripple."""
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
@@ -133,7 +134,7 @@ _tick_listeners: list[TickListener] = []
 
 @contextmanager
 def reporting_ticks(hear: TickListener) -> Iterator[None]:
-    """Within the block `hear` is called with how many ticks are over, and how long they took (s), as they come."""
+    """Register `hear` within the block; it is called with the number of completed ticks and their wall time (s)."""
     _tick_listeners.append(hear)
     try:
         yield
@@ -143,15 +144,15 @@ def reporting_ticks(hear: TickListener) -> Iterator[None]:
 
 @contextmanager
 def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
-    """A system of "signals", which plays `inputs` back, and a fresh instance of the drive, "drive", at theta_m = 0.
+    """Yield a system of "signals", which plays back `inputs`, and a new instance of the drive, "drive", at theta_m = 0.
 
     Args:
-        plan: the drive; all axes of one of three are commanded and loaded alike.
-        tick: s.
+        plan: drive; all axes of a three-axis drive get the same command and load.
+        tick: communication step (s).
         inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
 
     Raises:
-        InputRefused: the drive cannot be loaded or initialised, or does not take such a tick.
+        InputRefused: the drive cannot be loaded or initialised, or refuses this tick.
     """
     ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD_ROLE.port))
     signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
@@ -169,18 +170,17 @@ def response(
     tau_load: Curve,
     enough: Callable[[Curve], bool] = lambda theta_m: False,
 ) -> Response:
-    """Run a fresh instance of the drive from rest at theta_m = 0.
+    """Run a new instance of the drive from rest at theta_m = 0 and return its response.
 
-    All axes of a drive of three are commanded and loaded alike, and the first is looked at.
+    All axes of a three-axis drive get the same command and load; the first is measured.
 
     Args:
-        plan: the drive.
         omega_ref, tau_load: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks,).
-        enough: asked with the angles so far (ticks,) after every half second; True ends the run early.
+        enough: function of the angles so far (ticks,), called every half second; True ends the run early.
 
     Raises:
-        InputRefused: the drive cannot be loaded or initialised, or does not take a tick of `TICK`.
-        ComponentFailed: it returned an error, NaN, infinity, or what no shaft can do.
+        InputRefused: the drive cannot be loaded or initialised, or refuses a tick of `TICK`.
+        ComponentFailed: the drive returned an error, NaN, infinity, or a motion beyond `MAX_MOTION`.
     """
     with on_bench(plan, TICK, np.column_stack([omega_ref, tau_load])) as system:
         simulation = Simulation(system, len(omega_ref) - 1, SLICE_TICKS, timed=True)
@@ -214,15 +214,14 @@ def response(
 
 
 def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
-    """Refuse numbers of which no others can be made.
+    """Refuse finite but physically impossible motion.
 
     Args:
-        plan: the drive.
-        system: of `on_bench`.
-        rows: of its outputs (ticks, outputs), finite.
+        system: system made by `on_bench`.
+        rows: outputs of the system (ticks, outputs), finite.
 
     Raises:
-        ComponentFailed: angle or speed are beyond all measure.
+        ComponentFailed: angle or speed exceed `MAX_MOTION`.
     """
     motion = rows[:, [system.columns(f"drive.{name}").start for name in ("theta_m", "omega_m")]]
     beyond = np.abs(motion) > MAX_MOTION
@@ -238,12 +237,12 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a part gets at each of its samples.
+    """The inputs of a part at each of its samples.
 
     Attributes:
         t: times of the samples (n,), s.
-        period: between two of them (s).
-        u: (n, inputs), SI.
+        period: sampling period (s).
+        u: inputs (n, inputs), SI.
     """
 
     t: NDArray[np.float64]
@@ -251,26 +250,26 @@ class Inputs:
     u: NDArray[np.float64]
 
     def first(self, count: int) -> "Inputs":
-        """The first samples."""
+        """Return the first `count` samples."""
         return replace(self, t=self.t[:count], u=self.u[:count])
 
     def skip(self, count: int) -> "Inputs":
-        """All but the first samples."""
+        """Return all but the first `count` samples."""
         return replace(self, t=self.t[count:], u=self.u[count:])
 
     def nudge(self) -> "Inputs":
-        """Each a little different, and none as the one before."""
+        """Return the inputs with a small change of each, alternating in sign."""
         signs = np.where(np.arange(self.u.shape[1]) % 2, 1.0, -1.0)
         return replace(self, u=self.u + NUDGE_SIZE * signs * np.maximum(np.abs(self.u), 1.0))
 
 
 @dataclass(frozen=True)
 class PartCalls:
-    """What a part made of inputs.
+    """The result of calling a part.
 
     Attributes:
-        rows: outputs (calls, outputs); fewer calls than asked for if one failed, or they took too long.
-        failure: of the call after the last row, as the verb phrase of a sentence; "" if none failed.
+        rows: outputs (calls, outputs); fewer calls than inputs if one failed, or they took too long.
+        failure: error of the call after the last row, as the verb phrase of a sentence; "" if all calls succeeded.
         cost: wall time per call (s).
     """
 
@@ -280,16 +279,16 @@ class PartCalls:
 
 
 def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
-    """What `part` would have got in the `run` of `experiment`.
+    """Return the inputs that `part` would have received in the `run` of `experiment`.
 
     Args:
-        period: of the part, in ticks.
+        period: period of the part, in ticks.
     """
     (row,) = [row for row in COMPONENT_ROWS if row.name == part.role]
     ticks = np.arange(0, experiment.duration_ticks + 1, period)
     columns = [np.zeros((len(ticks), 0))]
     for port in part.inputs:
-        # a controller of twin's own brings its way itself
+        # A controller of twin's own has its reference path built in.
         sources = [f"{name}.{output}" for name, output in (*row.inputs[port.name], (part.role, port.name))]
         name = next(source for source in sources if source in run.fields())
         columns.append(run.held(name)[ticks].reshape(len(ticks), port.size).astype(float))
@@ -298,9 +297,9 @@ def inputs_for(part: ThirdPartyPart, run: Trace, experiment: Experiment, period:
 
 
 def call_part(component: Component, inputs: Inputs) -> PartCalls:
-    """Call `component` at the samples of `inputs`, for as long as there is patience."""
+    """Call `component` at the samples of `inputs`, until `CALLS_TIME_LIMIT`."""
     blocks: list[NDArray[np.float64]] = []
-    # no call: compiles, or loads from the cache, before the clock runs
+    # A call without samples compiles the code, or loads it from the cache, before the clock starts.
     play(component, inputs.t[:0], inputs.t[:0], inputs.u[:0])
     began, failure, done = time.perf_counter(), "", 0
     while done < len(inputs.t) and not failure and time.perf_counter() - began < CALLS_TIME_LIMIT:
@@ -318,16 +317,17 @@ def call_part(component: Component, inputs: Inputs) -> PartCalls:
 
 
 def not_finite(component: Component, row: NDArray[np.float64]) -> str:
-    """Which output of `row` is no number, as the verb phrase of a sentence."""
+    """Return an error for the outputs in `row` that are NaN or infinite, as the verb phrase of a sentence."""
     names = [name for name, values in by_port(component.outputs, row).items() if not np.isfinite(values).all()]
     return f"returned NaN or infinity for {', '.join(names)}"
 
 
 def repeats_from_state(component: Component, inputs: Inputs) -> bool:
-    """Whether the second half of `inputs` gives the same bits when the FMU is set back to where it began.
+    """Whether the second half of `inputs` gives the same bits again after the FMU's state is restored.
 
     Raises:
-        ComponentFailed: the FMU refuses to save or restore its state. InputRefused: its state is known to be none.
+        ComponentFailed: the FMU refuses to save or restore its state.
+        InputRefused: the FMU is marked as stateless.
     """
     half = len(inputs.t) // 2
     call_part(component, inputs.first(half))

@@ -1,8 +1,8 @@
 """`twin drive compare`: one drive after the other in the same experiment, judged by the true signals of paired runs.
 
-Each drive runs once as the experiment is, for the picture and the table, and in eight runs with random encoder zeros
-and noise, the same for every drive, for the verdict. Most of the spread is due to the zeros and common to all drives,
-so that differences of pairs show what unpaired runs would hide.
+Each drive runs the experiment once unchanged, for the picture and the table, and eight times with random encoder zeros
+and noise, the same for every drive, for the verdict. The zeros cause most of the spread and are common to all drives,
+so paired differences reveal effects hidden in unpaired runs.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ from twin.studies.qualify.definitions import Definition, Measure
 PAIRED_SEEDS = range(1, 9)
 """Seeds of the paired runs."""
 MOTOR_ZERO, JOINT_ZERO = np.radians([0.088, 0.022])
-"""Largest error (rad) of an encoder's zero that is calibrated to one count: 360/4096 and 360/16384 deg."""
+"""Maximum error (rad) of an encoder zero calibrated to one count: 360/4096 and 360/16384 deg."""
 MOTOR_NOISE, JOINT_NOISE = np.radians([0.05, 0.02])
-"""Standard deviation (rad) of the encoders' noise in paired runs, if the experiment has none."""
+"""Standard deviation (rad) of the encoders' noise in paired runs, if the experiment has no noise."""
 MIN_REFERENCE_STEP = 1e-9
-"""m per tick. Rounding moves a reference that stands still by far less, any real motion by far more."""
+"""Minimum change of a moving reference (m per tick): rounding is far below, real motion far above."""
 COMPARED_MEASURES = {
     "settling_time": Definition(
         "settles", "s",
@@ -56,33 +56,38 @@ COMPARED_MEASURES = {
     ),
     "rms_z_error": Definition(
         "rms z", "m",
-        "root mean square of the true z minus its pre-defined reference, in tasks minus what the force loop makes of "
-        "it, second half of the run",
+        "root mean square of the true z minus its pre-defined reference, in tasks minus the reference shifted by the "
+        "force loop, second half of the run",
     ),
     "peak_current": Definition("peak I", "A", "largest current of any of the three drives, if they have that output"),
     "shaft_work": Definition(
-        "work", "J", "work the three shafts do on the springs, what they get back not counted: tau_load omega_m > 0",
+        "work", "J", "work the three shafts do on the springs, without the work they get back: tau_load omega_m > 0",
     ),
     "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
 }  # fmt: skip
-"""Numbers under `measures` in JSON, by the definitions of 1.0: other intervals than those of the one table of measures.
-They need no held force, and go on after a trip of the safety monitor."""
+"""Measures under `measures` in JSON, as defined in 1.0; the intervals differ from the common table of measures. They
+need no held force, and continue after a trip of the safety monitor.
+"""
 FREE_RUN_MEASURES = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
-"""Those that the text shows where no drive holds a force."""
+"""Measures shown in the text if no drive holds a force."""
+DRIVE_COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
+CLOSE_UP = 2.5
+"""Time span of the approach shown in the second panel (s)."""
 
 
 class TrueRun:
-    """A robot's `run`, every tick and signal of it.
+    """The true signals of a robot's `run` at every tick.
 
     Attributes:
-        t: s, (ticks,), as all of them.
-        F_z, F_z_ref: true pressing force, and what it should be while the force loop is on (N).
-        z, z_ref: true height of the platform; pre-defined, before the force loop shifts it, in tasks after that (m).
+        t: time (s), (ticks,) like all others.
+        F_z, F_z_ref: true pressing force, and its reference while the force loop is on (N).
+        z, z_ref: true height of the platform, and its reference (m): pre-defined, i.e. before the force loop shifts it;
+            in tasks after the shift.
     """
 
     def __init__(self, run: Trace):
-        # tasks lead the robot, not way points
+        # The robot is led by tasks instead of way points.
         self.run, self._tasks = run, "controller.task" in run.fields()
         self.t: Curve = run.t
         self.F_z: Curve = -run["plant.F_ee_B"][:, 2]
@@ -91,7 +96,7 @@ class TrueRun:
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
-        """All of `COMPARED_MEASURES`.
+        """Compute all of `COMPARED_MEASURES`.
 
         Args:
             cost: wall time in the drives per tick (s).
@@ -101,7 +106,7 @@ class TrueRun:
         touching = bool(np.any(self.F_z[pressing] > 0.0))
         if not self._tasks:
             pressing = late & (self.t >= first_time(self.t, self.F_z > 0.0))
-        # taps are no holding, however hard
+        # Tapping does not hold a force, however hard.
         unscored = "no contact" if np.any(pressing) else "no task holds a force"
         shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
         current, power = self.run.of_drives("current"), self.run.of_drives("power")
@@ -120,11 +125,11 @@ class TrueRun:
         )
 
     def _energy(self, power: Curve) -> float:
-        """Energy (J) of `power` (ticks, n), W, held from tick to tick."""
+        """Integrate `power` (ticks, n), W, held from tick to tick; return the energy (J)."""
         return float(np.sum(power[:-1]) * self.run.tick)
 
     def _approach(self) -> tuple[Measure, Measure]:
-        """Measures `settling_time` and `overshoot`: of the force once it is controlled, else of the height."""
+        """Compute `settling_time` and `overshoot` of the force once it is controlled, else of the height."""
         on = self.run.held("controller.triggered")
         if self._tasks:
             beyond = 100.0 * overshoot(self.F_z[on], float(self.F_z_ref[on].max())) if np.any(on) else None
@@ -132,7 +137,7 @@ class TrueRun:
             return ramp, Measure("overshoot", beyond, "" if np.any(on) else "the force loop is never on")
         triggered = first_time(self.t, on)
         if np.isfinite(triggered):
-            # a loop that is on in the air has nothing to settle yet
+            # A loop that is on in the air has nothing to settle yet.
             touched = first_time(self.t, self.F_z > 0.0)
             start = max(triggered, touched) if np.isfinite(touched) else triggered
             return self._approach_measures(start, self.F_z, float(self.F_z_ref[-1]))
@@ -140,7 +145,7 @@ class TrueRun:
         if len(moving) == 0:
             still = "z is to stay where it is"
             return Measure("settling_time", None, still), Measure("overshoot", None, still)
-        # the last change of the reference begins after the last pause in it
+        # The last change of the reference begins after its last pause.
         pauses = np.flatnonzero(np.diff(moving) > 1)
         before = float(self.z_ref[moving[pauses[-1] + 1] if len(pauses) else moving[0]])
         change = float(self.z_ref[-1]) - before
@@ -163,16 +168,16 @@ def _output_measure(name: str, value: float | None) -> Measure:
 
 @dataclass(frozen=True)
 class DriveTrial:
-    """One drive in the experiment.
+    """The result of one drive in the experiment.
 
     Attributes:
-        name: of the drive, as the user said it.
-        run: what is true in it, up to the failure if there was one.
+        name: name of the drive, as typed.
+        run: true signals, up to the failure if there was one.
         measures: all of `COMPARED_MEASURES`.
         values: measures of the run.
         failure: error that ended the run early; empty if it completed.
         repeats: measures of the paired runs, in the order of `PAIRED_SEEDS`; empty if one of them failed or tripped.
-        unjudged: why the drive is not judged; empty if it is.
+        unjudged: reason why the drive is not judged; empty if it is.
     """
 
     name: str
@@ -186,18 +191,18 @@ class DriveTrial:
 
 @dataclass(frozen=True)
 class DriveTrials:
-    """An experiment with one drive after the other.
+    """The results of all drives in one experiment.
 
     Attributes:
-        name: of the experiment.
-        trials: of each drive.
+        name: name of the experiment.
+        trials: results, one per drive.
     """
 
     name: str
     trials: tuple[DriveTrial, ...]
 
     def differences(self) -> dict[str, list[Difference]]:
-        """Paired differences of each drive to the first, by name; only of drives that are judged."""
+        """Compute the paired differences of each judged drive to the first: drive name -> differences."""
         first, *others = self.trials
         return {
             one.name: paired_differences(one.repeats, first.repeats) for one in others if one.repeats and first.repeats
@@ -214,13 +219,12 @@ def trials(
     """Run each of `experiments` with each of `drives` in all three joints, in this process.
 
     Args:
-        experiments: files.
-        drives: see `load_experiment`.
-        settings, body: see `load_experiment`; of all experiments.
-        say: called with the drive in progress.
+        experiments: experiment files.
+        drives: drives, see `load_experiment`.
+        settings, body: settings and body of all experiments, see `load_experiment`.
 
     Raises:
-        InputRefused: an experiment or a drive has a mistake; no experiment has been run.
+        InputRefused: an experiment or a drive is invalid; checked before any experiment is run.
     """
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):
@@ -241,13 +245,13 @@ def trials(
 
 
 def verdict(compared: Sequence[DriveTrials]) -> list[str]:
-    """A sentence for each drive but the first, over all experiments, and one for each that is not judged."""
+    """Return a sentence per drive, except the first, over all experiments, and a sentence per drive not judged."""
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Ranks]] = {}
     for one in compared:
         for name, found in one.differences().items():
             by_drive.setdefault(name, []).append({d.measure.text: d.rank for d in found})
-    # over several experiments a measure has several values: tables have them
+    # Over several experiments a measure has several values, which only the tables show.
     values = (
         {name: {d.measure.text: d.text for d in found} for name, found in compared[0].differences().items()}
         if len(compared) == 1
@@ -264,7 +268,7 @@ def verdict(compared: Sequence[DriveTrials]) -> list[str]:
 
 
 def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
-    """Everything but the curves, for JSON; SI units."""
+    """Convert the comparison to a dictionary for JSON, without the curves; SI units."""
     done = compared.trials
     return {
         "experiment": compared.name,
@@ -289,7 +293,7 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
 
 
 def disturb_encoders(experiment: Experiment, seed: int) -> Experiment:
-    """The experiment with random encoder zeros added to its own, and with noise, drawn from `seed` alone."""
+    """Return the experiment with random encoder zeros added to its own, and with noise; `seed` determines both."""
     rng, plant = np.random.default_rng(seed), experiment.plant
     motor, joint = (rng.uniform(-largest, largest, 3) for largest in (MOTOR_ZERO, JOINT_ZERO))
     noisy = with_plant(
@@ -303,7 +307,7 @@ def disturb_encoders(experiment: Experiment, seed: int) -> Experiment:
 
 
 def _with_paired_runs(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
-    """`trial` with its paired runs; they end with the first one that fails or trips."""
+    """Return `trial` with its paired runs, which stop at the first failure or trip."""
     found = []
     for seed in PAIRED_SEEDS:
         steps.next(f"{label}, seed {seed}")
@@ -311,7 +315,7 @@ def _with_paired_runs(trial: DriveTrial, experiment: Experiment, steps: Steps, l
         place = f"in {experiment.name} with seed {seed}, and is not judged there"
         try:
             done = Runs(RunRequest(tally=True), most=0).run(one).require_success()
-        # also one that crashes when it is freed
+        # Includes a drive that crashes when it is freed.
         except ComponentFailed as failure:
             return replace(trial, failure=str(failure), unjudged=f"fails {place}")
         if done.reason:
@@ -327,7 +331,7 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
         with assemble(experiment) as assembly:
             tally = Tally(assembly.system, HoldRequest.from_experiment(experiment))
             done = simulate(assembly, experiment.duration_ticks, [trace, tally], timed=True).require_success()
-    # also one that crashes when it is freed, if it has a process of its own
+    # Includes a drive that crashes when it is freed, if it has a process of its own.
     except ComponentFailed as failure:
         reason = "the run failed"
         lost = tuple(Measure(measure, None, reason) for measure in COMPARED_MEASURES)
@@ -336,22 +340,17 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
     return DriveTrial(name, run, run.measures(cost), tally.outcome.measures)
 
 
-DRIVE_COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
-CLOSE_UP = 2.5
-"""How much (s) of the approach the second panel shows."""
-
-
 def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> None:
-    """Write the picture to `path` (PNG): what is controlled, its approach, the error of z, error in the second half.
+    """Draw the controlled quantity, its approach, the error of z, and the error in the second half, to `path` (PNG).
 
-    What is controlled is the true pressing force if the robot touches anything, else the true z.
+    The controlled quantity is the true pressing force if the robot touches anything, else the true z.
     """
     with picture(path, 11, 7.5, title) as figure:
         (whole, start), (z_error, late) = figure.subplots(2, 2)
         runs = [trial.run for trial in trials]
         touching = any(np.any(run.F_z > 0.0) for run in runs)
         longest = max(runs, key=lambda run: len(run.t))
-        # where all have failed in the first step there is no time to be drawn
+        # If all drives failed in the first step, the time axis still needs a length.
         end = float(longest.t[-1]) or longest.run.tick
         for axes in (whole, start):
             axes.plot(
@@ -370,7 +369,7 @@ def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> 
             late.plot(
                 run.t[half], _true_curve(run, touching)[half] - _reference_curve(run, touching)[half], lw=1.1, **look
             )
-        # of each when it first touches, or when the reference first moves; the end where neither ever happens
+        # First touch, or first motion of the reference; the end of the run if neither happens.
         first = min(
             min(
                 first_time(run.t, run.F_z > 0.0 if touching else np.abs(run.z_ref - run.z_ref[0]) > MIN_REFERENCE_STEP),

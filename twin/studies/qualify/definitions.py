@@ -1,9 +1,8 @@
-"""What is checked and measured: names, units and definitions, in the order in which they are shown; what is found.
+"""Names, units and definitions of the checks and measures of a drive, the operating range, and the work cycle.
 
-What this robot asks of a drive, on the motor shaft: the speeds and loads at which drives are judged. The numbers are
-those of the Fig. 4 experiment with the assumed robot of `experiments/robots/massage_robot.toml`.
-
-The run on which most findings stand: rest, a step of the command, a step of the load.
+Drives are judged in the operating range, a range of speeds and loads on the motor shaft. Its numbers come from the
+Fig. 4 experiment with the assumed robot of `experiments/robots/massage_robot.toml`. Most findings are based on the work
+cycle: rest, a step of the command, a step of the load.
 """
 
 import time
@@ -18,35 +17,37 @@ from twin.studies.command import Say, ignore_progress
 from twin.studies.metrics.response import Curve
 
 EXPECTED_TICKS = 75_000
-"""Ticks of a whole qualification: 60,000 of a drive that stalls at once, 100,000 of one that cannot be stalled."""
+"""Expected ticks of a qualification: 60,000 for a drive that stalls at once, 100,000 for one that cannot be stalled."""
 REPORT_PERIOD = 1.0
-"""s. Before, nothing is said."""
+"""Period of progress reports (s); the first comes after this time."""
 TICK = 1e-3
-"""Communication step (s): the one of every experiment here."""
+"""Communication step (s), the same as in the experiments."""
 SPEED_IN_USE = 0.5
-"""rad/s. Fig. 4 commands 0.50 rad/s at most: where the force loop is triggered and the z reference jumps."""
+"""Speed in use (rad/s). Fig. 4 commands at most 0.50 rad/s: where the force loop is triggered and the z reference
+jumps."""
 SPEED_LIMIT = 8.0
-"""rad/s. The controller clamps its command there."""
+"""Speed limit (rad/s), where the controller clamps its command."""
 LOAD_IN_USE = 0.1
-"""N m. A press of 5 N asks 0.06 N m of each motor, through a belt of N = 2; weight and haste add to it."""
+"""Load in use (N m). A press of 5 N needs 0.06 N m of each motor, through a belt of N = 2; weight and inertia add to
+it."""
 LOAD_PEAK = 0.6
-"""N m. Ten presses of 5 N: a drive that holds it has a margin in every task."""
+"""Peak load (N m). Ten presses of 5 N: a drive that holds it has a margin in every task."""
 MAX_LOAD = 4.0
-"""N m. Where the search for the stall torque ends: no spring of this robot can ask for it."""
+"""End of the search for the stall torque (N m): no spring of this robot can exert more."""
 SMALL_SPEED = 0.1
-"""rad/s. Amplitude for the frequency response: a fifth of the speed in use, four steps of a 0.024 rad/s register."""
+"""Amplitude for the frequency response (rad/s): a fifth of the speed in use, four steps of a 0.024 rad/s register."""
 BIAS_SPEED = 0.25
-"""rad/s. Mean speed of the frequency response: above the amplitude, so that friction never changes sign."""
+"""Mean speed of the frequency response (rad/s): above the amplitude, so that friction never changes sign."""
 ENCODER_RESOLUTION = 1.5e-3
-"""rad. One count of the robot's own 12-bit motor encoder: the robot cannot see a smaller angle."""
+"""Encoder resolution (rad). One count of the robot's 12-bit motor encoder: the robot cannot see a smaller angle."""
 COMMAND_TIME = 0.2
-"""When the command steps (s)."""
+"""Time of the command step (s)."""
 LOAD_TIME = 2.2
-"""When the load steps (s); slow drives have settled by then."""
+"""Time of the load step (s); slow drives have settled by then."""
 CYCLE_END = 4.2
-"""s."""
+"""End of the work cycle (s)."""
 AVERAGE_TIME = 1.0
-"""How long before the load step, and before the end, speeds are averaged (s)."""
+"""Averaging time of speeds before the load step, and before the end (s)."""
 CHECK_MEANINGS = {
     "contract": "every required quantity of the drive contract is there, with a causality and unit that fit",
     "runs": "every run of the qualification ends without an error status, NaN or infinity",
@@ -54,27 +55,30 @@ CHECK_MEANINGS = {
     "scale": f"commanded with {SPEED_IN_USE:g} rad/s without load, it is within a factor 1.5: no unit or gear is wrong",
     "rate": "omega_m is the rate of theta_m, within 5 %",
     "load": f"a load of {LOAD_IN_USE:g} N m sets the shaft back, or does nothing; it never pushes it forward",
-    "repeats": "two fresh instances give the same theta_m and omega_m, bit for bit",
+    "repeats": "two new instances give the same theta_m and omega_m, bit for bit",
     "reset": "after reset an instance repeats its first run, bit for bit",
-    "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
-    "written": "its state, written down and read by another process, is gone on from there, bit for bit",
+    "state": "after its state was saved, changed and restored, an instance continues from there, bit for bit",
+    "written": "another process reads its serialized state and continues from there, bit for bit",
 }
-"""Name -> what holds. All disqualify a drive but `reset`, `state` and `written`: not every run needs those."""
+"""Check name -> condition. A failed check disqualifies a drive, except `reset`, `state` and `written`, which not every
+run needs.
+"""
 NEGLIGIBLE_DROOP = ENCODER_RESOLUTION / LOAD_IN_USE
-"""rad/s per N m. One encoder count per second of averaging: less than this counts as none."""
+"""Threshold of a negligible droop (rad/s per N m): one encoder count per second of averaging."""
 UNIT_ERROR_FACTOR = 100.0
-"""So many times off the drives of fmus/, a drive's load is likely to be in another unit."""
+"""Ratio to the drives of fmus/ above which a drive's load is probably in another unit."""
 MAX_DROOP, STALL_RANGE = 0.6, (0.378, 2.94)
-"""Of the drives of fmus/ but the ideal one: largest droop (rad/s per N m), smallest and largest stall torque (N m)."""
+"""Limits of the drives of fmus/ except the ideal one: largest droop (rad/s per N m), smallest and largest stall torque
+(N m).
+"""
 
 
 class Workload:
-    """Counts ticks.
+    """Progress counter of the ticks of a qualification.
 
     Args:
-        label: of the drive.
-        say: called with the progress.
-        sure: whether a check that takes more than an hour is meant.
+        label: name of the drive.
+        sure: whether a check of more than an hour is confirmed.
     """
 
     def __init__(self, label: str, say: Say = ignore_progress, sure: bool = True):
@@ -83,10 +87,10 @@ class Workload:
         self._reported = time.monotonic()
 
     def count_ticks(self, ticks: int, taken: float) -> None:
-        """So many more `ticks` are over; they have `taken` so long (s).
+        """Add `ticks` completed ticks, which took `taken` (s), and report progress.
 
         Raises:
-            InputRefused: all of them will take more than an hour, and that was not confirmed.
+            InputRefused: the whole check will take more than an hour, and that was not confirmed.
         """
         self._done += ticks
         self._taken += taken
@@ -103,18 +107,18 @@ class Workload:
 
 
 def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = CYCLE_END) -> tuple[Curve, Curve]:
-    """Commanded speed (rad/s) and load (N m), one value per tick, (ticks,).
+    """Return commanded speed (rad/s) and load (N m) of the work cycle, one value per tick, (ticks,).
 
     Args:
-        speed, load: after their steps.
-        end: s.
+        speed, load: values after their steps.
+        end: end of the cycle (s).
     """
     k = np.arange(round(end / TICK))
     return np.where(k >= round(COMMAND_TIME / TICK), speed, 0.0), np.where(k >= round(LOAD_TIME / TICK), load, 0.0)
 
 
 class Definition(NamedTuple):
-    """A measure: what tables call it, its SI unit ("%" for a share), what exactly it is."""
+    """The definition of a measure: short name in tables, SI unit ("%" for a share), exact meaning."""
 
     text: str
     unit: str
@@ -140,7 +144,7 @@ MEASURE_DEFINITIONS = {
     ),
     "bandwidth": Definition(
         "bandwidth (-3 dB)", "Hz",
-        f"frequency at which the speed's amplitude has fallen to 1/sqrt(2) of what it is at 0.25 Hz, for a command of "
+        f"frequency at which the speed's amplitude has fallen to 1/sqrt(2) of its value at 0.25 Hz, for a command of "
         f"{BIAS_SPEED:g} rad/s with a sine of {SMALL_SPEED:g} rad/s on it",
     ),
     "rise_time": Definition(
@@ -153,7 +157,7 @@ MEASURE_DEFINITIONS = {
     ),
     "overshoot": Definition(
         "overshoot", "%",
-        "by how much omega_m exceeds its final mean at most after that step; 0 where it is no more than the ripple",
+        "largest excess of omega_m over its final mean after that step; 0 if not above the ripple",
     ),
     "stall_torque": Definition(
         "stall torque", "N m",
@@ -176,12 +180,12 @@ Verdict = Literal["ok", "FAIL", "note"]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that is right or not.
+    """The result of a check.
 
     Attributes:
         name: key in `CHECK_MEANINGS`.
-        verdict: "FAIL" disqualifies the drive, "note" is worth knowing and does not.
-        detail: the evidence, in a phrase.
+        verdict: "FAIL" disqualifies the drive, "note" is informative.
+        detail: evidence, a phrase.
     """
 
     name: str
@@ -191,12 +195,12 @@ class Check:
 
 @dataclass(frozen=True)
 class Measure:
-    """One number.
+    """The result of a measurement.
 
     Attributes:
         name: key in `MEASURE_DEFINITIONS`.
-        value: in the unit of the definition; None: not measurable.
-        remark: why not, or what to know about the value.
+        value: value in the unit of the definition; None if it cannot be measured.
+        remark: reason for a missing value, or a remark on the value.
     """
 
     name: str
@@ -208,5 +212,5 @@ Finding = Check | Measure
 
 
 def make_check(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
-    """A check that is "ok" if `right`, else `otherwise`."""
+    """Return a check with verdict "ok" if `right`, else `otherwise`."""
     return Check(name, "ok" if right else otherwise, detail)

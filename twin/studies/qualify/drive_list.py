@@ -1,4 +1,4 @@
-"""The drives of fmus/ and the facts of one drive, as `twin drive list` and `info` show them."""
+"""The drives of fmus/ and the facts of one drive, for `twin drive list` and `twin drive info`."""
 
 import math
 import textwrap
@@ -15,9 +15,19 @@ if TYPE_CHECKING:
     from twin.robot.assembly.drives import DrivePlan
 
 TEXT_WIDTH = 80
+DRIVES_FOLDER = "fmus"
+DRIVE_COLUMNS = (
+    Column("drive", left=True),
+    Column("fits", 4, left=True, gap=2),
+    Column("kind", 5, left=True, gap=2),
+    Column("command", 8, left=True, gap=2),
+    Column("FMI", 3, left=True, gap=2),
+    Column("what it is", left=True, gap=2, folds=True),
+)
 
 
 def drive_facts(plan: "DrivePlan") -> dict[str, object]:
+    """Return the facts of a drive for JSON: FMUs, roles, wires, parameters, warnings."""
     from twin.kernel.fmi.description import capability_rows
     from twin.kernel.fmi.variable import to_json
 
@@ -41,7 +51,7 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
                 "abilities": [f"{name}: {text}" for name, text in capability_rows(fmu)],
                 "parameters": {v.name: _parameter(v) for v in fmu.parameters},
                 "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
-                # a file by itself, which one in an archive is not
+                # Warnings refer to an FMU file; FMUs inside an archive are not files.
                 "validation": [] if plan.system else fmu.warnings(),
             }
             for part, fmu in plan.parts.items()
@@ -62,7 +72,7 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
 
 
 def _ssp_facts(plan: "DrivePlan") -> dict[str, object]:
-    """Of a drive that is an SSP."""
+    """Return file, hash and version of an SSP; empty for other drives."""
     system = plan.system
     return {"ssp": {"file": str(system.path), "sha256": system.sha256, "version": system.version}} if system else {}
 
@@ -75,6 +85,7 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def drive_text(plan: "DrivePlan") -> str:
+    """Return the facts of a drive as text of at most 80 columns."""
     from twin.kernel.fmi.description import KIND_NAMES, capability_rows
     from twin.kernel.fmi.variable import to_json
     from twin.robot.assembly.drives import qualified_name
@@ -134,7 +145,7 @@ def _start(v: "Variable") -> str:
 
 
 def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
-    """Who solves its equations, where that is said or could be chosen."""
+    """Return the lines on the solver of a part, if it is known or could be chosen."""
     fmu, solver = plan.parts[part], plan.solver(part)
     if solver is None:
         if plan.system is not None:
@@ -146,20 +157,17 @@ def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
     return [f"  solver     ours, {solver.method}, {how}; {size}"]
 
 
-DRIVES_FOLDER = "fmus"
-
-
 class ListedDrive(NamedTuple):
-    """A drive's folder.
+    """A drive's folder in fmus/.
 
     Attributes:
-        name: of the folder, as `--drive` takes it.
-        kind: "servo" (takes a speed), "motor" (our velocity loop is in front of it), "parts" (several FMUs); "" where
-            it does not fit.
-        command: what it is commanded with.
-        fmi: versions.
-        description: the FMU's own, one line.
-        problem: why it does not fit; empty if it does.
+        name: name of the folder, as accepted by `--drive`.
+        kind: "servo" (takes a speed), "motor" (twin's velocity loop commands it), "parts" (several FMUs); "" if the
+            drive does not fit.
+        command: commanded quantity.
+        fmi: FMI versions.
+        description: description of the FMU, one line.
+        problem: reason why the drive does not fit; empty if it does.
     """
 
     name: str
@@ -171,10 +179,10 @@ class ListedDrive(NamedTuple):
 
 
 def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
-    """The drives of fmus/, as seen from folder `start` upwards, by name.
+    """Return the drives of fmus/, searched from folder `start` upwards, by name.
 
     Raises:
-        InputRefused: there is no fmus/.
+        InputRefused: fmus/ does not exist.
     """
     shelf = locate_file(DRIVES_FOLDER, start)
     if not shelf.is_dir():
@@ -184,18 +192,8 @@ def listed_drives(start: Path) -> tuple[ListedDrive, ...]:
     return tuple(_drive(shelf / name) for name in drive_names(shelf))
 
 
-DRIVE_COLUMNS = (
-    Column("drive", left=True),
-    Column("fits", 4, left=True, gap=2),
-    Column("kind", 5, left=True, gap=2),
-    Column("command", 8, left=True, gap=2),
-    Column("FMI", 3, left=True, gap=2),
-    Column("what it is", left=True, gap=2, folds=True),
-)
-
-
 def drives_text(drives: Sequence[ListedDrive]) -> str:
-    """One line per drive, a second one where the description or the problem is long."""
+    """Return a line per drive, and a second one where the description or the problem is long."""
     rows = [
         (one.name, "no" if one.problem else "yes", one.kind, one.command, one.fmi, one.problem or one.description)
         for one in drives

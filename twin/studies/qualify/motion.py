@@ -1,16 +1,9 @@
-"""Checks of a drive on the bench: its motion, steps, stall, repetition, frequency response.
+"""Checks of a drive on the bench: motion, step response, stall torque, repeatability, step size, frequency response.
 
-How a drive follows a step of its command.
-
-The load that a drive can no longer turn against. A load that grows finds it in one run, but too high: beyond the stall
-torque tau_s a shaft of inertia J is still to be braked, J domega/dt = tau_s - tau_load. That takes until the load is
-sqrt(2 J omega r) above tau_s if it grows with the rate r, 0.04 N m of 7e-3 kg m2. And it is too low if the drive's own
-loop is slower than the load. Loads that are held know neither: they say whether the one that was found is right, and if
-it is not they close in on the right one.
-
-Whether a drive repeats itself, how much the step size matters, and what a step costs.
-
-How fast a drive's speed follows small changes of its command: amplitudes over frequency, -3 dB bandwidth.
+The stall torque is first found by a growing load, in one run, but too high: beyond the stall torque tau_s the shaft of
+inertia J must still be braked, J domega/dt = tau_s - tau_load, which takes until the load is sqrt(2 J omega r) above
+tau_s if it grows with the rate r: 0.04 N m for 7e-3 kg m2. If the drive's own loop is slower than the load, the result
+is too low. Held loads have neither error: they confirm the result, or bisect to the right one.
 """
 
 from collections.abc import Callable
@@ -46,24 +39,63 @@ from twin.studies.qualify.definitions import (
 )
 
 WRONG_SCALE = 1.5
-"""No drive for this robot is that far off by itself; rpm (9.5), degrees (57) and gears are."""
+"""Factor between actual and commanded speed above which units are wrong: rpm give 9.5, degrees 57; gears are
+similar."""
 WRONG_RATE = 0.05
-"""Twice what a register of 0.024 rad/s can be off at the speed in use."""
+"""Relative deviation of omega_m from the rate of theta_m; twice the error of a 0.024 rad/s register at the speed in
+use."""
 LOAD_WINDOW = 0.1
-"""How long after the load step its effect is looked for (s): before an integral loop has made up for it."""
+"""Time window after the load step for measuring its effect (s): before an integral loop compensates it."""
 ANGLE_ROUNDING = 1e-9
-"""rad. Rounding of the angle after seconds of turning."""
+"""Rounding error of the angle after seconds of turning (rad)."""
+SPEED_ROUNDING = 1e-9
+"""Rounding error of a mean speed (rad/s)."""
+RAMP_START = 0.5
+"""Start of the load ramp (s), when the shaft turns steadily."""
+RAMP_RATE = 0.25
+"""Rate of the load ramp (N m/s)."""
+HOLD_TIME = 1.0
+"""Holding time of a load (s). Its excess e stops a shaft of inertia J from 0.5 rad/s within 0.5 J/e, so a load carried
+that long is too high by at most 0.5 J: 0.0035 N m for 7e-3 kg m2. A longer time would heat and weaken the winding.
+"""
+STALL_SHARE = 0.1
+"""Stall threshold (share of the commanded speed): friction smoothed around standstill lets a model creep below it
+forever."""
+SPEED_WINDOW = 0.05
+"""Averaging time of the speed (s): a stepper oscillates while it turns."""
+STALL_UNCERTAINTY = 0.02
+"""Relative uncertainty of the stall torque; carried and not carried loads are twice as far apart."""
+STALL_TIME = 0.3
+"""Time below `STALL_SHARE` after which a shaft is stalled (s)."""
+USUAL_TOLERANCE = 1e-4
+"""Assumed relative tolerance of the solver in an FMU without a declared one; Dymola and OpenModelica export 1e-4 and
+1e-6."""
+TOLERANCE_FACTOR = 0.01
+NEGLIGIBLE_ANGLE = 0.01 * ENCODER_RESOLUTION
+"""Threshold of a solver error worth reporting (rad)."""
+LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.25, 200.0
+"""Frequency range (Hz). The lowest represents the static gain; the highest is a fifth of the command's sampling
+rate."""
+PER_OCTAVE = 2
+FINE_FREQUENCIES = 5
+"""Number of extra frequencies between the two neighbours of the bandwidth."""
+LEAD_IN_PERIODS, MEASURED_PERIODS = 0.25, 1.0
+"""Number of periods before the measurement, and measured, at each frequency."""
+MIN_LEAD_IN_TIME, MIN_MEASURED_TIME = 0.1, 0.2
+"""Minimum duration of both (s), for the drive's own transient, and for averaging ripple."""
+MIN_AMPLITUDE = 1e-6
+"""Minimum relative amplitude: a response below it may be zero."""
+HALF_POWER = 1.0 / np.sqrt(2.0)
 
 
 def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
-    """Checks `direction`, `scale` and `rate`; measures `speed` and `no_load_speed`.
+    """Check `direction`, `scale` and `rate`; measure `speed` and `no_load_speed`.
 
     Args:
-        plan: the drive.
-        cycle: its work cycle.
+        cycle: response to the work cycle.
 
     Raises:
-        ComponentFailed: it failed in one of the runs.
+        ComponentFailed: the drive failed in one of the runs.
     """
     back = response(plan, *work_cycle(speed=-SPEED_IN_USE, end=LOAD_TIME))
     fast = response(plan, *work_cycle(speed=SPEED_LIMIT, end=LOAD_TIME))
@@ -97,11 +129,10 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `load`, measure `droop`.
 
     Args:
-        plan: the drive.
-        cycle: its work cycle.
+        cycle: response to the work cycle.
 
     Raises:
-        ComponentFailed: it failed in the run without load.
+        ComponentFailed: the drive failed in the run without load.
     """
     free = response(plan, *work_cycle(load=0.0))
     first = round(LOAD_TIME / TICK)
@@ -127,12 +158,8 @@ def _remedy(plan: DrivePlan, forth: float, back: float) -> str:
     return "; it does not turn: does it need an enable, a supply or other inputs?" if forth == back else ""
 
 
-SPEED_ROUNDING = 1e-9
-"""rad/s. Of a mean speed."""
-
-
 def step_findings(cycle: Response) -> list[Finding]:
-    """Measures `ripple`, `rise_time`, `settling_time` and `overshoot`, from the work cycle's first step."""
+    """Measure `ripple`, `rise_time`, `settling_time` and `overshoot`, from the work cycle's command step."""
     final = cycle.mean_speed(LOAD_TIME - AVERAGE_TIME, LOAD_TIME)
     steady = cycle.omega_m[cycle.window(LOAD_TIME - AVERAGE_TIME, LOAD_TIME)]
     ripple = float(np.max(np.abs(steady - np.mean(steady))))
@@ -155,29 +182,12 @@ def step_findings(cycle: Response) -> list[Finding]:
 
 
 def _in_time(name: str, value: float, remark: str = "") -> Measure:
-    """A measure of time (s) if the speed ever came so far."""
+    """Return a measure of time (s), or its absence if the speed never reaches the level."""
     return Measure(name, value, remark) if np.isfinite(value) else Measure(name, None, "omega_m does not get there")
 
 
-RAMP_START = 0.5
-"""s. The load starts to grow when the shaft turns steadily."""
-RAMP_RATE = 0.25
-"""N m/s. With which the load grows."""
-HOLD_TIME = 1.0
-"""s. How long a load is held. Its excess e stops a shaft of inertia J from 0.5 rad/s within 0.5 J/e, so that what is
-carried that long is too high by at most 0.5 J: 0.0035 N m of 7e-3 kg m2. Longer, and a winding that heats is weaker."""
-STALL_SHARE = 0.1
-"""Of the commanded speed: friction that is smoothed around standstill lets a model creep below it for ever."""
-SPEED_WINDOW = 0.05
-"""s. Over which the speed is averaged: a stepper swings while it turns."""
-STALL_UNCERTAINTY = 0.02
-"""Of the stall torque: between a load that is carried and one that is not there is twice as much."""
-STALL_TIME = 0.3
-"""s. A shaft that has been slower than `STALL_SHARE` for that long is stalled."""
-
-
 def overload(plan: DrivePlan) -> Response:
-    """Commanded with the speed in use, the load grows until the shaft has stalled.
+    """Run the drive at the speed in use under a growing load until the shaft has stalled.
 
     Raises:
         ComponentFailed: the drive failed.
@@ -191,11 +201,10 @@ def stall_torque(plan: DrivePlan, done: Response) -> Measure:
     """Measure `stall_torque`.
 
     Args:
-        plan: the drive.
-        done: its `overload` run.
+        done: response to `overload`.
 
     Raises:
-        ComponentFailed: the drive failed under a load that was held.
+        ComponentFailed: the drive failed under a held load.
     """
     if not _is_stall(done.theta_m):
         return Measure("stall_torque", None, f"more than {MAX_LOAD:g} N m")
@@ -210,20 +219,22 @@ def stall_torque(plan: DrivePlan, done: Response) -> Measure:
 
 
 def ramped_torque(done: Response) -> float:
-    """The load (N m) at which the shaft of an `overload` run has stalled; 0: it never turned."""
+    """Return the stall load (N m) of an `overload` run; 0 if the shaft never turned."""
     n = round(SPEED_WINDOW / TICK)
     turning = np.flatnonzero(done.theta_m[n:] - done.theta_m[:-n] >= STALL_SHARE * SPEED_IN_USE * SPEED_WINDOW)
-    # the load in the middle of the last window in which it still turned
+    # The load in the middle of the last window with a turning shaft.
     return float(done.tau_load[turning[-1] + n // 2]) if len(turning) else 0.0
 
 
 def held_torque(found: float, carries: Callable[[float], bool]) -> float:
-    """`found` (N m) if loads `STALL_UNCERTAINTY` below and above it say so, else what they close in on, as exactly; not
-    less than `MAX_LOAD` if that is carried.
+    """Confirm or correct the stall torque `found` (N m) by held loads, to within `STALL_UNCERTAINTY`.
+
+    Returns `found` if loads `STALL_UNCERTAINTY` below and above it confirm it, else the result of a bisection;
+    `MAX_LOAD` if that load is carried.
 
     Args:
-        found: > 0.
-        carries: whether a load is carried for as long as it is held; those below one that is, are, too.
+        found: stall torque from a ramp, > 0.
+        carries: function that returns whether a held load is carried; then so are all smaller ones.
     """
     below, above = (1.0 - STALL_UNCERTAINTY) * found, (1.0 + STALL_UNCERTAINTY) * found
     if not carries(below):
@@ -234,7 +245,7 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
         low, high = above, MAX_LOAD
     else:
         return found
-    # nothing follows from nothing
+    # A purely relative resolution would never be reached if the stall torque is zero.
     while high - low > max(2.0 * STALL_UNCERTAINTY * high, RAMP_RATE * SPEED_WINDOW):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if carries(middle) else (low, middle)
@@ -242,7 +253,7 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
 
 
 def carries_load(plan: DrivePlan, load: float, rate: float = RAMP_RATE) -> bool:
-    """Whether a drive, commanded with the speed in use, still turns when `load` (N m), grown by `rate`, has been held.
+    """Whether a drive at the speed in use still turns after a load (N m), grown by `rate` (N m/s), has been held.
 
     Raises:
         ComponentFailed: the drive failed.
@@ -259,22 +270,14 @@ def _is_stall(theta_m: Curve) -> bool:
     )
 
 
-USUAL_TOLERANCE = 1e-4
-"""Relative, of the solver in an FMU that states none; what Dymola and OpenModelica export with is 1e-4 and 1e-6."""
-TOLERANCE_FACTOR = 0.01
-NEGLIGIBLE_ANGLE = 0.01 * ENCODER_RESOLUTION
-"""rad. An error of the solver below it is not worth a word."""
-
-
 def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `repeats`, measure `cost`.
 
     Args:
-        plan: the drive.
-        cycle: its work cycle.
+        cycle: response to the work cycle.
 
     Raises:
-        ComponentFailed: it failed in the second or third run.
+        ComponentFailed: the drive failed in the second or third run.
     """
     again = [response(plan, *work_cycle()) for _ in range(2)]
     differs = (cycle.theta_m != again[0].theta_m) | (cycle.omega_m != again[0].omega_m)
@@ -289,14 +292,13 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 
 
 def step_error(plan: DrivePlan, cycle: Response) -> Measure:
-    """Measure `step_error`: the work cycle once more, the FMU stepped twice as finely, its inputs held as before.
+    """Measure `step_error` by repeating the work cycle with the FMU stepped twice as finely, its inputs held as before.
 
-    A solver of ours that goes in steps of one length has them halved, too. And once with a solver that works more
-    exactly: no finer step mends what its tolerance does.
+    Fixed steps of twin's own solver are halved too. Another run uses a tighter solver tolerance, whose error finer
+    steps cannot reduce.
 
     Args:
-        plan: the drive.
-        cycle: its work cycle.
+        cycle: response to the work cycle.
     """
     steps, _ = rates(plan.label, plan.table, TICK)
     parts = {name: part.model_copy(update=_half_step(part)) for name, part in plan.table.parts.items()}
@@ -304,7 +306,7 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
     halved = replace(plan, table=plan.table.model_copy(update=halves))
     try:
         finer = response(halved, *work_cycle())
-    # an FMU may insist on a step size of its own
+    # An FMU may insist on its own step size.
     except (ComponentFailed, InputRefused) as refusal:
         return Measure("step_error", None, f"refuses a step of {0.5e3 * TICK / steps:g} ms: {refusal}")
     change = _angle_difference(finer, cycle)
@@ -325,43 +327,32 @@ def _half_step(table: Drive | DrivePart) -> dict[str, float]:
 
 
 def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
-    """(largest change of theta_m in the work cycle, rad; the relative tolerance of its solver that makes it)."""
+    """Return (largest change of theta_m (rad) under a tighter relative solver tolerance, that tolerance)."""
     stated = [tolerance for part in plan.parts if (tolerance := plan.tolerance(part))]
     tolerance = TOLERANCE_FACTOR * min(stated, default=USUAL_TOLERANCE)
     parts = {name: part.model_copy(update={"tolerance": None}) for name, part in plan.table.parts.items()}
     table = plan.table.model_copy(update={"tolerance": tolerance, "parts": parts})
     try:
         exact = response(replace(plan, table=table), *work_cycle())
-    # an FMU need not have an input that is not fed
+    # An FMU need not support a tolerance.
     except (ComponentFailed, InputRefused):
         return 0.0, tolerance
     return _angle_difference(exact, cycle), tolerance
 
 
 def _angle_difference(one: Response, other: Response) -> float:
-    """Largest difference of theta_m (rad)."""
+    """Return the largest difference of theta_m (rad)."""
     return float(np.max(np.abs(one.theta_m - other.theta_m)))
 
 
-LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.25, 200.0
-"""Hz. The lowest stands for none at all; the highest is a fifth of the rate at which the command changes."""
-PER_OCTAVE = 2
-FINE_FREQUENCIES = 5
-"""Frequencies tried once more between the two that embrace the bandwidth."""
-LEAD_IN_PERIODS, MEASURED_PERIODS = 0.25, 1.0
-"""Periods run before, and looked at, at each frequency."""
-MIN_LEAD_IN_TIME, MIN_MEASURED_TIME = 0.1, 0.2
-"""Of each, at least that long (s): a drive's own transient, and ripple that has to average out."""
-MIN_AMPLITUDE = 1e-6
-"""Of the amplitude at the lowest frequency: what has fallen so far may have fallen to nothing."""
-HALF_POWER = 1.0 / np.sqrt(2.0)
-
-
 def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
-    """(frequencies (n,) in Hz, amplitude of speed over amplitude of command (n,)), dense near the bandwidth.
+    """Measure the frequency response of a drive, with extra frequencies near the bandwidth.
 
-    The drive's own: what holding the command for a tick H and averaging the speed over one take away, sin(x)/x with
-    x = pi f H each, is given back.
+    The effects of holding the command for a tick H and averaging the speed over one, sin(x)/x with x = pi f H each, are
+    compensated.
+
+    Returns:
+        (frequencies (n,) in Hz, amplitude of speed over amplitude of command (n,)).
 
     Raises:
         ComponentFailed: the drive failed.
@@ -378,12 +369,12 @@ def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
 
 
 def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
-    """Measure `bandwidth`: where `gain` first falls below 1/sqrt(2) of its value at the lowest frequency.
+    """Measure `bandwidth`: the frequency where `gain` first falls below 1/sqrt(2) of its value at the lowest frequency.
 
     Args:
-        frequencies: Hz, ascending (n,).
-        gain: (n,).
-        steady_gain: speed over command at rest of both, for a drive too slow for the lowest frequency.
+        frequencies: frequencies (Hz), ascending (n,).
+        gain: amplitude ratios (n,).
+        steady_gain: static speed over command, for a drive too slow for the lowest frequency.
     """
     if gain[0] < HALF_POWER * abs(steady_gain):
         return Measure("bandwidth", None, f"less than {LOWEST_FREQUENCY:g} Hz")
@@ -393,14 +384,14 @@ def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
     if len(below) == 0:
         return Measure("bandwidth", None, f"more than {HIGHEST_FREQUENCY:g} Hz")
     last, first = below[0] - 1, below[0]
-    # between two neighbours a gain over frequency is nearly straight on logarithmic axes
+    # Between neighbouring frequencies a gain is nearly straight on logarithmic axes.
     falling = np.log(np.maximum(gain[[first, last]], MIN_AMPLITUDE * gain[0]))
     at = np.interp(np.log(HALF_POWER * gain[0]), falling, np.log(frequencies[[first, last]]))
     return Measure("bandwidth", float(np.exp(at)))
 
 
 def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
-    """Amplitude ratios (n,) at `frequencies`, one after the other in one run."""
+    """Measure amplitude ratios (n,) at `frequencies`, one after the other in one run."""
     lead_in = np.round(np.maximum(LEAD_IN_PERIODS / frequencies, MIN_LEAD_IN_TIME) / TICK).astype(int)
     looked_at = np.round(np.maximum(MEASURED_PERIODS / frequencies, MIN_MEASURED_TIME) / TICK).astype(int)
     phase = np.cumsum(2.0 * np.pi * TICK * np.repeat(frequencies, lead_in + looked_at))
@@ -412,9 +403,9 @@ def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
 
 
 def _amplitude(done: Response, phase: Curve, part: slice) -> float:
-    """Amplitude (rad/s) of the speed's sine in a part of the run, fitted beside a straight line.
+    """Fit a sine and a straight line to a part of the speed; return the amplitude of the sine (rad/s).
 
-    The speed is the mean over each tick, from the angle: encoder steps and ripple are noise that the fit averages out.
+    The speed is the mean over each tick, from the angle: encoder steps and ripple are noise, averaged out by the fit.
     """
     speed = np.diff(done.theta_m[part]) / TICK
     angle = phase[part][1:]

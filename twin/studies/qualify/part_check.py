@@ -1,4 +1,4 @@
-"""A third-party part: whether it can take its place in the robot, called with what twin's own gets."""
+"""Check of a third-party part: whether it can replace twin's own, called with the inputs of a run."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -25,23 +25,23 @@ from twin.studies.qualify.definitions import Check, make_check
 from twin.studies.result import Block, Column, Note, Result, Table
 
 VERDICT_NAMES = {"ok": "ok", "FAIL": "fails", "note": "note"}
-"""What a verdict is called here."""
+"""Check verdict -> word in the report."""
 MAX_REPEATED_CALLS = 1000
-"""Calls of a check that repeats what another one has done."""
+"""Maximum number of calls in a check that repeats another."""
 MAX_DELAY_SAMPLES = 20
-"""Samples within which an output has to answer its inputs."""
+"""Maximum number of samples until an output must respond to its inputs."""
 
 
 @dataclass(frozen=True)
 class PartAssessment:
-    """A part that has been on the bench.
+    """The result of checking a part.
 
     Attributes:
-        part: what it is.
-        period: between two calls (s).
-        checks: in the order in which they were made.
+        period: period of its calls (s).
+        checks: checks in the order they were made.
         cost: wall time per call (s).
-        apart: largest difference to twin's own component on the same inputs, by output, SI; None: not compared.
+        own_differences: output name -> largest difference to twin's own component on the same inputs, SI; None if not
+            compared.
     """
 
     part: ThirdPartyPart
@@ -58,16 +58,15 @@ class PartAssessment:
 def assess_part(
     part: ThirdPartyPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
 ) -> PartAssessment:
-    """Call `part` at what it would have got in `run`.
+    """Call `part` with the inputs that it would have received in `run`, and check it.
 
     Args:
-        experiment: of the run.
-        period: of the part, in ticks.
-        own: whether twin's own component had the part in that run.
-        say: called with what is being done.
+        experiment: experiment of the run.
+        period: period of the part, in ticks.
+        own: whether the run used twin's own component in this role.
 
     Raises:
-        InputRefused: the part cannot be made.
+        InputRefused: the part cannot be instantiated.
     """
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
@@ -91,7 +90,7 @@ def assess_part(
 
 @dataclass(frozen=True)
 class _Bench:
-    """Makes a part anew for each check: one that can live only once in a process has been freed then."""
+    """A bench with a new instance of the part per check, after the last one is freed: some parts allow only one."""
 
     part: ThirdPartyPart
     experiment: Experiment
@@ -107,7 +106,7 @@ class _Bench:
 
 
 def _scoring_checks(part: ThirdPartyPart, has_tasks: bool) -> Iterator[Check]:
-    """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
+    """Yield a note on measures and claims that cannot be scored, because the part lacks an output of twin's own."""
     ports = {f"{part.role}.{port.name}" for port in part.outputs}
     figure, series = ("fig5", FIG5_SERIES) if has_tasks else ("fig4", FIG4_SERIES)
     missing = [name for name in series if name.startswith(f"{part.role}.") and name not in ports]
@@ -120,11 +119,13 @@ def _scoring_checks(part: ThirdPartyPart, has_tasks: bool) -> Iterator[Check]:
 
 
 def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Check]:
-    """Whether an FMU can be reset, and its state saved and restored, which no run needs."""
+    """Yield checks of reset and of saving and restoring the state, which no run needs."""
     if bench.part.fmu is None:
         return
     if not isinstance(bench.part.fmu, FmuDescription):
-        yield Check("reset", "note", "not tried: an SSP has none, and runs and sweeps make it anew each time")
+        yield Check(
+            "reset", "note", "not tried: an SSP has no reset, and runs and sweeps make a new instance each time"
+        )
         yield from _state_checks(bench, inputs)
         return
     with bench.make_component() as component:
@@ -136,12 +137,12 @@ def _fmu_checks(bench: _Bench, inputs: Inputs, first: PartCalls) -> Iterator[Che
             again = call_part(component, inputs)
             yield make_check("reset", *_compare_repetition("after a reset it", first, again), otherwise="note")
         except ComponentFailed as problem:
-            yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
+            yield Check("reset", "note", f"{problem}; runs and sweeps make a new instance each time")
     yield from _state_checks(bench, inputs)
 
 
 def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
-    """Whether it goes on from its state as it did before."""
+    """Yield a check of whether the part continues identically from a restored state."""
     with bench.make_component() as component:
         if lacking := component.lacks_state(portable=False):
             yield Check("state", "note", f"{lacking}; a run does not need it")
@@ -155,7 +156,7 @@ def _state_checks(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
 
 
 def _latency_check(bench: _Bench, first: PartCalls) -> Check:
-    """When outputs answer inputs: at the sample itself, as twin takes it, or later."""
+    """Check whether outputs respond to inputs at the same sample, as twin assumes, or later."""
     if not bench.part.inputs:
         return Check("instant", "ok", "takes no inputs")
     k = min(len(first.rows) // 2, MAX_REPEATED_CALLS)
@@ -170,11 +171,13 @@ def _latency_check(bench: _Bench, first: PartCalls) -> Check:
     if moved[0] == 0:
         return Check("instant", "ok", "outputs of t_k answer the inputs of t_k")
     late = 1e3 * bench.inputs.period * int(moved[0])
-    return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
+    return Check(
+        "instant", "note", f"outputs answer inputs {late:g} ms late: an internal delay, in addition to delay_ticks"
+    )
 
 
 def _compare_repetition(who: str, first: PartCalls, again: PartCalls) -> tuple[bool, str]:
-    """Whether what `who` did `again` is what was done first, and that as a phrase."""
+    """Compare two runs of a part; return whether they are equal, and the result as a phrase about `who`."""
     n = min(len(first.rows), len(again.rows))
     same = not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
     outcome = again.failure or "gives " + ("the same bits" if same else "other outputs from the same inputs")
@@ -195,16 +198,16 @@ def _own_differences(
 def part_check(
     role: str, part: str | None, experiment: Path, settings: Sequence[str], say: Callable[[str], None]
 ) -> Result:
-    """Whether a third-party part can take its place in the robot, called with what twin's own gets.
+    """Check whether a third-party part can replace twin's own, by calling it with the inputs of a run.
 
-    Exit code 1: it cannot.
+    Exit code 1: the part does not fit.
 
     Args:
-        role: which part of the robot, one of `ROLE_CONTRACTS`.
-        part: an FMU, a mapping, a folder with one, or FILE:CLASS; None: the one that the experiment names.
-        experiment: its file or name; a run of it with twin's own part, or with the one it names, makes the inputs.
-        settings: laid over the experiment that has the part; mapping and parameters go here.
-        say: called with what is being done.
+        role: role of the part in the robot, one of `ROLE_CONTRACTS`.
+        part: FMU, mapping, folder with one, or FILE:CLASS; None for the part named in the experiment.
+        experiment: file or name of the experiment. Its run with twin's own part provides the inputs; if `part` is None,
+            a run with the part named in the experiment.
+        settings: settings applied to the experiment with the part, such as mapping and parameters.
 
     Raises:
         InputRefused: the part or the experiment cannot be used.
@@ -218,7 +221,7 @@ def part_check(
         raise InputRefused(f"{other.name}: its {role} is twin's own; name an FMU, or FILE:CLASS")
     found = third_party_part(role, other.stand_ins[role])
     say(f"running {other.name}")
-    # settings of the part mean nothing to twin's own
+    # Settings of the third-party part do not apply to twin's own.
     rest = [text for text in settings if not text.startswith(f"{role}.")]
     run = run_in_memory(load_experiment(experiment, rest))
     ticks = {"monitor": other.monitor_ticks, "scale": other.scale_ticks, "body": 1}.get(role, other.controller_ticks)
@@ -227,7 +230,7 @@ def part_check(
 
 
 def contracts() -> Result:
-    """The ports of every part that may be third-party."""
+    """Return the ports of every role that a third-party part can take."""
     facts = {
         role: {
             side: [
@@ -246,13 +249,13 @@ def contracts() -> Result:
 
 
 def _absolute(part: str) -> str:
-    """`part` as seen from the current folder, if it is there: an experiment looks beside itself."""
+    """Return `part` as an absolute path if it exists; an experiment resolves relative paths from its own folder."""
     file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
     return f"{Path(file).absolute()}{colon}{name}" if os.path.exists(file) else part
 
 
 def part_result(done: PartAssessment) -> Result:
-    """What was found of a part."""
+    """Return the report of a part's check."""
     part, label = done.part, done.part.label
     units = {port.name: port.unit for port in part.outputs}
     rows = [
@@ -276,7 +279,7 @@ def _difference(apart: float, unit: str) -> str:
 
 
 def component_facts(done: PartAssessment) -> dict[str, object]:
-    """For programs, SI."""
+    """Convert the assessment to a dictionary for JSON, SI."""
     part = done.part
     return {
         "role": part.role,
@@ -292,7 +295,7 @@ def component_facts(done: PartAssessment) -> dict[str, object]:
 
 
 def _contract(role: str) -> Table:
-    """A part and its ports."""
+    """Return the table of the ports of a role."""
     contract = ROLE_CONTRACTS[role]
     rows = [
         (arrow, _port_text(port), port.unit, port.meaning + " (needed)" * (port.name in needed))

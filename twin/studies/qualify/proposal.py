@@ -1,8 +1,6 @@
-"""A mapping.toml to start from: complete where an FMU leaves no doubt, else with the doubtful lines commented.
+"""Proposal of a mapping.toml for third-party FMUs: complete if unambiguous, else with the doubtful lines commented.
 
-A foreign drive brought in: the mapping.toml to start from, beside its FMUs.
-
-A mapping.toml to start from for a drive of several FMUs: parts, wires, roles.
+A drive can be one FMU, several FMUs (parts, wires, roles), or a system in an SSP archive.
 """
 
 import json
@@ -37,22 +35,24 @@ from twin.robot.experiment.drive_files import MAPPING_FILE, load_drive
 from twin.robot.paths import WHEEL_FOLDER
 
 LOOP_TEMPLATE = """
-[velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #
+[velocity_loop]           # twin's own, commands a drive that takes no speed; tune it, then remove the #
 # kp = 0.1                # {unit} per rad/s
 # ki = 1.0                # {unit} per rad
 # limit = 1.0             # {unit}
 # period_ms = 0.25
 """
+MAX_UNFED_INPUTS = 20
+"""Maximum number of unconnected inputs listed."""
+MAX_PARTS = 50
+"""Maximum number of parts of a drive."""
 
 
 def proposal(description: FmuDescription) -> tuple[str, bool]:
-    """(text of a mapping.toml that stands beside the FMU, whether it is complete as it is).
-
-    It pins the FMU by its hash.
-    """
+    """Return (text of a mapping.toml for the folder of the FMU, whether it is complete); it pins the FMU's hash."""
     command, found, sure = interpret_variables(description.path.name, description.variables)
     head = [
-        f"# How the drive contract's roles are filled by {escape_controls(description.path.name)}, in its own names and units.",
+        "# How the drive contract's roles are filled by "
+        f"{escape_controls(description.path.name)}, in its own names and units.",
         f"fmu = {toml_string(description.path.name)}",
         f'sha256 = "{description.sha256}"',
         *_command_lines(command, sure),
@@ -64,7 +64,7 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
 
 def _command_lines(command: Command, sure: bool) -> list[str]:
-    """What a drive is commanded with, and which way and how far its shaft turns."""
+    """Return the lines for the command, the sign and the gear ratio of a drive."""
     doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMAND_ROLES if other != command)
     return [
         f'command = "{command}"{doubt}',
@@ -74,11 +74,11 @@ def _command_lines(command: Command, sure: bool) -> list[str]:
 
 
 def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[Command, RoleChoice, bool]:
-    """(what a drive is commanded with, who plays which role, whether nothing is in doubt).
+    """Choose the command and the variables of a drive; return (command, choice, whether it is unambiguous).
 
     Args:
-        file: what an error would call it.
-        variables: by the name the user knows them by.
+        file: name of the drive in error messages.
+        variables: variables by their user-visible names.
     """
     fitting: list[Command] = []
     for command in COMMAND_ROLES:
@@ -86,7 +86,7 @@ def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[C
             bindings(file, variables, Wiring(command))
             found = _choice(file, variables, command)
             name = found.chosen[COMMAND_ROLES[command].port.name]
-            # a lone torque beside a voltage may be another load
+            # A lone torque next to a voltage may be another load.
             if name_score(name, variables[name], COMMAND_ROLES[command]) > 0:
                 return command, found, True
             fitting.append(command)
@@ -97,7 +97,7 @@ def interpret_variables(file: str, variables: Mapping[str, Variable]) -> tuple[C
 
 
 def roles_text(variables: Mapping[str, Variable], found: RoleChoice, command: Command) -> str:
-    """The tables [inputs] and [outputs]."""
+    """Return the tables [inputs] and [outputs]."""
     return "".join(_table(variables, found, drive_roles(command), side) for side in ("input", "output"))
 
 
@@ -115,7 +115,7 @@ def _table(variables: Mapping[str, Variable], found: RoleChoice, roles: Sequence
 
 
 def _doubtful_lines(variables: Mapping[str, Variable], found: RoleChoice, role: Role) -> list[str]:
-    """The only candidate as it is, several as comments; optional roles not at all."""
+    """Return the only candidate as a line, several as comments; nothing for an optional role."""
     if not role.required:
         return []
     offered = candidates(variables, role, found.chosen.values())
@@ -130,16 +130,12 @@ def _line(role: Role, name: str, variable: Variable) -> str:
 
 
 def toml_string(name: str) -> str:
-    """A name as a TOML string."""
+    """Return `name` as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
 
 
-MAX_UNFED_INPUTS = 20
-"""The most unconnected inputs in the list."""
-
-
 class KnownWire(NamedTuple):
-    """What leads from an output to an input, "part.variable" each, and why twin cannot do as it says; "" if it can."""
+    """A connection of an output to an input, "part.variable" each, and why twin does not support it; "" if it does."""
 
     source: str
     target: str
@@ -147,7 +143,7 @@ class KnownWire(NamedTuple):
 
 
 def part_names(files: Iterable[Path]) -> list[str]:
-    """A name for each of several FMUs, as tables are called: its file's, with a number if another has that."""
+    """Return a table name for each FMU: its file name, with a number if another has the same."""
     names: list[str] = []
     for file in files:
         name = re.sub(r"\W+", "_", file.stem, flags=re.ASCII).strip("_") or "part"
@@ -158,12 +154,12 @@ def part_names(files: Iterable[Path]) -> list[str]:
 def parts_proposal(
     parts: Mapping[str, FmuDescription], folder: Path, connections: Sequence[KnownWire] | None = None
 ) -> tuple[str, bool]:
-    """(text of a mapping.toml for `folder`, whether it is complete as it is).
+    """Return (text of a mapping.toml for a drive of several FMUs, whether it is complete).
 
     Args:
-        parts: FMUs by part.
-        folder: where the file will stand.
-        connections: the known connections; None: proposed.
+        parts: part name -> FMU.
+        folder: folder of the mapping.toml.
+        connections: known connections; None to propose them.
     """
     variables = {qualified_name(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
     if connections is None:
@@ -187,7 +183,7 @@ def parts_proposal(
     roles = set(found.chosen.values())
     unfed = [name for name, v in free.items() if v.causality == "input" and v.kind >= 0 and name not in roles]
     if unfed:
-        lines.append("# Not fed, so they keep their start values, or what [parts.NAME.parameters] says:")
+        lines.append("# Not connected, so they keep their start values, or those of [parts.NAME.parameters]:")
         lines += [escape_controls(f"#   {name} = {free[name].start:g}") for name in unfed[:MAX_UNFED_INPUTS]]
         lines += [f"#   and {len(unfed) - MAX_UNFED_INPUTS} more"] if len(unfed) > MAX_UNFED_INPUTS else []
     if command != "velocity":
@@ -197,7 +193,7 @@ def parts_proposal(
 
 
 def _wire_remarks(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
-    """(input, output, why it is left out) of each connection."""
+    """Return (input, output, reason why it is left out) of each connection."""
     wires: list[tuple[str, str, str]] = []
     for source, target, remark in connections:
         remark = remark or wire_error(variables, source, target)
@@ -215,29 +211,25 @@ def _wire_line(variables: Mapping[str, Variable], target: str, source: str, rema
     return f"{'# ' if remark else ''}{toml_string(target)} = {toml_string(source)}   # {comment}"
 
 
-MAX_PARTS = 50
-"""Of a drive."""
-
-
 class NewMapping(NamedTuple):
-    """A mapping that has been written, and whether it is complete as it is."""
+    """A mapping.toml that was written, and whether it is complete."""
 
     mapping: Path
     complete: bool
 
 
 def write_mapping(named: Sequence[str], start: Path) -> NewMapping:
-    """Write the mapping of an FMU, of several that make one drive, or of the system in an SSP archive.
+    """Write the mapping of an FMU, of several that form one drive, or of the system in an SSP archive.
 
-    It stands beside the first FMU; what is in an SSP is put into a folder of its name beside it. Of a drive that an
-    installed twin carries a copy is put into a folder of its name here.
+    The mapping is written to the folder of the first FMU. FMUs of an SSP are extracted to a folder of its name next to
+    the archive; a drive of the installed package is first copied to a folder of its name in the current folder.
 
     Args:
-        named: FMUs, as `load_drive` takes them, or one SSP.
+        named: FMUs, as accepted by `load_drive`, or one SSP.
         start: folder from which names are looked up.
 
     Raises:
-        InputRefused: a file cannot be used, or there is a mapping.
+        InputRefused: a file cannot be used, or a mapping exists already.
         NotWritten: the folder or the disk refuses.
     """
     if any(name.endswith(".ssp") for name in named):
@@ -280,7 +272,7 @@ def _from_system(file: Path) -> NewMapping:
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:
-    """FMUs' entries in the archive, by part."""
+    """Return part name -> entry of its FMU in the archive."""
     found = package.structure.system.elements
     if not found or len(found) > MAX_PARTS:
         raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MAX_PARTS}")
@@ -290,14 +282,14 @@ def _fmu_entries(package: Package) -> dict[str, str]:
         entries[part.name] = package.entry(source)
         if not entries[part.name].endswith(".fmu"):
             raise InputRefused(
-                f"{package.file}: part '{part.name}' is no FMU inside this archive "
+                f"{package.file}: part '{part.name}' is not an FMU inside this archive "
                 f"({source or 'a system of its own'}); put the FMUs into one folder and name them all"
             )
     return entries
 
 
 def _known_wire(connection: Connection, names: dict[str, str]) -> KnownWire | None:
-    """None: it is one with the system's own connectors."""
+    """Convert a connection of an SSP; None if it involves the system's own connectors."""
     ends = connection.start, connection.end
     if not all(end.element for end in ends):
         return None
@@ -318,7 +310,7 @@ def _write_fmu(fmu: Path, content: bytes) -> None:
 
 
 def _own_copy(fmu: Path) -> Path:
-    """`fmu`, or a copy of it in the current folder if it is part of an installation, which is not to be changed."""
+    """Return `fmu`, or a copy in the current folder if it belongs to an installation, which must not be changed."""
     if not fmu.is_relative_to(WHEEL_FOLDER):
         return fmu
     copy = Path.cwd() / fmu.stem / fmu.name
@@ -329,7 +321,7 @@ def _own_copy(fmu: Path) -> Path:
 
 
 def _new_mapping_path(folder: Path) -> Path:
-    """The mapping in `folder`, which is not there yet."""
+    """Return the path of the mapping in `folder`; refuse an existing one."""
     mapping = Path(os.path.relpath(folder / MAPPING_FILE))
     if os.path.lexists(mapping):
         raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")

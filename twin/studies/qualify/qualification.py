@@ -40,27 +40,26 @@ from twin.studies.qualify.definitions import (
 from twin.studies.qualify.motion import overload
 
 STEP_LOAD_RATE = 1e4
-"""Rate of a load applied almost at once (N m/s)."""
+"""Rate of an almost instantaneous load (N m/s)."""
 CHECK_JOB = "twin.studies.qualify.qualification:check_fields"
 EXERCISE_TICKS, STATE_TICKS = 50, 500
-"""Long enough for every sampled loop inside to have come round; and how long a state is looked at."""
+"""Ticks before a state is saved, long enough for every sampled loop inside, and ticks compared after it is restored."""
 CHECK_SETUP = Setup(stop=(EXERCISE_TICKS + STATE_TICKS) * TICK, step=TICK)
 COMMAND_SHARE = 0.1
-"""Of the velocity loop's limit, as the command of a drive that takes no speed."""
-OTHER_FUTURE = "it goes on differently from a restored state; twin treats it as without a state"
+"""Command of a drive that takes no speed, as a share of the velocity loop's limit."""
+OTHER_FUTURE = "it continues differently from a restored state; twin treats it as stateless"
 WRITTEN_CHECK = "written"
 CONTINUE_JOB = "twin.studies.qualify.qualification:continue_from_state"
 T = TypeVar("T")
 
 
 def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
-    """Checks `reset`, `state` and `written` of every FMU by itself, its inputs held.
+    """Check `reset`, `state` and `written` of every FMU separately, with constant inputs.
 
-    An FMU whose state does not bring the same future back counts as one without a state from now on.
+    An FMU that continues differently from its restored state is marked as stateless.
 
     Args:
-        plan: the drive.
-        apart: each in a process of its own: an FMU that crashes there costs that check, and nothing else.
+        apart: whether each check has a process of its own, so that a crash of an FMU costs only that check.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
@@ -70,7 +69,7 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
 
 
 def check_fields(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
-    """Fields of a check of the drive of `table`; a job of the guard."""
+    """Run a check of the drive of `table` and return its fields; a job of the guard."""
     return asdict(_bookkeeping_check(name, plan_drive(table)))
 
 
@@ -108,14 +107,14 @@ def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
 
 
 def _reset_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
-    """What is wrong with its reset; empty if nothing is."""
+    """Check that a run after reset equals the first; return an error message or ""."""
     first = _exercise(instance, inputs, outputs)
     instance.reset()
     return "" if np.array_equal(first, _exercise(instance, inputs, outputs)) else "a run after reset is another one"
 
 
 def _state_problem(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
-    """What is wrong with saving and restoring its state; empty if nothing is."""
+    """Check saving and restoring the state; return an error message or ""."""
     if not instance.description.interface.canGetAndSetFMUstate:
         return "not offered"
     _exercise(instance, inputs, outputs)
@@ -138,7 +137,7 @@ CHECK_FUNCTIONS: dict[str, Callable[[Instance, list[Setting], list[Variable]], s
 def _serialization_problem(
     plan: DrivePlan, part: str, instance: Instance, inputs: list[Setting], outputs: list[Variable]
 ) -> str:
-    """What is wrong with its state in another process; empty if nothing is."""
+    """Check that another process can continue from the serialized state; return an error message or ""."""
     if not instance.description.interface.canSerializeFMUstate:
         return "not offered"
     if instance.description.kind == "model_exchange":
@@ -156,7 +155,7 @@ def _serialization_problem(
 def continue_from_state(
     reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]
 ) -> list[list[float]]:
-    """Rows of an FMU that goes on from a state that another process has written down; a job of the guard."""
+    """Continue an FMU from a state serialized by another process and return its outputs; a job of the guard."""
     plan = plan_drive(table)
     description = plan.parts[part]
     inputs, outputs = _excitation(plan, part), _readable_outputs(plan, part, description)
@@ -176,7 +175,7 @@ def continue_from_state(
 def _exercise(
     instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0, count: int = EXERCISE_TICKS
 ) -> np.ndarray:
-    """Outputs (ticks, values) over `count` steps from tick `first` on."""
+    """Advance the instance by `count` steps from tick `first` on and return its outputs (ticks, values)."""
     rows = []
     for k in range(first, first + count):
         instance.write(inputs)
@@ -186,7 +185,7 @@ def _exercise(
 
 
 def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
-    """Held values, in the FMU's own units, of those inputs of `part` that the drive contract feeds."""
+    """Return constant values, in the FMU's own units, for the inputs of `part` in the drive contract."""
     loop = plan.table.velocity_loop
     wanted = {
         "omega_ref": SPEED_IN_USE,
@@ -201,20 +200,20 @@ def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
 
 
 def _readable_outputs(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
-    """The outputs of `part`, and whatever else of it plays a role."""
+    """Return the outputs of `part`, and its other variables that have a role."""
     roles = [b.variable for b in plan.bindings if b.role.causality == "output" and belongs(part, b.name)]
-    # what a clock updates can only be read while that ticks
+    # Variables updated by a clock can only be read while it ticks.
     return [v for v in {v.name: v for v in (*roles, *description.variables_of("output"))}.values() if not v.clocks]
 
 
 @dataclass(frozen=True)
 class BenchCurves:
-    """What the findings were read from; None where the drive failed.
+    """The curves behind the findings; None where the drive failed.
 
     Attributes:
-        cycle: rest, a step of the command, a step of the load.
-        overload: the load grows until the shaft stalls.
-        frequencies, gain: Hz and speed over command (n,); empty where the drive failed.
+        cycle: response to the work cycle: rest, a step of the command, a step of the load.
+        overload: response to a load that grows until the shaft stalls.
+        frequencies, gain: frequencies (Hz) and speed over command (n,); empty where the drive failed.
     """
 
     cycle: Response | None = None
@@ -225,12 +224,11 @@ class BenchCurves:
 
 @dataclass(frozen=True)
 class Qualification:
-    """A drive, judged.
+    """The judgement of a drive.
 
     Attributes:
-        plan: the drive.
-        checks, measures: all of `definitions.CHECK_MEANINGS` that could be made, and all of `definitions.MEASURE_DEFINITIONS`.
-        curves: behind them.
+        checks, measures: all checks of `CHECK_MEANINGS` that could be made, and all measures of `MEASURE_DEFINITIONS`.
+        curves: curves behind the findings.
         doubts: sentences on measures that suggest another unit of the load.
     """
 
@@ -246,11 +244,11 @@ class Qualification:
         return tuple(check.name for check in self.checks if check.verdict == "FAIL")
 
     def value(self, name: str) -> float | None:
-        """Of the measure `name`; None: not measurable."""
+        """Return the value of the measure `name`; None if it cannot be measured."""
         return next(measure.value for measure in self.measures if measure.name == name)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the curves, for JSON; SI units."""
+        """Convert the qualification to a dictionary for JSON, without the curves; SI units."""
         return {
             "drive": self.plan.label,
             **({"sha256": self.plan.system.sha256} if self.plan.system else {}),
@@ -286,15 +284,14 @@ class Qualification:
 
 
 def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
-    """Run a drive through the whole qualification, in this process: an FMU that crashes takes the process with it.
+    """Qualify a drive by all checks and measures, in this process: an FMU that crashes takes the process with it.
 
     Args:
-        table: the drive.
-        apart: checks of what no experiment needs have processes of their own, and no instance is freed in this one,
-            which will not need its memory any more: some FMUs crash then.
+        apart: whether checks that no experiment needs have processes of their own. Instances are then not freed in this
+            process, since some FMUs crash when freed and the process ends anyway.
 
     Raises:
-        InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or it does not load.
+        InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or loading.
     """
     plan, attempts = plan_drive(table), Attempts()
     with defer_release() if apart else nullcontext():
@@ -318,10 +315,10 @@ def qualify_drive(table: Drive, apart: bool = False) -> Qualification:
 
 
 def _unit_doubts(done: Qualification) -> Iterator[str]:
-    """Sentences on droop and stall torque that are not of the size of a drive's: its load may be in another unit.
+    """Yield sentences on implausible droop and stall torque, which suggest that the load is in another unit.
 
     Raises:
-        ComponentFailed: the drive failed under a load that was held.
+        ComponentFailed: the drive failed under a held load.
     """
     load = next((b for b in done.plan.bindings if b.port.name == LOAD_ROLE.port.name), None)
     if load is None:
@@ -333,7 +330,8 @@ def _unit_doubts(done: Qualification) -> Iterator[str]:
         most = f"of the drives of fmus/ at most {MAX_DROOP:g}"
         yield f"its droop is {droop:.3g} rad/s per N m, {most}; its load is {unit}{cure}"
     if stall is not None and stall < STALL_RANGE[0] / UNIT_ERROR_FACTOR:
-        yield f"it stalls at {stall:.3g} N m, the drives of fmus/ from {STALL_RANGE[0]:g} N m on; its load is {unit}{cure}"
+        least = f"the drives of fmus/ from {STALL_RANGE[0]:g} N m on"
+        yield f"it stalls at {stall:.3g} N m, {least}; its load is {unit}{cure}"
     heavy, known = UNIT_ERROR_FACTOR * STALL_RANGE[1], done.curves.overload is not None and not load.variable.unit
     if stall is None and known and motion.carries_load(done.plan, heavy, STEP_LOAD_RATE):
         most = f"the drives of fmus/ stall by {STALL_RANGE[1]:g} N m"
@@ -341,14 +339,14 @@ def _unit_doubts(done: Qualification) -> Iterator[str]:
 
 
 class Attempts:
-    """Findings so far; a drive that fails in one run is still tried in the next."""
+    """Collector of findings and failures; a drive that fails in one run is still tried in the next."""
 
     def __init__(self) -> None:
         self.findings: list[Finding] = []
         self.failures: list[str] = []
 
     def attempt(self, run: Callable[[], T]) -> T | None:
-        """What `run` returns; None, and a failure kept, if the drive failed in it."""
+        """Return the result of `run`; None, and the failure recorded, if the drive failed."""
         try:
             return run()
         except ComponentFailed as failure:
@@ -356,12 +354,12 @@ class Attempts:
             return None
 
     def collect(self, examination: Callable[[], Sequence[Finding]]) -> None:
-        """Keep what `examination` finds."""
+        """Add the findings of `examination`."""
         self.findings += self.attempt(examination) or ()
 
 
 def _qualification(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
-    """Everything in the order of the definitions."""
+    """Assemble the qualification, with checks and measures in the order of their definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
     failures = list(dict.fromkeys(attempts.failures))

@@ -1,4 +1,4 @@
-"""`twin drive` and `twin component`: what others make, looked at, qualified on the bench, brought in."""
+"""`twin drive` and `twin component`: third-party drives and parts, inspected, qualified on the bench, added."""
 
 import math
 import shlex
@@ -43,7 +43,7 @@ def drive_info(
     say: Say,
     compiled: Compile = False,
 ) -> Iterator[Answer]:
-    """Show what a drive FMU is and offers, without loading its binary.
+    """Describe a drive FMU and its variables, without loading its binary.
 
     If a role is ambiguous, all candidate variables are listed.
 
@@ -52,7 +52,7 @@ def drive_info(
     Example: twin drive info pmsm_foc
 
     Raises:
-        InputRefused: it does not.
+        InputRefused: the FMU does not fit the drive contract.
     """
     from twin.robot.assembly.drives import fmus, plan_drive
     from twin.robot.drive.mapping import AmbiguousRoles
@@ -76,12 +76,12 @@ def drive_info(
 def drive_list() -> Answer:
     """List the drives of fmus/ and whether they fit this robot, without loading their binaries.
 
-    Exit code: 0 whether they fit or not, 2 there is no fmus/.
+    Exit code: 0 whether they fit or not, 2 fmus/ does not exist.
 
     Example: twin drive list
 
     Raises:
-        InputRefused: there is no fmus/.
+        InputRefused: fmus/ does not exist.
     """
     from twin.studies.qualify.drive_list import drives_text, listed_drives
 
@@ -148,7 +148,7 @@ def drive_check(
 
     from twin.robot.experiment.drive_files import load_drive
 
-    # a misspelt one is reported before any is checked
+    # Load all first, so that a misspelt one is reported before any is checked.
     tables = [load_drive(fmu, Path.cwd()) for fmu in fmus]
     answers = []
     for fmu, drive in zip(fmus, tables, strict=True):
@@ -170,17 +170,16 @@ def drive_check(
 
 
 def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | Answer:
-    """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
+    """Qualify a drive on the bench with a picture in `out`, after running the reference experiments shipped with it.
 
-    Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
-    drive.
+    Exit code 1: it does not qualify, or differs from the reference results. 2: the reference experiments ran, but the
+    FMU does not fit the drive contract.
 
     Args:
-        fmu: see `load_drive`, from here.
-        out: folder.
+        fmu: drive, see `load_drive`, from the current folder.
+        out: folder of the picture.
         apart: see `qualify_drive`.
-        sure: whether a check that takes more than an hour is meant.
-        say: called with what is being done.
+        sure: whether a check of more than an hour is confirmed.
 
     Raises:
         InputRefused, ComponentFailed: see `qualify_drive`.
@@ -196,7 +195,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
 
     say(Path(fmu).stem, 0.0)
     folder = make_folder(out)
-    # absolute: an FMU may change the working directory
+    # Absolute, because an FMU may change the working directory.
     home = folder.absolute()
     table = load_drive(fmu, Path.cwd())
     came = drive_references(table, apart)
@@ -222,19 +221,18 @@ def compare_drives(
     out: Path,
     say: Say,
 ) -> Result:
-    """What truly happens in experiments with one drive after the other, and a picture of each in `out`.
+    """Run experiments with one drive after the other and compare their true signals, with a picture of each in `out`.
 
     Exit code 3: a run failed.
 
     Args:
         fmus: drives.
-        experiments: their files or names.
+        experiments: files or names of the experiments.
         settings, body: see `trials`.
-        out: folder.
-        say: called with what is being done.
+        out: folder of the pictures.
 
     Raises:
-        InputRefused: a drive does not fit; none has run.
+        InputRefused: a drive does not fit; checked before any run.
         NotWritten: the disk refuses.
     """
     from twin.kernel.atomic_write import make_folder
@@ -243,7 +241,7 @@ def compare_drives(
     from twin.studies.qualify.text import compare_blocks
 
     folder, files = make_folder(out), [experiment_file(experiment) for experiment in experiments]
-    # absolute: an FMU may change the working directory
+    # Absolute, because an FMU may change the working directory.
     home = folder.absolute()
     compared = trials(files, list(fmus), settings, body, say)
     sentences = verdict(compared)
@@ -265,14 +263,14 @@ def compare_drives(
 
 
 def _build(table: "Drive") -> None:
-    """Compile what of a drive has no binary, and tell."""
+    """Compile missing binaries of a drive's FMUs, and report each on stderr."""
     from twin.kernel.fmi.description import build_binary
     from twin.robot.assembly.drives import is_system
 
     for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
         if is_system(Path(fmu)):
             raise InputRefused(
-                f"{fmu}: --compile builds one FMU; run twin cosim {fmu} --compile, which keeps what it builds"
+                f"{fmu}: --compile builds one FMU; run twin cosim {fmu} --compile, which caches the binaries"
             )
         built = build_binary(Path(fmu))
         if built is not None:

@@ -1,6 +1,6 @@
-"""What a drive comes to on the bench, as text of at most 80 columns and as pictures.
+"""The results of a drive on the bench, as text of at most 80 columns and as a picture.
 
-A qualification run as one picture: step, load step, frequency response, overload.
+The picture shows step, load step, frequency response and overload.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,20 +30,30 @@ from twin.studies.result import TEXT_WIDTH, Block, Column, Note, Result, Table, 
 CHECK_COLUMNS = (Column("", 4, left=True), Column("", 10, left=True, gap=2), Column(folds=True))
 MEASURE_COLUMNS = (Column("", 20, left=True), Column("", 10), Column("", 14, left=True), Column(folds=True))
 DISPLAY_UNITS = {"s": (1e3, "ms"), "m": (1e3, "mm")}
-"""SI unit -> (factor, unit) that people read."""
+"""SI unit -> (factor, display unit)."""
 
 VALUE_ROUNDING = 1e-9
-"""In SI units: what double precision leaves of angles and speeds after seconds of turning."""
+"""Rounding error of angles and speeds after seconds of turning, in SI units."""
+MEASURE_HEADS = {
+    "hold_error": "hold", "hold_overshoot": "over", "hold_settling_time": "settle", "chatter": "chatter",
+    "held_lateral_error": "lateral", "held_z_error": "z", "current": "peak I", "shaft_work": "work", "energy": "energy",
+}  # fmt: skip
+"""Titles of narrow columns, by the key of a measure of the run."""
+DRIVE_MEASURES = ("current", "shaft_work", "energy", "cost")
+PAIRED_COLUMNS = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
+COMMAND_COLOR, SPEED_COLOR, LOAD_COLOR, MARK_COLOR = GREY, PAPER_BLUE, "#c2571a", INK
+TIME_BEFORE, TIME_AFTER = 0.02, 0.25
+"""Time before and after a step that is shown (s)."""
 
 
 def qualification_result(facts: dict[str, Any], references: str, picture: Path, holds: bool) -> Result:
-    """The verdict, then the evidence.
+    """Return the report of a qualification: the verdict, then the evidence.
 
     Args:
-        facts: of `Qualification.facts`, and more.
-        references: what came of the recordings that came with the drive; "": none did.
-        picture: where it is.
-        holds: whether they are what they were.
+        facts: dictionary of `Qualification.to_dict`, with additions.
+        references: result of the reference experiments shipped with the drive; "" without any.
+        picture: file of the picture.
+        holds: whether the reference results were reproduced.
     """
     verdict = "QUALIFIED" if facts["qualified"] else "NOT QUALIFIED: " + ", ".join(facts["failed"])
     versions = " + ".join(fmu["standard"] for fmu in facts["fmus"])
@@ -65,10 +75,10 @@ def qualification_result(facts: dict[str, Any], references: str, picture: Path, 
 
 
 def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
-    """A Markdown table of the measures, one line per drive.
+    """Return a Markdown table of the measures, one line per drive.
 
     Args:
-        checked: `Qualification.facts` of each.
+        checked: dictionaries of `Qualification.to_dict`.
     """
     measures = checked[0]["measures"].items()
     head = ["drive", *(f"{one['text']} ({_unit_in_table(one['unit'], name)})" for name, one in measures)]
@@ -79,19 +89,10 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
-MEASURE_HEADS = {
-    "hold_error": "hold", "hold_overshoot": "over", "hold_settling_time": "settle", "chatter": "chatter",
-    "held_lateral_error": "lateral", "held_z_error": "z", "current": "peak I", "shaft_work": "work", "energy": "energy",
-}  # fmt: skip
-"""Heads of narrow columns, by the key of a measure of the run."""
-DRIVE_MEASURES = ("current", "shaft_work", "energy", "cost")
-PAIRED_COLUMNS = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
-
-
 def compare_blocks(compared: DriveTrials) -> list[Block]:
-    """One line per drive, reasons for gaps, and the paired differences to the first drive."""
+    """Return a line per drive, reasons for missing values, and the paired differences to the first drive."""
     trials = compared.trials
-    # of the two definitions of work and energy, that of the table of measures
+    # The common table of measures takes precedence for work and energy, which have two definitions.
     measures = [
         {one.name: one for one in trial.measures}
         | {key: Measure(key, one.value, one.reason) for key, one in trial.values.items()}
@@ -100,7 +101,7 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
     held = any(its["hold_error"].value is not None for its in measures)
     tabled = dict.fromkeys([*(MEASURE_HEADS if held else FREE_RUN_MEASURES), *DRIVE_MEASURES])
     heads = {name: MEASURE_HEADS.get(name) or COMPARED_MEASURES[name].text for name in tabled}
-    # a column of gaps is a note
+    # A column without any value is replaced by a note.
     shown = {name: _unit_shown(name) for name in tabled if any(its[name].value is not None for its in measures)}
     columns = [Column(heads[name], max(6, len(heads[name]), len(unit)), unit=unit) for name, (_, unit) in shown.items()]
     first = TEXT_WIDTH - sum(1 + column.width for column in columns)
@@ -127,7 +128,7 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
 
 
 def shown_value(name: str, value: float) -> str:
-    """A measure of `COMPARED_MEASURES` in the unit people read: `0.45 N`."""
+    """Format a measure of `COMPARED_MEASURES` in its display unit: `0.45 N`."""
     factor, unit = _unit_shown(name)
     return f"{_digits(value, factor)} {unit}"
 
@@ -140,14 +141,14 @@ def _quantity(value: float | None, unit: str) -> tuple[str, str]:
 
 
 def _digits(value: float | None, factor: float) -> str:
-    """Three digits; what rounding left of nothing is nothing."""
+    """Format a value with three digits; rounding errors of zero are shown as 0."""
     if value is None:
         return "-"
     return "0" if abs(value) < VALUE_ROUNDING else format(factor * value, "#.3g").rstrip(".")
 
 
 def _cell(value: float | None, factor: float) -> str:
-    """The same in six characters, for narrow columns."""
+    """Format a value in at most six characters, for narrow columns."""
     small = value is not None and abs(value) >= VALUE_ROUNDING and abs(factor * value) < 0.01
     return format(factor * (value or 0.0), ".4f") if small else _digits(value, factor)
 
@@ -180,13 +181,8 @@ def _shorten_name(name: str, most: int) -> str:
     return name if len(name) <= most else "..." + name[-(most - 3) :]
 
 
-COMMAND_COLOR, SPEED_COLOR, LOAD_COLOR, MARK_COLOR = GREY, PAPER_BLUE, "#c2571a", INK
-TIME_BEFORE, TIME_AFTER = 0.02, 0.25
-"""How much of a step is shown (s)."""
-
-
 def draw_drive_check(done: Qualification, path: Path) -> None:
-    """Write the picture to `path` (PNG)."""
+    """Draw the picture of a qualification and write it to `path` (PNG)."""
     verdict = "qualified" if not done.failed_checks else "NOT qualified: " + ", ".join(done.failed_checks)
     with picture(path, 11, 7, f"{done.plan.label}   {verdict}") as figure:
         (a, b), (c, d) = figure.subplots(2, 2)
@@ -226,7 +222,7 @@ def _draw_load_step(axes: Axes, cycle: Response) -> None:
     t = 1e3 * (cycle.t[part] - LOAD_TIME)
     axes.plot(t, cycle.omega_ref[part], color=COMMAND_COLOR, lw=1.2, label="command")
     axes.plot(t, cycle.omega_m[part], color=SPEED_COLOR, lw=1.6, label="speed")
-    # a drive that does not feel its load would be drawn at the scale of rounding
+    # A stiff drive would otherwise be drawn at the scale of rounding errors.
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, SPEED_IN_USE - 0.1), max(high, SPEED_IN_USE + 0.05))
     axes.axvline(0.0, color=LOAD_COLOR, lw=0.9, ls=":", label="load comes on")

@@ -1,1 +1,1 @@
-"""Whether an FMU does what the reference results say that came with it."""
+"""Check of an FMU against the reference results shipped with it."""

@@ -1,9 +1,8 @@
-"""Whether an FMU does what the results say that came with it: run by itself, signals by name, no contract, no robot.
+"""Check of an FMU against the reference results shipped with it: a bare run, signals by name, no contract, no robot.
 
-Each experiment is run in a process of its own, if that is asked for. What came with an FMU, results of an experiment
-and the inputs and parameters that belong to them, is inside it, where its manifest (FMI-LS-REF,
-https://modelica.github.io/fmi-ls-ref/main) lists them, as in the Reference FMUs; or beside it, as in the FMI
-Cross-Check, https://github.com/modelica/fmi-cross-check. Signals over time are CSV, the first column is the time in s.
+Results, inputs and parameters of an experiment are inside the FMU, listed in its manifest (FMI-LS-REF,
+https://modelica.github.io/fmi-ls-ref/main) as in the Reference FMUs; or in the same folder, as in the FMI Cross-Check,
+https://github.com/modelica/fmi-cross-check. Signals over time are CSV, the first column is the time in s.
 """
 
 import io
@@ -44,19 +43,45 @@ MANIFEST_FOLDER = f"extra/{STANDARD_NAME}"
 MANIFEST_FILE = f"{MANIFEST_FOLDER}/fmi-ls-manifest.xml"
 MANIFEST_NAMESPACE = "{http://fmi-standard.org/fmi-ls-manifest}"
 MAX_RELATED_FILES = 1_000
-"""Files of one manifest; an honest one lists a dozen."""
+"""Maximum number of files in a manifest; real manifests list about a dozen."""
 BOOLEAN_FIELD = re.compile(rb"(?<=[,;\t])(?:true|false)(?=[,;\t\r\n]|$)", re.IGNORECASE)
-"""Fields of the time series of Boolean variables, as some tools write them."""
+"""Pattern of the fields of Boolean variables in time series, as some tools write them."""
+DEFAULT_STEPS = 500
+"""Default number of steps of an experiment without a step size, as in FMPy and others."""
+MAX_STEPS = 2_000_000
+MAX_VALUES = 20_000_000
+"""Maximum number of values, over all outputs and steps: 160 MB."""
+RANGE_TOLERANCE = 0.01
+SIZE_TOLERANCE = 1e-4
+"""Relative tolerance for signals that hardly move: results are often written with six digits."""
+MIN_TOLERANCE = 1e-9
+TOLERANCE_NOTE = (
+    f"{100 * RANGE_TOLERANCE:g} % of a signal's range in the results, at some moment within one step of that of the "
+    "result: twin's default; the files have no tolerance"
+)
+"""Text of the tolerance. One step in time, because inputs are held for a step and a jump appears at its end."""
+MAX_EXACT_INTEGER = 2.0**53
+"""Limit of whole numbers: larger ones do not fit the doubles exchanged between components."""
+TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
+OUTCOME_MEANINGS = {
+    "agrees": "it reproduced the results",
+    "differs": "it deviated from the results",
+    "ran": "it ran to the end; there are no results to compare",
+    "refused": "something was refused before it ran",
+    "failed": "it could not be initialised, or returned an error, NaN or infinity",
+    "lost": "its process crashed, hung or outgrew its limits",
+}
+BAD_OUTCOMES = ("lost", "failed", "differs", "refused")
+"""Outcomes that fail, worst first."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An experiment that came with an FMU; its times are those of the FMU's default experiment.
+    """An experiment shipped with an FMU; its times are taken from the FMU's default experiment.
 
     Attributes:
-        name: of the experiment.
-        results, stimuli, parameters: names of files, "": none.
-        inside: whether the files are entries of the archive; else they lie beside the FMU.
+        results, stimuli, parameters: file names; "" without such a file.
+        inside: whether the files are entries of the archive; else they are in the folder of the FMU.
     """
 
     name: str
@@ -71,10 +96,10 @@ class Series:
     """Signals over time.
 
     Attributes:
-        where: the file, for sentences.
-        t: s, never descending, (rows,); the same time twice is a jump.
-        signals: by column, (rows,).
-        others: columns that are not of single numbers.
+        where: file name, for error messages.
+        t: time (s), not descending, (rows,); a repeated time is a jump.
+        signals: column name -> values, (rows,).
+        others: names of columns that do not contain single numbers.
     """
 
     where: str
@@ -83,11 +108,11 @@ class Series:
     others: tuple[str, ...] = ()
 
     def hold_at(self, name: str, t: Curve) -> Curve:
-        """A signal at the times `t`: the value of the last row until then, of the first one before that."""
+        """Sample a signal at the times `t` by zero-order hold; before the first row its value."""
         return self.signals[name][self._last(t)]
 
     def interpolate_at(self, name: str, t: Curve) -> Curve:
-        """A signal at the times `t`, on lines between rows; at a jump what comes after it."""
+        """Interpolate a signal linearly at the times `t`; at a jump use the value after it."""
         values, last = self.signals[name], self._last(t)
         following = np.minimum(last + 1, len(self.t) - 1)
         span = self.t[following] - self.t[last]
@@ -95,18 +120,18 @@ class Series:
         return np.asarray(values[last] + share * (values[following] - values[last]))
 
     def _last(self, t: Curve) -> np.ndarray:
-        # a tick's time is a product and may lie below the row's by its rounding
+        # The time of a tick is a product and may be below the row's time by a rounding error.
         near = t + 1e-9 * max(1.0, float(np.abs(self.t).max()))
         return np.maximum(np.searchsorted(self.t, near, side="right") - 1, 0)
 
 
 @dataclass(frozen=True)
 class TrialFiles:
-    """A trial whose files have been read.
+    """The content of a trial's files.
 
     Attributes:
-        parameters: in the FMU's own units.
-        stimuli, results: None where there are none.
+        parameters: parameter values in the FMU's own units.
+        stimuli, results: time series; None without such a file.
     """
 
     parameters: dict[str, Value]
@@ -116,11 +141,11 @@ class TrialFiles:
 
 @dataclass(frozen=True)
 class ReferenceFiles:
-    """What came with an FMU.
+    """The reference files shipped with an FMU.
 
     Attributes:
-        unread: (name, why) of listed experiments, parameters and results that are not read.
-        trials: what can be tried.
+        unread: (name, reason) of listed experiments, parameters and results that are unsupported.
+        trials: supported experiments.
     """
 
     unread: tuple[tuple[str, str], ...]
@@ -128,10 +153,10 @@ class ReferenceFiles:
 
 
 def reference_files(file: Path) -> ReferenceFiles:
-    """What came with the FMU `file`; nothing of it is run or unpacked.
+    """Find the reference files of the FMU `file`, without running or unpacking it.
 
     Raises:
-        InputRefused: no sound archive, or a manifest that is none.
+        InputRefused: the archive or its manifest is invalid.
     """
     results, parameters, unread = [], "", []
     names = entries(file)
@@ -157,7 +182,7 @@ def reference_files(file: Path) -> ReferenceFiles:
 
 
 def _manifest_entries(file: Path, names: dict[str, int]) -> list[tuple[str, str, str]]:
-    """(source, role, type) of the files that the manifest lists; nothing if there is none."""
+    """Return (source, role, type) of the files listed in the manifest; empty without a manifest."""
     if MANIFEST_FILE not in names:
         return []
     where = f"{file}: {MANIFEST_FILE}"
@@ -172,12 +197,12 @@ def _manifest_entries(file: Path, names: dict[str, int]) -> list[tuple[str, str,
 
 
 def _inputs_of(results: str) -> str:
-    """The inputs that belong to NAME_ref.csv or NAME_out.csv: NAME_in.csv."""
+    """Return the name of the inputs, NAME_in.csv, for results NAME_ref.csv or NAME_out.csv."""
     return re.sub(r"(_ref|_out)?\.csv$", "_in.csv", results)
 
 
 def _cross_check_trials(file: Path) -> list[Trial]:
-    """The experiment of the FMI Cross-Check: NAME_ref.csv and NAME_in.csv beside NAME.fmu."""
+    """Find the FMI Cross-Check experiment, NAME_ref.csv and NAME_in.csv in the folder of NAME.fmu."""
     results = file.with_name(f"{file.stem}_ref.csv")
     stimuli = _inputs_of(results.name)
     found = Trial(results.name, results.name, stimuli if file.with_name(stimuli).is_file() else "")
@@ -185,10 +210,10 @@ def _cross_check_trials(file: Path) -> list[Trial]:
 
 
 def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFiles:
-    """The files of a trial, read and held to the FMU.
+    """Load the files of a trial and check them against the FMU.
 
     Raises:
-        InputRefused: one cannot be read, or does not fit the FMU.
+        InputRefused: a file cannot be read, or does not fit the FMU.
     """
 
     def read(name: str) -> tuple[bytes, str]:
@@ -202,10 +227,10 @@ def read_trial(file: Path, trial: Trial, description: FmuDescription) -> TrialFi
 
 
 def parameters_of(content: bytes, where: str, description: FmuDescription) -> dict[str, Value]:
-    """The values of a parameter set (SSV), which are in the FMU's own units.
+    """Parse a parameter set (SSV) with values in the FMU's own units.
 
     Raises:
-        InputRefused: a parameter that the FMU has not, or cannot take, or in another unit than the FMU's.
+        InputRefused: a parameter is unknown, has an invalid value, or a unit different from the FMU's.
     """
     given: dict[str, Value] = {}
     for one in parameter_set(content, where).parameters:
@@ -222,11 +247,11 @@ def parameters_of(content: bytes, where: str, description: FmuDescription) -> di
 
 
 def series_of(content: bytes, where: str) -> Series:
-    """The signals in the CSV `content`.
+    """Parse the signals in the CSV `content`.
 
     Raises:
-        InputRefused: no table of numbers, a time that is missing, no number or descends, a field that is no number
-            among numbers.
+        InputRefused: the content is not a table of numbers, a time is missing, invalid or descending, or a column mixes
+            numbers with other fields.
     """
     numbers = BOOLEAN_FIELD.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
     table = parse_table(Path(where), io.BytesIO(numbers))
@@ -251,32 +276,16 @@ def series_of(content: bytes, where: str) -> Series:
     return Series(where, t, signals, tuple(others))
 
 
-DEFAULT_STEPS = 500
-"""The step of an experiment that states none: what FMPy and others take."""
-MAX_STEPS = 2_000_000
-MAX_VALUES = 20_000_000
-"""Of all outputs over all steps: 160 MB."""
-RANGE_TOLERANCE = 0.01
-SIZE_TOLERANCE = 1e-4
-"""For signals that hardly move: results are often written with six digits."""
-MIN_TOLERANCE = 1e-9
-TOLERANCE_NOTE = (
-    f"{100 * RANGE_TOLERANCE:g} % of a signal's range in the results, at some moment within one step of that of the result: "
-    "twin's default; the files have no tolerance"
-)
-"""One step, because inputs are held over it and a jump is seen at its end."""
-MAX_EXACT_INTEGER = 2.0**53
-"""Whole numbers from here on do not fit the doubles that travel between components."""
-
-
 @dataclass(frozen=True)
 class BareRun:
-    """Attributes:
-    step: between two rows (s).
-    t: s, (rows,).
-    signals: by name, in the FMU's own units, of an array the first value, (rows,).
-    unknown: names that were asked for and are no single number of this FMU.
-    failure: what ended it before its time.
+    """A run of an FMU by itself.
+
+    Attributes:
+        step: time between two rows (s).
+        t: time (s), (rows,).
+        signals: variable name -> values in the FMU's own units, the first element of an array, (rows,).
+        unknown: requested names that are not a single number of this FMU.
+        failure: error that ended the run early.
     """
 
     step: float
@@ -287,16 +296,14 @@ class BareRun:
 
 
 def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended: Callable[[BareRun], None]) -> None:
-    """Run the FMU in its default experiment; where that has no end, until the results end.
+    """Run the FMU in its default experiment; without a stop time, until the end of the results.
 
     Args:
-        description: the FMU.
-        trial: the experiment.
-        files: its inputs and its results.
-        ended: called with the run before the FMU is freed, in which some crash.
+        files: inputs and results of the experiment.
+        ended: callback, called with the run before the FMU is freed, which crashes some FMUs.
 
     Raises:
-        InputRefused: a step, duration or input that cannot be.
+        InputRefused: a step, duration or input is invalid.
         ComponentFailed: the FMU cannot be loaded or initialised.
     """
     step, last = _steps(description, trial, files.results)
@@ -329,10 +336,10 @@ def bare_run(description: FmuDescription, trial: Trial, files: TrialFiles, ended
 
 
 def _steps(description: FmuDescription, trial: Trial, results: Series | None) -> tuple[float, int]:
-    """Step (s) and how many of them."""
+    """Return the step size (s) and the number of steps."""
     stated = description.model.defaultExperiment
     start = _first_number(getattr(stated, "startTime", None))
-    # without a stated end: as the results, or as FMPy
+    # Default stop time: the end of the results, or FMPy's default.
     stop = _first_number(getattr(stated, "stopTime", None)) or (1.0 if results is None else float(results.t[-1]))
     if start:
         raise InputRefused(f"{trial.name}: starts at {start:g} s; expected 0 s, where runs begin here")
@@ -344,12 +351,12 @@ def _steps(description: FmuDescription, trial: Trial, results: Series | None) ->
 
 
 def _first_number(*stated: object) -> float | None:
-    """The first number among them."""
+    """Return the first finite number in `stated`; None without any."""
     return next((found for found in map(parse_number, stated) if math.isfinite(found)), None)
 
 
 def _output_ports(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
-    """Ports of what results are given of, or else of all outputs, of a local variable, of any; and what is none."""
+    """Return ports of the results' variables (else outputs, a local, any), and the names without a single number."""
     numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
     unknown = tuple(name for name in asked if name not in numbers or numbers[name].size > 1)
@@ -367,19 +374,19 @@ def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort
     offered = {v.name: v for v in description.variables_of("input") if v.size == 1}
     for name in (*stimuli.signals, *stimuli.others):
         if name not in offered or name in stimuli.others:
-            raise InputRefused(f"{stimuli.where}: column '{name}' is no input of numbers of {description.path.name}")
+            raise InputRefused(f"{stimuli.where}: column '{name}' is not a numeric input of {description.path.name}")
         if np.abs(stimuli.signals[name]).max() >= MAX_EXACT_INTEGER and not _continuous(offered[name]):
             raise InputRefused(f"{stimuli.where}: column '{name}' has whole numbers of more than 53 bits")
     return _ports("u", [offered[name] for name in stimuli.signals])
 
 
 def _ports(letter: str, variables: list[Variable]) -> list[FmuPort]:
-    """Names of FMU variables may hold any character, those of ports stand in wires."""
+    """Return numbered ports for `variables`, whose names may contain characters invalid in wires."""
     return [FmuPort(Port(f"{letter}{n}", v.size, v.unit or "1"), v) for n, v in enumerate(variables)]
 
 
 def _sample_inputs(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndarray:
-    """Inputs at the times `t`, (times, inputs): of numbers on lines, of whole numbers the last."""
+    """Sample the inputs at the times `t`, (times, inputs): real numbers linearly, whole numbers by zero-order hold."""
     if stimuli is None:
         return np.zeros((len(t), 0))
     columns = [
@@ -393,7 +400,7 @@ def _continuous(variable: Variable) -> bool:
 
 
 class SignalDeviation(NamedTuple):
-    """Of a signal: how far it leaves the results at most, in multiples of the tolerance, and when (s)."""
+    """Largest deviation of a signal from the results, in multiples of the tolerance, and its time (s)."""
 
     signal: str
     share: float
@@ -401,7 +408,7 @@ class SignalDeviation(NamedTuple):
 
 
 def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
-    """Every signal of a run that the results have, in their order."""
+    """Compute the deviation of each signal of a run that is in the results."""
     within = results.t <= (1.0 + 1e-9) * run.t[-1]
     t = results.t[within]
     if not len(t):
@@ -421,28 +428,14 @@ def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
     return found
 
 
-TRIAL_JOB = "twin.studies.reference.outcome:outcome_fields"
-OUTCOME_MEANINGS = {
-    "agrees": "it did what the results say",
-    "differs": "it did something else than the results say",
-    "ran": "it ran to the end; there are no results to hold it to",
-    "refused": "something was refused before it ran",
-    "failed": "it could not be initialised, or returned an error, NaN or infinity",
-    "lost": "its process crashed, hung or outgrew its limits",
-}
-BAD_OUTCOMES = ("lost", "failed", "differs", "refused")
-"""Worst first."""
-
-
 @dataclass(frozen=True)
 class ReferenceOutcome:
-    """Of an experiment.
+    """The outcome of an experiment.
 
     Attributes:
-        experiment: its name.
-        word: one of `OUTCOME_MEANINGS`.
-        detail: one sentence.
-        deviations: by signal, in multiples of the tolerance.
+        word: key of `OUTCOME_MEANINGS`.
+        detail: explanation, one sentence.
+        deviations: signal -> largest deviation, in multiples of the tolerance.
     """
 
     experiment: str
@@ -453,7 +446,7 @@ class ReferenceOutcome:
 
 @dataclass(frozen=True)
 class References:
-    """What came with an FMU and what came of it."""
+    """The reference files of an FMU and the outcomes of their experiments."""
 
     file: Path
     reference_files: ReferenceFiles
@@ -461,11 +454,11 @@ class References:
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is against it."""
+        """Whether no experiment failed."""
         return not any(outcome.word in BAD_OUTCOMES for outcome in self.outcomes)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Convert the outcomes to a dictionary for JSON."""
         return {
             "file": self.file.name,
             "unread": dict(self.reference_files.unread),
@@ -475,14 +468,13 @@ class References:
 
 
 def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> References | None:  # noqa: B008, it is frozen
-    """What came with the FMU `file` and what comes of it; None if nothing did.
+    """Run the reference experiments of the FMU `file`; None without reference files.
 
     Args:
-        apart: each experiment in a process of its own, which costs that experiment only if it crashes.
-        limits: of these processes.
+        apart: whether each experiment has a process of its own, so that a crash costs only that experiment.
 
     Raises:
-        InputRefused: no sound archive, or its manifest is none.
+        InputRefused: the archive or its manifest is invalid.
     """
     found = reference_files(file)
     if not (found.unread or found.trials):
@@ -495,7 +487,7 @@ def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> Refe
 
 
 def outcome_fields(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
-    """Fields of the outcome of the trial `number` of the FMU `file`; a job of the guard."""
+    """Run the trial `number` of the FMU `file` and return the fields of its outcome; a job of the guard."""
     trial = reference_files(Path(file)).trials[number]
     return asdict(outcome_of(Path(file), trial, lambda outcome: reporter.note(outcome=asdict(outcome))))
 
@@ -503,11 +495,11 @@ def outcome_fields(reporter: Reporter, file: str, number: int) -> dict[str, Any]
 def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> ReferenceOutcome:
     noted: list[dict[str, Any]] = []
     try:
-        # what can be refused without a process is
+        # Refuse invalid files without starting a process.
         _files(file, trial)
         return ReferenceOutcome(**run_guarded(TRIAL_JOB, {"file": str(file), "number": number}, limits, noted.append))
     except (JobFailure, JobLoadFailure) as failure:
-        # whether it can be freed is another question than whether it does what the results say
+        # A crash when the FMU is freed does not change the outcome of the comparison.
         if noted:
             outcome = ReferenceOutcome(**noted[-1]["outcome"])
             return replace(outcome, detail=f"{outcome.detail}; then: {failure}")
@@ -519,7 +511,7 @@ def _isolate_trial(file: Path, number: int, trial: Trial, limits: JobLimits) -> 
 def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
-    """Run an experiment of the FMU `file` in this process; `ended` gets the outcome before the FMU is freed."""
+    """Run an experiment of an FMU in this process; `ended` is called with the outcome before the FMU is freed."""
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
@@ -548,7 +540,7 @@ def _judge_run(name: str, run: BareRun, results: Series | None) -> ReferenceOutc
     if others:
         how += f"; not compared: {', '.join(others)}"
     if run.failure:
-        # some end themselves, and so do their results then
+        # Some FMUs terminate themselves, and their results then end too.
         early = bool(found) and results is not None and results.t[-1] > run.t[-1] + (1.0 + 1e-9) * run.step
         if early or not (found or isinstance(run.failure, EndRequest)):
             return ReferenceOutcome(name, "failed", str(run.failure))
@@ -568,29 +560,29 @@ def _judge_run(name: str, run: BareRun, results: Series | None) -> ReferenceOutc
 
 
 def drive_references(table: Drive, apart: bool) -> list[References]:
-    """What came with each FMU of the drive that has something, run bare: its mapping and parameters are not for it.
+    """Run the reference experiments of each FMU of a drive, bare, without the drive's mapping and parameters.
 
     Args:
         apart: see `references`.
 
     Raises:
-        InputRefused: no sound archive, a manifest that is none; an FMU that is not the one its mapping pins.
+        InputRefused: an archive or its manifest is invalid, or an FMU has another hash than its mapping pins.
     """
     if table.sha256 or any(part.sha256 for part in table.parts.values()):
-        # nothing of it is run before that
+        # Check the pinned hashes before anything is run.
         plan_drive(table)
     files = [Path(fmu) for fmu in (table.fmu, *(part.fmu for part in table.parts.values())) if fmu]
     return [found for file in files if (found := references(file, apart))]
 
 
 def refusal_answer(came: Sequence[References], refusal: str) -> Answer:
-    """The answer where the FMU is refused as a drive, after what came with it has been tried; `refused` says why."""
+    """Return the answer for an FMU refused as a drive, after its reference experiments ran; `refused` is the reason."""
     facts = {"qualified": False, "refused": refusal, "references": [one.to_dict() for one in came]}
     return Answer(references_text(came), facts, 2)
 
 
 def references_text(found: Sequence[References]) -> str:
-    """What came with each FMU, then what came of it."""
+    """Return the list of the reference experiments of each FMU with their outcomes."""
     lines = []
     for one in found:
         lines += wrap_text(f"came with {one.file.name}:")

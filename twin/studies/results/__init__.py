@@ -1,1 +1,1 @@
-"""Stored runs: when, which experiment, differences from its file as it is now, and what may be removed."""
+"""Stored runs: time, experiment, differences from its current file, and removal of old runs."""

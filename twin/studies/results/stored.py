@@ -1,7 +1,4 @@
-"""The runs in a folder of results.
-
-What experiments are by now, beside what they were when they ran.
-"""
+"""The runs in a folder of results: their properties, differences from the current experiment files, and removal."""
 
 import json
 import os
@@ -32,20 +29,28 @@ from twin.studies.result import count_text, shorten, wrap_text
 WRITTEN_NAMES = re.compile(
     r"run\.(mcap|mcap\.partial|csv|parquet|mat)|summary\.json|report\.html"
     r"|run_ros2/(run_ros2_0\.mcap|metadata\.yaml|map\.toml)"
-    # begun by `twin.kernel.atomic_write.own_files` and never finished
+    # Unfinished temporary files of `twin.kernel.atomic_write.own_files`.
     r"|\.(run|summary|report)\.\w{8}\.\w+"
 )
-"""What twin calls the files that it writes into a run's folder: the run, its page, and what it was exported to."""
+"""Pattern of the files that twin writes into a run's folder: recording, summary, page and exports."""
+MAX_DIFFERENCES = 4
+"""Maximum number of differences shown in the text of a run; `--json` has all of them."""
+MAX_VALUE_LENGTH = 40
+"""Maximum length of a value in the text (characters); a list of waypoints does not fit in a line."""
+DETAIL_INDENT = " " * 6
+MAX_LISTED_FILES = 10
+"""Maximum number of unremoved files shown in the text."""
 
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run's folder, results/EXPERIMENT/TIME, or results/NAME as its user has called it.
+    """A run's folder, results/EXPERIMENT/TIME, or results/NAME with a name chosen by the user.
 
     Attributes:
-        recording: in it, finished or not.
-        latest: whether results/EXPERIMENT means this one.
-        alone: whether the folder lies in results/ itself, where only its user puts it.
+        folder: folder of the run.
+        recording: recording in the folder, finished or not.
+        latest: whether the link results/EXPERIMENT/latest points to this run.
+        is_top_level: whether the folder is directly in results/, where only users create runs.
     """
 
     folder: Path
@@ -55,7 +60,7 @@ class StoredRun:
 
     @cached_property
     def has_user_name(self) -> bool:
-        """Whether its user has called its folder something, be it a time."""
+        """Whether the user chose the name of the folder, even if it looks like a time."""
         if (
             self.is_top_level
             or not FOLDER_STAMP.fullmatch(self.folder.name)
@@ -66,7 +71,7 @@ class StoredRun:
 
     @property
     def experiment(self) -> str:
-        """By the name of the folder above; where the user has chosen that, as it is recorded."""
+        """Name of the experiment: the name of the parent folder, or the recorded name if the user chose the folder."""
         if not self.has_user_name:
             return self.folder.parent.name
         return self._recorded_name or self.folder.name
@@ -81,12 +86,12 @@ class StoredRun:
 
     @cached_property
     def size(self) -> int:
-        """Bytes of everything in the folder."""
+        """Size of all files in the folder (bytes)."""
         return size_of(self.folder)
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Of the recording; empty if that cannot be read."""
+        """Metadata of the recording; empty if it cannot be read."""
         try:
             return read_metadata(self.recording)
         except InputRefused:
@@ -94,9 +99,10 @@ class StoredRun:
 
     @cached_property
     def start_options(self) -> list[str]:
-        """Options with which the run was started, as recorded: `--drive`, `pmsm_foc.fmu`."""
+        """Command-line options of the run, as recorded: `--drive`, `pmsm_foc.fmu`."""
         try:
-            # ours has files by name only; of a path that is there nevertheless nothing is opened but that name
+            # twin records file names without folders; any recorded path is reduced to its name, so that no other file
+            # is opened.
             values = without_folders(recorded_values(DECLARED_TABLES, self.metadata, self.recording))
             return options(values, self.metadata.get("origins", {}))
         except InputRefused:
@@ -104,12 +110,12 @@ class StoredRun:
 
     @property
     def words(self) -> list[str]:
-        """Words behind `twin run` that repeat the run."""
+        """Arguments of `twin run` that repeat the run."""
         return repeating_words(self.summary, self.experiment, self.start_options)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The numbers beside the recording; empty if there are none."""
+        """Content of the run's summary file; empty if it cannot be read."""
         try:
             found = read_json(self.folder / SUMMARY_FILE)
         except InputRefused:
@@ -118,17 +124,17 @@ class StoredRun:
 
     @cached_property
     def own_files(self) -> list[Path]:
-        """The files in the folder that twin calls as it does."""
+        """Files in the folder that match the names twin writes."""
         return [path for path in self._files if WRITTEN_NAMES.fullmatch(path.relative_to(self.folder).as_posix())]
 
     @property
     def other_files(self) -> list[Path]:
-        """What else lies there."""
+        """Files in the folder that twin did not write."""
         return sorted(set(self._files).difference(self.own_files))
 
     @cached_property
     def _files(self) -> list[Path]:
-        """What lies in the folder: files, links and empty folders; no link is followed."""
+        """Files, links and empty folders in the folder, recursively; links are not followed."""
         found = []
         for place, folders, names in os.walk(self.folder):
             links = [name for name in folders if os.path.islink(os.path.join(place, name))]
@@ -138,7 +144,7 @@ class StoredRun:
         return found
 
     def remove(self) -> int:
-        """Take away what twin has written, and the folder if nothing else is in it; so many bytes went.
+        """Remove the files written by twin, and the folder if it is then empty; return the number of bytes removed.
 
         Raises:
             OSError: the disk refuses.
@@ -154,12 +160,12 @@ class StoredRun:
 
     @property
     def end_time(self) -> float:
-        """How far the recording goes (s)."""
+        """Time of the last sample of the recording (s)."""
         return last_time(self.recording) or 0.0
 
 
 def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
-    """The runs below `results`, those of an experiment together, the newest first, then those with names."""
+    """Return the runs below `results`, grouped by experiment: the newest first, then those with user-chosen names."""
     runs = [run for home in _folders(results) for run in _runs(home)]
     runs.sort(key=lambda run: (run.experiment, run.has_user_name))
     there = dict.fromkeys(run.experiment for run in runs)
@@ -170,18 +176,18 @@ def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRu
 
 
 def stored_run(recording: Path) -> StoredRun:
-    """The run that wrote `recording`; its folder by its own name, not by that of a link to it."""
+    """Return the run that wrote `recording`; its folder is resolved from links."""
     folder = recording.parent.resolve()
     return StoredRun(folder, recording, False)
 
 
 def other_folders(results: Path) -> dict[str, int]:
-    """Bytes of what else lies in `results`, pages and pictures of other commands, by name."""
+    """Return name -> size (bytes) of the folders in `results` without runs, such as pictures of other commands."""
     return {home.name: size_of(home) for home in _folders(results) if not any(True for _ in _runs(home))}
 
 
 def size_of(folder: Path) -> int:
-    """Bytes of all files below `folder`; links are not followed."""
+    """Return the size of all files below `folder` (bytes); links are not followed."""
     total = 0
     for place, _, names in os.walk(folder):
         total += sum(os.lstat(os.path.join(place, name)).st_size for name in names)
@@ -197,7 +203,7 @@ def _folders(results: Path) -> list[Path]:
 def _runs(home: Path) -> Iterator[StoredRun]:
     latest = os.path.realpath(home / LATEST_LINK)
     stamped = [path for path in home.iterdir() if FOLDER_STAMP.fullmatch(path.name) and not path.is_symlink()]
-    # the second of two runs within a second ends in _2, the tenth in _10
+    # The second of two runs within a second ends in _2, the tenth in _10.
     stamped.sort(key=lambda path: (path.name[:17], len(path.name), path.name), reverse=True)
     for folder in (*stamped, home):
         for name in (RECORDING_FILE, f"{RECORDING_FILE}{PARTIAL_SUFFIX}"):
@@ -207,18 +213,18 @@ def _runs(home: Path) -> Iterator[StoredRun]:
 
 
 class CurrentExperiments:
-    """Experiments as their files say them now; each is read once."""
+    """The current experiment files, each loaded once."""
 
     def __init__(self) -> None:
         self._facts: dict[tuple[str, ...], dict[str, str]] = {}
 
     def differences(self, run: StoredRun) -> dict[str, tuple[str, str]]:
-        """What of `run` would be otherwise if it were run again with the same options: (then, now) by key.
+        """Return key -> (then, now) of the values of `run` that would differ if it were repeated with the same options.
 
-        A third-party controller leaves no gains in a recording, so there nothing can differ.
+        The gains of a third-party controller are not recorded, so they are not compared.
 
         Raises:
-            TwinError: the run says of no experiment, or there is none of that name any more, or a mistake in it.
+            TwinError: the run records no experiment, or the experiment is missing or invalid now.
         """
         then = recorded_comparable_values(DECLARED_TABLES, run.metadata, run.recording)
         now = self._experiment_facts(recorded_name(run.metadata, run.recording), run.start_options)
@@ -234,35 +240,29 @@ class CurrentExperiments:
                 given.setdefault(option, []).append(value)
             drive, body = (given.get(option, [None])[0] for option in ("--drive", "--body"))
             file = experiment_file(name)
-            # a name, as twin records it, and not whatever lies in the current folder
+            # A recorded name must not match another file in the current folder.
             if file.name != f"{name}.toml":
                 raise InputRefused(f"{name}: not a valid name of an experiment, and the recording has it")
             if body and Path(body).name != body:
                 raise InputRefused(f"its body {body} is named by a path, and only a name is looked up")
             experiment = load_experiment(file, given.get("--set", ()), drive, body)
             hashes = {fmu.path.name: fmu.sha256 for one in experiment.drives for fmu in fmus(one).values()}
-            # through JSON, as what is recorded
+            # Convert through JSON, like the recorded values.
             self._facts[known] = comparable_values(json.loads(json.dumps(without_folders(experiment.values))), hashes)
         return self._facts[known]
 
 
 def describe_differences(run: StoredRun, now: CurrentExperiments) -> tuple[dict[str, tuple[str, str]], str]:
-    """The differences of `run`, and why they cannot be listed; one of the two is empty."""
+    """Return the differences of `run`, or the reason why they cannot be listed; the other of the two is empty."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
     if "experiment" not in run.metadata:
-        return {}, "does not say what it was made of"
+        return {}, "the recording does not name its experiment"
     try:
         return now.differences(run), ""
     except TwinError as problem:
         return {}, str(problem).splitlines()[0]
 
-
-MAX_DIFFERENCES = 4
-"""The most differences in the text of a run; `--json` has all of them."""
-MAX_VALUE_LENGTH = 40
-"""Characters of a value in the text; a list of waypoints does not fit in a line."""
-DETAIL_INDENT = " " * 6
 
 Differences = Mapping[str, tuple[str, str]]
 
@@ -270,7 +270,7 @@ Differences = Mapping[str, tuple[str, str]]
 def runs_text(
     results: Path, runs: Sequence[StoredRun], differences: Sequence[tuple[Differences, str]], others: Mapping[str, int]
 ) -> str:
-    """How much there is, then run by run, the newest of each experiment first."""
+    """Return the list of runs: totals, then each run, the newest of each experiment first."""
     if not runs:
         return f"{results}: no runs; the first: twin run fig4_force_position"
     experiments = len({run.experiment for run in runs})
@@ -289,15 +289,15 @@ def runs_text(
 
 
 def run_lines(run: StoredRun) -> list[str]:
-    """Return when, size and verdict of a run, and the command that repeats it, unless its experiment's name does."""
+    """Return the lines of a run: time, size and verdict, and the command to repeat it if its name is not enough."""
     latest = "  latest" if run.latest else ""
-    # one line, however long: a command that is broken into lines cannot be copied
+    # A single line of any length: a wrapped command could not be copied.
     made = [f"{DETAIL_INDENT}{run_command(run.words)}"] if run.words != [run.experiment] else []
     return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}", *made]
 
 
 def verdict(run: StoredRun) -> str:
-    """What it came to, in a few words."""
+    """Return the result of a run in a few words."""
     if not run.is_finished:
         return f"not finished: ends at {run.end_time:.3g} s"
     words = []
@@ -318,7 +318,7 @@ def verdict(run: StoredRun) -> str:
 
 
 def _measure_value(outcome: Mapping[str, Any], key: str) -> float | None:
-    """Value of a measure in a summary, which may come from anybody."""
+    """Return a measure of a summary file, which is untrusted input; None if missing or invalid."""
     measures = outcome.get("measures")
     found = measures.get(key) if isinstance(measures, dict) else None
     value = found.get("value") if isinstance(found, dict) else None
@@ -326,7 +326,7 @@ def _measure_value(outcome: Mapping[str, Any], key: str) -> float | None:
 
 
 def difference_lines(differences: Differences, why: str) -> list[str]:
-    """What another run of the same would do otherwise by now; nothing if it would not."""
+    """Return the lines on differences from the current experiment file; empty without differences."""
     if why:
         return wrap_text(f"not compared with its file: {why}", DETAIL_INDENT, later=8)
     lines = []
@@ -342,7 +342,7 @@ def difference_lines(differences: Differences, why: str) -> list[str]:
 
 
 def size_text(size: float) -> str:
-    """`7.0 MB`."""
+    """Format a number of bytes: `7.0 MB`."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 1000.0 or unit == "GB":
             return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
@@ -356,15 +356,11 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
     return [(one[0], one[1], one[2]) for one in listed if isinstance(one, list) and len(one) == 3]
 
 
-MAX_LISTED_FILES = 10
-"""The most files that stay in the text."""
-
-
 def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
-    """What lies in `results`.
+    """Return the answer that lists the runs in `results`, with their differences from the current experiment files.
 
     Args:
-        experiments: only runs of these; empty: all, and what else is there.
+        experiments: experiments whose runs are listed; empty for all, and other folders in `results`.
     """
     runs, now = stored_runs(results, experiments), CurrentExperiments()
     found = []
@@ -397,9 +393,9 @@ def list_runs(results: Path, experiments: Sequence[str], say: Say) -> Answer:
 
 
 def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
-    """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
+    """Return the removable runs: of each experiment all but the newest `keep`, and but the one linked as `latest`.
 
-    A run that its user has given a name stays, and does not count.
+    Runs with user-chosen names are never removable, and do not count.
     """
     seen: dict[str, int] = {}
     doomed = []
@@ -413,7 +409,7 @@ def removable_runs(results: Path, experiments: Sequence[str], keep: int) -> list
 
 
 def removal_text(doomed: Sequence[StoredRun]) -> str:
-    """What would go."""
+    """Return the list of the runs to remove, for confirmation."""
     lines = [f"{count_text(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]
@@ -421,7 +417,7 @@ def removal_text(doomed: Sequence[StoredRun]) -> str:
 
 
 def remove_runs(doomed: Sequence[StoredRun]) -> str:
-    """Take the folders of `doomed` away; what has become of them."""
+    """Remove the folders of `doomed` and return a sentence on the result."""
     size = 0
     others = sum(len(run.other_files) for run in doomed)
     for run in doomed:
@@ -437,7 +433,7 @@ def remove_runs(doomed: Sequence[StoredRun]) -> str:
 
 
 def _remaining_lines(doomed: Sequence[StoredRun]) -> list[str]:
-    """What lies in the folders of `doomed` and is not twin's."""
+    """Return the lines on files in the folders of `doomed` that twin did not write."""
     left = [str(path) for run in doomed for path in run.other_files]
     more = [f"  and {len(left) - MAX_LISTED_FILES} more"] if len(left) > MAX_LISTED_FILES else []
     return (

@@ -1,4 +1,4 @@
-"""`twin runs`: the stored runs, and those that may be removed."""
+"""`twin runs`: list and remove stored runs."""
 
 import sys
 from collections.abc import Iterator, Sequence

@@ -15,26 +15,26 @@ from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import MIN_DURATION, Fig4Runs
 
 CURVE_PERIOD = 0.04
-"""Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
+"""Sampling period of stored curves (s): 500 samples for the 20 s of Fig. 4, about one per pixel of a panel."""
 COMPANION_SETTING = 'controller.mode="position"'
-"""The setting that makes the second run of a pair: the same plant, the same belief, no force loop."""
+"""Setting of the second run of a pair: same plant, same belief, no force loop."""
 
 
 def pack_curves(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
-    """`curves` for JSON as they are at 0, `CURVE_PERIOD`, ... up to `end` (s), on lines between their samples.
+    """Resample `curves` linearly at 0, `CURVE_PERIOD`, ... up to `end` (s) and encode them for JSON.
 
     Args:
-        curves: (times (s), values), each (n,), by name; times ascend.
+        curves: name -> (times (s), values), each (n,); times ascend.
     """
     t = np.arange(int(end / CURVE_PERIOD + 1e-9) + 1) * CURVE_PERIOD
     return {"period_s": CURVE_PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
 
 
 def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
-    """(times (s), values by name) of what `pack_curves` made.
+    """Decode the curves stored by `pack_curves` as (times (s), name -> values).
 
     Raises:
-        ValueError: it did not make this.
+        ValueError: `stored` was not written by `pack_curves`.
     """
     try:
         values = {name: values_of(text) for name, text in stored["of"].items()}
@@ -48,10 +48,10 @@ def unpack_curves(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
 
 
 def require_fig4_claims(experiment: Experiment) -> None:
-    """Fig. 4 can be asked of it.
+    """Refuse an experiment unsuited to judging the claims of Fig. 4.
 
     Raises:
-        InputRefused: it is too short, has massage tasks or no force control.
+        InputRefused: the experiment is too short, has massage tasks or no force control.
     """
     end = experiment.duration_ticks * experiment.cosim.tick
     if end < MIN_DURATION:
@@ -64,9 +64,12 @@ def require_fig4_claims(experiment: Experiment) -> None:
 
 
 def findings(runs: Fig4Runs) -> dict[str, Any]:
-    """For the row: "claims", key -> {"value", "verdict"}, and "curves", as `pack_curves` writes them: height and
-    forces of both runs as estimated and, from `true_`, as they are (m, N)."""
-    # the plant drawn is the imperfect one
+    """Judge the claims of Fig. 4 and return the additional fields of a row.
+
+    Fields: "claims", key -> {"value", "verdict"}, and "curves", as `pack_curves` writes them: height (m) and forces (N)
+    of both runs as estimated and, with `true_` in the name, as simulated.
+    """
+    # The plant of the sweep is the imperfect one.
     score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
     judged = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
     return {

@@ -9,9 +9,6 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-# pydantic takes no other before Python 3.12
-
-
 Row = dict[str, Any]
 Numbers = NDArray[np.float64]
 Positions = NDArray[np.intp]
@@ -21,11 +18,11 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, eq=False)
 class CategoricalColumn:
-    """A column of texts, truth values, whole numbers or None: of row i it is `words[codes[i]]`.
+    """A column of texts, booleans, whole numbers or None; the value of row i is `categories[codes[i]]`.
 
     Attributes:
-        codes: (n,), int32.
-        words: each once, with its type: 1, 1.0 and True are three.
+        codes: category index per row, (n,), int32.
+        categories: distinct values; values of different type differ, so 1, 1.0 and True are three categories.
     """
 
     codes: NDArray[np.int32]
@@ -33,7 +30,7 @@ class CategoricalColumn:
 
     @classmethod
     def from_values(cls, values: Sequence[Any]) -> "CategoricalColumn":
-        """The column of `values`."""
+        """Encode `values` as a column."""
         typed = list(zip(map(type, values), values, strict=True))
         codes = {word: code for code, word in enumerate(dict.fromkeys(typed))}
         return cls(np.fromiter(map(codes.__getitem__, typed), np.int32, len(typed)), [word for _, word in codes])
@@ -45,16 +42,16 @@ class CategoricalColumn:
         return (self.categories[code] for code in self.codes.tolist())
 
     def select(self, rows: Positions | NDArray[np.bool_]) -> "CategoricalColumn":
-        """The column of those rows."""
+        """Return the column restricted to `rows`."""
         return CategoricalColumn(self.codes[rows], self.categories)
 
     def mask(self, is_so: Callable[[Any], bool]) -> NDArray[np.bool_]:
-        """Of which rows the word is so; each word is asked once."""
+        """Return the rows, as a mask (n,), whose category satisfies `is_so`; called once per category."""
         return np.array([is_so(word) for word in self.categories], bool)[self.codes]
 
     @property
     def counts(self) -> dict[Any, int]:
-        """How many rows have each word that some row has, in the order of rows."""
+        """Number of rows per category, in order of first appearance; unused categories are left out."""
         codes, first, counts = np.unique(self.codes, return_index=True, return_counts=True)
         return {self.categories[codes[n]]: int(counts[n]) for n in np.argsort(first)}
 
@@ -64,13 +61,13 @@ Column = Numbers | CategoricalColumn
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Rows, one value of each column for each.
+    """Rows of a sweep, stored column by column.
 
     Attributes:
-        of: by name. As in a row: "run", "seconds", "stepping_s" (numbers), "drive", "status", "reason",
-            "within_limits", "key", "no_hold" (words). Besides "has_metrics", "has_curves" (words); "parameters/LABEL"
-            (numbers if all are floats, else words); "metrics/NAME", "values/CLAIM" (numbers); "verdicts/CLAIM" (words).
-            nan, None: the row has none.
+        by_name: column name -> column. As in a row: "run", "seconds", "stepping_s" (numbers), "drive", "status",
+            "reason", "within_limits", "key", "no_hold" (categorical). Derived: "has_metrics", "has_curves"
+            (categorical); "parameters/LABEL" (numbers if all are floats, else categorical); "metrics/NAME",
+            "values/CLAIM" (numbers); "verdicts/CLAIM" (categorical). NaN or None where a row has no value.
     """
 
     by_name: dict[str, Column]
@@ -80,27 +77,27 @@ class Columns:
         return len(self.numbers("run"))
 
     def numbers(self, name: str) -> Numbers:
-        """A column of numbers, (n,)."""
+        """Return a numeric column, (n,)."""
         found = self.by_name[name]
         assert isinstance(found, np.ndarray)
         return found
 
     def categorical(self, name: str) -> CategoricalColumn:
-        """A column of words, (n,)."""
+        """Return a categorical column, (n,)."""
         found = self.by_name[name]
         assert isinstance(found, CategoricalColumn)
         return found
 
     def names_in_group(self, group: str) -> dict[str, str]:
-        """Names of the columns of a group, by what follows the stroke."""
+        """Return the columns of a group: name without the prefix `group/` -> full name."""
         return {name.partition("/")[2]: name for name in self.by_name if name.startswith(f"{group}/")}
 
     def run_number(self, row: int) -> int:
-        """Number of the run of a row."""
+        """Return the run number of a row."""
         return int(self.numbers("run")[row])
 
     def select(self, rows: Positions | NDArray[np.bool_]) -> "Columns":
-        """Those rows."""
+        """Return only the given rows."""
         return Columns(
             {
                 name: one.select(rows) if isinstance(one, CategoricalColumn) else one[rows]
@@ -109,7 +106,7 @@ class Columns:
         )
 
     def by_run(self) -> "Columns":
-        """In the order of runs."""
+        """Return the rows sorted by run number."""
         run = self.numbers("run")
         return self if bool(np.all(run[1:] >= run[:-1])) else self.select(np.argsort(run, kind="stable"))
 
@@ -117,7 +114,7 @@ class Columns:
 def cache_per_columns(
     work: Callable[Concatenate[Columns, Asked], Answer],
 ) -> Callable[Concatenate[Columns, Asked], Answer]:
-    """`work` with a memory: of the same columns the same is found out once."""
+    """Cache the results of `work` per `Columns` object and arguments."""
 
     @wraps(work)
     def found(columns: Columns, *args: Asked.args, **kwargs: Asked.kwargs) -> Answer:
@@ -131,7 +128,7 @@ def cache_per_columns(
 
 
 def columns_of(rows: Sequence[Row]) -> Columns:
-    """`rows` as columns, in their order."""
+    """Convert `rows` to columns, in the same order."""
     found: dict[str, Column] = {
         name: np.array([row[name] for row in rows], np.float64) for name in ("run", "seconds", "stepping_s")
     }
@@ -154,13 +151,13 @@ def columns_of(rows: Sequence[Row]) -> Columns:
 
 
 def _columns(tables: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[Any]]]:
-    """(key, its value in each of the tables, None where it is not) of every key that there is."""
+    """Yield (key, its value in each of `tables` or None) for every key of any table."""
     for key in dict.fromkeys(chain.from_iterable(tables)):
         yield key, [table.get(key) for table in tables]
 
 
 def concatenate_columns(parts: Sequence[Columns]) -> Columns:
-    """The rows of all `parts`, one after the other; at least one."""
+    """Concatenate the rows of `parts`; at least one part is needed."""
     names = dict.fromkeys(chain.from_iterable(part.by_name for part in parts))
     return Columns(
         {name: _concatenate_parts([(part.by_name.get(name), len(part)) for part in parts]) for name in names}
@@ -168,7 +165,7 @@ def concatenate_columns(parts: Sequence[Columns]) -> Columns:
 
 
 def _concatenate_parts(parts: Iterable[tuple[Column | None, int]]) -> Column:
-    """A column out of those of parts with so many rows each, some of which have none."""
+    """Concatenate one column over parts, given as (column or None if missing, number of rows)."""
     parts = list(parts)
     if not any(isinstance(one, CategoricalColumn) for one, _ in parts):
         return np.concatenate([np.full(n, np.nan) if one is None else one for one, n in parts])  # type: ignore[list-item]

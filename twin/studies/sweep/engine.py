@@ -1,4 +1,4 @@
-"""Engines of a sweep, and the local one, whose runs live in warm processes of this machine."""
+"""Engines that run the runs of a sweep: the protocol, and the local engine with warm processes on this machine."""
 
 import functools
 from collections.abc import Generator, Mapping, Sequence
@@ -15,22 +15,22 @@ from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task, text_settings
 
 Result = tuple[Task, dict[str, Any]]
-"""A run and the facts of its `RunFinding`."""
+"""A run and the fields of its `RunFinding`."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Data that all runs of a sweep have in common.
+    """Data shared by all runs of a sweep.
 
     Attributes:
-        experiment: its file.
-        recordings: the folder in which a run's recording gets a folder of its own.
-        record: which runs are recorded, "all", "failures" or "none".
+        experiment: experiment file.
+        recordings: folder for the recordings, one subfolder per run.
+        record: runs to record, "all", "failures" or `"none"`.
         claims: "fig4" or "", see `SweepFile`.
-        limits: of each worker process.
-        trial: function that runs a run and returns its `RunFinding`, "module:function"; called like the default.
-        here: the working directory of all runs.
-        files: drive and texts of a run -> `files_digest`, without which a worker runs nothing; empty: not checked.
+        trial: function that makes a run and returns its `RunFinding`, "module:function"; same signature as the default.
+        here: working directory of all runs.
+        files: (drive, text settings) of a run -> expected `files_digest`; a worker refuses runs whose files differ.
+            Empty to skip the check.
     """
 
     experiment: Path
@@ -43,7 +43,7 @@ class Job:
     files: Mapping[tuple[str | None, tuple[str, ...]], str] = field(default_factory=dict)
 
     def arguments(self, task: Task, record: str) -> dict[str, Any]:
-        """Arguments of `twin.studies.sweep.worker.run_task` for a run."""
+        """Return the arguments of `twin.studies.sweep.worker.run_task` for a run."""
         return {
             "here": str(self.here),
             "experiment": str(self.here / self.experiment),
@@ -58,29 +58,29 @@ class Job:
 
 
 class Engine(Protocol):
-    """Runs runs somewhere. It may be used again when one sweep is over."""
+    """An executor of runs, reusable for several sweeps."""
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """Yield every one of `tasks` exactly once, in any order, in batches as they come.
+        """Run each of `tasks` exactly once and yield the results in batches as they arrive, in any order.
 
-        A run that fails, crashes or hangs is a result like any other; a result never depends on where, in which order
-        or after which others its run was made. Closing the generator ends everything it started; runs in progress are
-        lost. Ctrl-C is raised within 0.1 s, see `raise_interrupt`.
+        A run that fails, crashes or hangs yields a result like any other; a result never depends on the process, the
+        order or the preceding runs. Closing the generator ends everything it started; runs in progress are lost. Ctrl-C
+        is raised within 0.1 s, see `raise_interrupt`.
 
         Raises:
-            TwinError: no run can go on, for example because the disk is full or the cluster is gone.
+            TwinError: no run can continue, for example because the disk is full or the cluster is gone.
             KeyboardInterrupt: Ctrl-C.
         """
 
 
 class LocalEngine:
-    """An `Engine` of `processes` processes on this machine."""
+    """An `Engine` with `processes` processes on this machine."""
 
     def __init__(self, processes: int):
         self._processes = processes
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """See `Engine`."""
+        """Run `tasks` in local processes, see `Engine.results`."""
         with run_pool(job, min(self._processes, len(tasks))) as pool:
             for batch in pool.answers(tasks):
                 if batch:
@@ -90,18 +90,18 @@ class LocalEngine:
 
 
 def run_pool(job: Job, processes: int) -> Pool[Task, dict[str, Any]]:
-    """Return a pool of processes for runs; the answers are those of `run_facts`."""
+    """Return a pool of processes that execute runs with `run_facts`."""
     return Pool(processes, WORKER_JOB, job.limits, functools.partial(run_facts, job))
 
 
 def run_facts(job: Job, process: WarmProcess, task: Task) -> dict[str, Any]:
-    """Return the facts of the `RunFinding` of `task`.
+    """Execute `task` in a worker process and return the fields of its `RunFinding`.
 
-    A process may die because earlier runs damaged its memory: then the run is repeated in a fresh one, so that it never
-    depends on those before it. A failure that has to be recorded is repeated, too, with the recorder.
+    A process may die because earlier runs damaged its memory: the run is then repeated in a fresh process, so that its
+    result never depends on those earlier runs. A failure that must be recorded is also repeated, with the recorder.
 
     Raises:
-        TwinError: no run of the job can go on.
+        TwinError: no run of the job can continue.
     """
     record = job.record
     while True:

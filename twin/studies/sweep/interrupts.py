@@ -1,4 +1,4 @@
-"""Ctrl-C during a sweep: it is noted, and raised where nothing is lost."""
+"""Deferred Ctrl-C during a sweep: the press is recorded and raised where no row is lost."""
 
 import os
 import signal
@@ -10,11 +10,11 @@ from types import FrameType
 from twin.kernel.process.job import INTERRUPT_EXIT_CODE
 
 MAX_PRESSES = 3
-"""Presses of Ctrl-C in one sweep that end the process at once."""
+"""Number of Ctrl-C presses in one sweep that ends the process immediately."""
 
 
 class _Presses:
-    """Presses of one sweep, a list entry each: appending is one step, incrementing a counter would lose one of two."""
+    """Ctrl-C presses of one sweep, one list entry each: append is atomic, incrementing a counter could lose a press."""
 
     def __init__(self) -> None:
         self.noted: list[int] = []
@@ -23,7 +23,7 @@ class _Presses:
     def note(self, number: int, frame: FrameType | None) -> None:
         self.noted.append(number)
         if len(self.noted) >= MAX_PRESSES:
-            # child processes end with this one; rows are written as they come
+            # Child processes end with this one; rows are already on disk.
             os.write(2, b"\ninterrupted; finished runs are kept\n")
             os._exit(INTERRUPT_EXIT_CODE)
 
@@ -33,12 +33,12 @@ _presses = _Presses()
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Within the block Ctrl-C is noted and raised by `raise_interrupt`; the third press ends the process.
+    """Defer Ctrl-C within the block until `raise_interrupt`; the third press ends the process.
 
     Nothing changes outside the main thread, or where SIGINT is ignored or has a handler, such as a notebook's.
 
     Raises:
-        KeyboardInterrupt: at the end, if it was pressed and not raised yet.
+        KeyboardInterrupt: at the end of the block, if Ctrl-C was pressed and not raised yet.
     """
     global _presses
     if not _in_main_thread() or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -55,7 +55,7 @@ def defer_interrupts() -> Iterator[None]:
 
 
 def raise_interrupt() -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed; once in a sweep, so that nothing disturbs its end."""
+    """Raise KeyboardInterrupt if Ctrl-C was pressed, only once per sweep, so that its cleanup is not interrupted."""
     if _in_main_thread() and _presses.noted and not _presses.raised:
         _presses.raised = True
         raise KeyboardInterrupt

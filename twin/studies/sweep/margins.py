@@ -20,16 +20,15 @@ from twin.studies.sweep.show.parts import SweepQuery, best_rows
 from twin.studies.sweep.stored import MARGINS_FILE, SweepRows
 
 MAX_MARGIN_RUNS = 12
-"""Maximum number of runs, each of which takes about half a second."""
+"""Maximum number of runs; each takes about 0.5 s."""
 
 
 def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engine, limits: JobLimits, say: Say) -> None:
-    """Write the margins of the runs with the smallest hold errors, unless they are there or claims are judged.
+    """Write the margins of the runs with the smallest hold errors, unless they exist already or claims are judged.
 
     Args:
-        found: the rows of `plan`, stored in `folder`.
+        found: rows of `plan`, stored in `folder`.
         engine, limits: see `run_sweep`.
-        say: called before it takes time.
 
     Raises:
         KeyboardInterrupt, TwinError: see `run_sweep`.
@@ -49,11 +48,11 @@ def write_margins(plan: SweepPlan, found: SweepRows, folder: Path, engine: Engin
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Compute the margins of an experiment instead of running it; called by a worker process."""
+    """Compute the stability margins of an experiment instead of running it; called by a worker process."""
     began = time.perf_counter()
     try:
         found = force_loop_margins(load_experiment(path, settings, drive))
-    # a sweep that is done does not fail by a mistake of ours
+    # An internal error must not fail a sweep that is already complete.
     except Exception as problem:
         reason = (str(problem) or type(problem).__name__).splitlines()[0]
         return RunFinding("failed", reason, {}, time.perf_counter() - began, math.nan)

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from twin.robot.run.outcome import RunOutcome
 
 BY_COLUMN = {measure.column: measure for measure in MEASURE_ROWS}
-"""The measures of `twin.robot.run.measures` by the columns of a sweep."""
+"""Column name in a sweep -> measure of `twin.robot.run.measures`."""
 METRICS = tuple(BY_COLUMN)
 HOLD_ERROR, HOLD_OVERSHOOT, SETTLING_TIME, CHATTER_AMPLITUDE = (ROWS_BY_KEY[key].column for key in HEADLINE_KEYS)
-"""Columns of the first measures."""
+"""Columns of the headline measures."""
 FELT_STIFFNESS = ROWS_BY_KEY["felt_stiffness"].column
 SINCE_TOUCH = ROWS_BY_KEY["force_error"].column
 BY_KIND: dict[str, tuple[str, ...]] = {
@@ -34,23 +34,22 @@ BY_KIND: dict[str, tuple[str, ...]] = {
     "effort": ("commanded_travel", "work_delivered", "work_returned"),
     "requirement": ("distance",),
 }  # fmt: skip
-"""What `twin.studies.check.measurement` makes of each kind of [[measure]], SI; known before a run is made."""
+"""Kind of [[measure]] -> metrics that `twin.studies.check.measurement` computes (SI); needed before any run is made."""
 
 
 @dataclass(frozen=True)
 class RunFinding:
-    """What became of one run.
+    """The outcome of one run.
 
     Attributes:
-        status: "done"; "tripped": the safety monitor did; "failed": a component did, or the process died;
-            "refused": these values make no experiment.
-        reason: the sentence; "" if done.
-        metrics: by the names of `METRICS`, and "measure.metric" of the experiment's measures; empty unless the run came
-            to its end. None, or missing for a measure: there is no such number.
-        seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
-        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.claims.findings`; empty unless the run
-            is done.
-        no_hold: why the run has no hold error; "" if it has one, or no metrics.
+        status: "done"; "tripped" if the safety monitor tripped; "failed" if a component failed or the process died;
+            "refused" if the values make no valid experiment.
+        reason: error message; "" if done.
+        metrics: name in `METRICS`, or "measure.metric" for the experiment's measures -> value; empty unless the run
+            completed. A value that does not exist is None, or missing for a measure.
+        seconds, stepping: wall time in total and of the master alone (s); NaN if the process died.
+        paper: additional fields with `claims`, see `twin.studies.sweep.claims.findings`; empty unless the run is done.
+        no_hold: reason why the run has no hold error; "" if it has one, or no metrics.
     """
 
     status: str
@@ -63,7 +62,7 @@ class RunFinding:
 
     @property
     def row_fields(self) -> dict[str, Any]:
-        """For JSON."""
+        """Fields of the row of the run, for JSON."""
         return {
             "status": self.status,
             "reason": self.reason,
@@ -76,26 +75,26 @@ class RunFinding:
 
 
 def failure(reason: str) -> dict[str, Any]:
-    """Facts of the `RunFinding` of a run whose process died."""
+    """Return the row fields of a run whose process died."""
     return RunFinding("failed", reason, {}, math.nan, math.nan).row_fields
 
 
 def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
-    """`outcome` by the names of `METRICS`, in their units."""
+    """Return the metrics of `outcome` by the names in `METRICS`, in their units."""
     found = ((measure, outcome.measures[measure.key].value) for measure in MEASURE_ROWS)
     return {measure.column: None if value is None else measure.unit.per_SI * value for measure, value in found}
 
 
 def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
-    """Every metric that a run of an experiment with these `measures` may have."""
+    """Return the names of all metrics that a run of an experiment with these `measures` can have."""
     return METRICS + tuple(f"{measure.name}.{metric}" for measure in measures for metric in BY_KIND[measure.kind])
 
 
 def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
-    """`metric` as it was given at `place`.
+    """Return `metric` if it is one of `known`.
 
     Raises:
-        InputRefused: it is none of those `known`.
+        InputRefused: the metric is unknown; the message names `place`.
     """
     if metric not in known:
         raise InputRefused(f"{place} {metric}: no such metric; {nearest(metric, known)}")
@@ -103,8 +102,10 @@ def require_metric(place: str, metric: str, known: Sequence[str]) -> str:
 
 
 def meets_limits(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:
-    """Whether a run keeps every limit. A missing number keeps none, except a held force without chatter. None: there
-    are no limits."""
+    """Return whether a run meets every limit, or None without limits.
+
+    A missing metric fails its limit, except that a held force without chatter meets the limit of the chatter amplitude.
+    """
     if not limits:
         return None
     calm = metrics.get(CHATTER_AMPLITUDE) is None and metrics.get(HOLD_ERROR) is not None

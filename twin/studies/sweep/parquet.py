@@ -6,18 +6,17 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.atomic_write import atomic_write
-
-# pydantic takes no other before Python 3.12
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.columns import CategoricalColumn, Column
 from twin.studies.sweep.stored import SweepRows
 
 
 def write_parquet(sweep: SweepRows, path: Path) -> None:
-    """Write `sweep` to `path`, a line per run in the order of runs: the same rows make the same bytes.
+    """Write the rows of `sweep` to a Parquet file, one per run in the order of runs; equal rows give equal bytes.
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
-    key. What a run has not is null.
+    key.
+    Missing values are null.
 
     Raises:
         InputRefused: pyarrow is not installed.
@@ -41,10 +40,10 @@ def write_parquet(sweep: SweepRows, path: Path) -> None:
 def _array(pa: Any, column: Column | None, rows: int) -> Any:
     if isinstance(column, CategoricalColumn):
         kinds = {type(word) for word in column.categories if word is not None}
-        # a column has one type: numbers stay numbers, anything mixed becomes text
+        # A Parquet column has one type: numbers stay numbers, mixed types become text.
         one = float if kinds == {int, float} else str if len(kinds) > 1 else None
         words = [word if word is None or one is None else one(word) for word in column.categories]
-        # a file's name that is no text in UTF-8 may be in a reason
+        # A reason may contain a file name that is not valid UTF-8.
         words = [word.encode(errors="backslashreplace").decode() if isinstance(word, str) else word for word in words]
         return pa.array(words).take(pa.array(column.codes))
     if column is None or np.isnan(column).all():

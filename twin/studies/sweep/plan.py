@@ -1,6 +1,6 @@
-"""The plan of a sweep: the points of its design, and every run with its key, checked without running it.
+"""The plan of a sweep, from its file SWEEP.toml: the points of the design, and every run with its key.
 
-SWEEP.toml: the experiment, the keys that vary, the drives. Checked as one file.
+The file names the experiment, the keys that vary and the drives. It is validated without running anything.
 """
 
 import hashlib
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 Value = bool | int | float | str
 _DISTRIBUTION_KEYS = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}
 _TOML_KEYS = {"low": "from", "high": "to"}
+MAX_PLANNED_RUNS = 10_000_000
+"""Maximum number of runs planned in memory."""
+_END_MARGIN = 2.0**-53
+"""Half a unit in the last place of 1; keeps draws away from 0 and 1, where quantiles are infinite."""
 
 
 class _SweepTable(BaseModel):
@@ -36,23 +40,23 @@ class _SweepTable(BaseModel):
 
 
 class Condition(_SweepTable):
-    """when = { key, value }: the keys vary only in runs in which an earlier `key` has `value`."""
+    """Condition `when = { key, value }` of a [[vary]] table: its keys vary only in runs where `key` has `value`."""
 
     key: str
     value: Value
 
 
 class Vary(_SweepTable):
-    """The keys of [[vary]].
+    """One [[vary]] table of a sweep file: keys that vary together, and their levels or distribution.
 
     Attributes:
-        key, keys: of the experiment, with their units; several get the same value.
-        values: levels of a grid, or what is drawn from with equal probability.
-        low, high: `from` and `to`: ends of an interval.
-        count: levels of it in a grid.
-        scale: whether levels and probability are even in the value or in its logarithm.
-        distribution: of an uncertain value; uniform has `from` and `to`, normal `mean` and `std`, lognormal `median`
-            and `sigma`, the standard deviation of the natural logarithm.
+        key, keys: keys of the experiment, with their units; several keys get the same value.
+        values: levels of a grid, or values drawn with equal probability.
+        low, high: ends of an interval, `from` and `to` in TOML.
+        count: number of levels in a grid.
+        scale: whether levels and probability are uniform in the value or in its logarithm.
+        distribution: distribution of an uncertain value; uniform has `from` and `to`, normal `mean` and `std`,
+            lognormal `median` and `sigma`, the standard deviation of the natural logarithm.
     """
 
     key: str | None = None
@@ -76,15 +80,15 @@ class Vary(_SweepTable):
 
     @property
     def label(self) -> str:
-        """The key that stands for all."""
+        """The first key, which identifies the table."""
         return self.names[0] if self.names else ""
 
     def applies(self, chosen: Mapping[str, Value]) -> bool:
-        """Whether it varies in a run in which `chosen` has been decided, by label."""
+        """Whether the keys vary in a run whose earlier values, by label, are `chosen`."""
         return self.when is None or (self.when.key in chosen and chosen[self.when.key] == self.when.value)
 
     def levels(self) -> tuple[Value, ...]:
-        """Its values in a grid."""
+        """Return the levels of the keys in a grid."""
         if self.values is not None:
             return tuple(self.values)
         assert self.low is not None and self.high is not None and self.count is not None
@@ -92,11 +96,11 @@ class Vary(_SweepTable):
         return tuple(space(self.low, self.high, self.count).tolist())
 
     def quantile(self, u: float) -> Value:
-        """The value whose cumulative probability is `u`, 0 < u < 1: the inverse of the distribution function."""
+        """Return the value whose cumulative probability is `u`, 0 < u < 1: the inverse of the distribution function."""
         if self.values is not None:
             return self.values[min(int(u * len(self.values)), len(self.values) - 1)]
         if self.distribution in _DISTRIBUTION_KEYS:
-            # scipy takes a while to import, and a grid does not need it
+            # Importing scipy is slow, and a grid does not need it.
             from scipy.special import ndtri
 
             if self.distribution == "normal":
@@ -111,10 +115,10 @@ class Vary(_SweepTable):
 
 
 def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]:
-    """What is wrong with a table whose keys are right by themselves.
+    """Return error messages for missing, superfluous or contradictory keys of a [[vary]] table.
 
     Args:
-        sampled: whether the design draws; a grid has levels.
+        sampled: whether the design draws samples; a grid has levels.
         known: labels that a condition may name.
     """
     mistakes = _name_mistakes(vary)
@@ -139,7 +143,7 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
     if vary.scale == "log" and needed != ("low", "high"):
         mistakes.append('scale = "log" belongs to from and to; remove it')
     if vary.when and vary.when.key not in known:
-        named = f"known here are {', '.join(known)}" if known else "no table stands before this one"
+        named = f"known here are {', '.join(known)}" if known else "there is no table before this one"
         mistakes.append(f"when: '{vary.when.key}' is not decided before; {named}")
     return mistakes
 
@@ -151,29 +155,29 @@ def _name_mistakes(vary: Vary) -> list[str]:
         return ["keys: one is there twice; remove one"]
     if bad := [name for name in vary.names if not name.strip() or "=" in name]:
         return [f"key '{bad[0]}': expected a key of the experiment, such as contact.stiffness_N_per_m"]
-    return ["'drive' is no key to vary; name drives = [...] at the top"] if "drive" in vary.names else []
+    return ["'drive' cannot be varied as a key; name drives = [...] at the top"] if "drive" in vary.names else []
 
 
 def _why_not(vary: Vary, name: str, sampled: bool) -> str:
     if name == "count" and sampled:
-        return "belongs to a grid; runs says how many are drawn, remove it"
-    return "values say everything; remove it" if vary.values is not None else "does not belong here; remove it"
+        return "belongs to a grid; the number of draws is runs, remove it"
+    return "values define all levels; remove it" if vary.values is not None else "does not belong here; remove it"
 
 
 DesignName = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
 class SweepFile(BaseModel):
-    """The keys of a sweep file.
+    """Content of a sweep file (TOML).
 
     Attributes:
-        experiment: file, as seen from the sweep's folder upwards.
-        runs: points per drive; None in a grid, whose levels say it. design = "saltelli": blocks of as many points as
-            parameters and two more.
-        seed: of sampled designs.
-        claims: "fig4": each point is run with force control and without, and the paper's claims are judged on both.
-        drives: each runs every point; empty: the experiment's own.
-        limits: metric -> most that a run may have of it.
+        experiment: experiment file, searched from the sweep's folder upwards.
+        runs: points per drive; None in a grid, whose levels determine the number. For design = "saltelli" the number of
+            blocks; a block has two points more than there are parameters.
+        seed: seed of sampled designs.
+        claims: "fig4" to run each point with and without force control and judge the paper's claims on both runs.
+        drives: drives that each run every point; empty for the experiment's own.
+        limits: metric -> maximum.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -189,20 +193,20 @@ class SweepFile(BaseModel):
 
 
 def read_definition(path: Path) -> tuple[SweepFile, Path]:
-    """The sweep file at `path`, and the experiment that it names.
+    """Load the sweep file at `path` and locate the experiment file named in it.
 
     Raises:
-        InputRefused: no such file, not TOML, or with every mistake in it, one sentence each.
+        InputRefused: the file is missing, is not TOML, or is invalid; the message lists every error.
     """
     definition = _validate_definition(read_toml(path, "sweep file"), str(path))
     return definition, locate_file(definition.experiment, path.resolve().parent)
 
 
 def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> SweepFile:
-    """The grid of `ranges`, each "key=from:to:count".
+    """Parse `ranges`, each "key=from:to:count", into the definition of a grid.
 
     Raises:
-        InputRefused: one is none, or a key is there twice.
+        InputRefused: a range is malformed, or a key occurs twice.
     """
     tables = []
     for text in ranges:
@@ -230,7 +234,8 @@ def _validate_definition(table: dict[str, Any], place: str) -> SweepFile:
 
 
 def _disagreements(definition: SweepFile) -> list[str]:
-    """What no key can see alone."""
+    """Return error messages for missing, superfluous or contradictory keys of a sweep file, including its [[vary]]
+    tables."""
     sampled = definition.design != "grid"
     mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]
     if sampled and definition.runs is None:
@@ -260,7 +265,10 @@ def _disagreements(definition: SweepFile) -> list[str]:
 
 
 def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
-    """What in [[vary]] cannot be: the shares of a variance add up only if parameters are independent and all differ."""
+    """Return an error message for each [[vary]] key that design = "saltelli" does not support.
+
+    Variance shares add up only for independent parameters, and every drawn value must differ.
+    """
     return [
         f'[[vary]] {number}: {key} does not go with design = "saltelli", whose parameters are independent numbers; '
         "remove it, or choose another design"
@@ -271,26 +279,20 @@ def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
 
 
 def _name_vary_tables(sentence: str) -> str:
-    """The sentence without the brackets of the nameless table that the file is."""
+    """Replace pydantic's bracketed table names in an error message by the names in the file."""
     return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
-
-
-MAX_PLANNED_RUNS = 10_000_000
-"""Points that are planned in memory at most."""
-_END_MARGIN = 2.0**-53
-"""Half a unit in the last place of 1: keeps a draw off the ends, where distributions reach to infinity."""
 
 
 @dataclass(frozen=True)
 class DesignPoint:
-    """One run: the drive (None: the experiment's own) and the values decided, by the label of their [[vary]]."""
+    """A run of the design: drive (None for the experiment's own) and chosen values by the label of their [[vary]]."""
 
     drive: str | None
     parameters: dict[str, Value]
 
 
 def largest_count(definition: SweepFile) -> int:
-    """How many runs it makes if every condition holds; no point is made for that."""
+    """Return the number of runs if every condition holds, without generating the points."""
     if definition.design == "grid":
         points = math.prod(len(vary.values) if vary.values else vary.count or 1 for vary in definition.vary)
     else:
@@ -301,10 +303,10 @@ def largest_count(definition: SweepFile) -> int:
 
 
 def points(definition: SweepFile) -> list[DesignPoint]:
-    """Every run, no two alike. Each drive runs the same points, so that drives can be compared.
+    """Generate all distinct runs of a design; each drive runs the same points, so that drives can be compared.
 
     Raises:
-        InputRefused: more than fit in memory.
+        InputRefused: there are more than `MAX_PLANNED_RUNS` runs.
     """
     if (count := largest_count(definition)) > MAX_PLANNED_RUNS:
         raise InputRefused(
@@ -318,13 +320,13 @@ def points(definition: SweepFile) -> list[DesignPoint]:
         rows = grid(definition.vary, start) if cube is None else (_draw_point(definition.vary, start, u) for u in cube)
         for chosen in rows:
             chosen.pop("drive", None)
-            # without the keys that a condition left out, two draws can be the same run
+            # A condition can drop keys, and two draws can then be the same run.
             found.setdefault((drive, *((type(v), k, v) for k, v in chosen.items())), DesignPoint(drive, chosen))
     return list(found.values())
 
 
 def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Value]]:
-    """Every combination of levels, the last table varying fastest; one whose condition fails adds none."""
+    """Yield every combination of levels, the last table varying fastest; a table whose condition fails is skipped."""
     if not tables:
         yield dict(chosen)
         return
@@ -337,9 +339,10 @@ def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Val
 
 
 def unit_cube(definition: SweepFile) -> NDArray[np.float64]:
-    """Draws of the design, (runs, tables), inside 0 .. 1. Same seed, same draws. Of "saltelli" see `saltelli_cube`.
+    """Draw the samples of the design, (runs, tables), inside 0 .. 1; the seed makes them reproducible.
 
-    Source: scipy.stats.qmc; Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen.
+    Sources: scipy.stats.qmc; Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen; for
+    "saltelli" see `saltelli_cube`.
     """
     rng = np.random.default_rng(definition.seed)
     runs, dimensions = definition.runs or 0, len(definition.vary)
@@ -364,20 +367,20 @@ def _draw_point(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.floa
 
 
 def block_width(dimensions: int) -> int:
-    """Runs in a block."""
+    """Return the number of runs in a Saltelli block."""
     return dimensions + 2
 
 
 def saltelli_cube(blocks: int, dimensions: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draws, (blocks * (d + 2), d), from which Sobol' indices are estimated: two points and those in between.
+    """Draw the samples, (blocks * (d + 2), d), of a Saltelli design for estimating Sobol' indices.
 
     A block of d + 2 runs is a row of the matrices A, B, A_B^1 .. A_B^d of Saltelli et al. (2010), "Variance based
-    sensitivity analysis of model output", Computer Physics Communications 181: A_B^i is A with parameter i of B. Block
-    comes after block, so that a sweep that was interrupted has whole blocks. A and B are the two halves of a scrambled
-    Sobol' sequence in 2 d dimensions, as Saltelli et al. advise (Sec. 3).
+    sensitivity analysis of model output", Computer Physics Communications 181: A_B^i is A with parameter i of B. Blocks
+    are consecutive, so that an interrupted sweep has complete blocks. A and B are the two halves of a scrambled Sobol'
+    sequence in 2 d dimensions, as Saltelli et al. advise (Sec. 3).
 
     Args:
-        blocks: a power of 2.
+        blocks: number of blocks, a power of 2.
     """
     from scipy.stats import qmc
 
@@ -391,14 +394,14 @@ def saltelli_cube(blocks: int, dimensions: int, rng: np.random.Generator) -> NDA
 
 @dataclass(frozen=True)
 class Task:
-    """One run.
+    """A planned run.
 
     Attributes:
-        run: its number, from 1.
-        key: says what it computes, see `SweepPlan`.
-        drive: None: the experiment's own.
-        parameters: by label.
-        settings: for `load_experiment`.
+        run: number, from 1.
+        key: hash of all inputs of the run, see `SweepPlan`.
+        drive: drive; None for the experiment's own.
+        parameters: label -> value.
+        settings: settings for `load_experiment`.
     """
 
     run: int
@@ -410,16 +413,16 @@ class Task:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """A sweep that may begin.
+    """The validated plan of a sweep.
 
     Attributes:
-        name: of the file.
-        definition: what it says.
-        experiment: its file.
-        tasks: every run once. A key is the hash of all that decides the result: version of twin, the experiment's
+        name: name of the sweep file.
+        definition: content of the sweep file.
+        experiment: experiment file.
+        tasks: all runs, once each. A key is the hash of all inputs of the result: version of twin, the experiment's
             values, the FMUs' SHA-256, drive and settings.
-        metrics: that a run may have.
-        configuration: what all runs have in common, by what a user would call it -> hash.
+        metrics: names of the metrics that a run can have.
+        configuration: hash of each input shared by all runs, by its name in error messages.
     """
 
     name: str
@@ -431,25 +434,26 @@ class SweepPlan:
 
 
 def read_plan(path: Path) -> SweepPlan:
-    """The sweep file at `path` as a plan.
+    """Load the sweep file at `path` and plan its runs.
 
     Raises:
-        InputRefused: as `read_definition` and `plan_of`.
+        InputRefused: see `read_definition` and `plan_of`.
     """
     definition, experiment = read_definition(path)
     return plan_of(definition, experiment, path.stem, str(path))
 
 
 def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, settings: Sequence[str] = ()) -> SweepPlan:
-    """What `definition` means for the file `experiment`: first and extreme runs loaded, their FMUs described.
+    """Plan the runs of `definition`, after loading the first and extreme runs and reading their FMUs.
 
     Args:
-        name: of the sweep.
-        source: what a mistake is blamed on.
-        settings: for `load_experiment`, of every run.
+        experiment: experiment file.
+        name: name of the sweep.
+        source: origin of the definition, shown in error messages.
+        settings: settings for `load_experiment`, applied to every run.
 
     Raises:
-        InputRefused: no run, or values that make no experiment, or a limit of no metric.
+        InputRefused: the design has zero runs, a run's values make no valid experiment, or a limit names no metric.
     """
     drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
@@ -472,7 +476,7 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
 
 
 def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:
-    """What `load_experiment` takes; JSON writes numbers, texts and truth values as TOML does."""
+    """Return the settings of a point for `load_experiment`; JSON and TOML write numbers, texts and booleans alike."""
     return tuple(
         f"{name}={json.dumps(point.parameters[vary.label])}"
         for vary in definition.vary
@@ -485,7 +489,8 @@ Draft = tuple[DesignPoint, tuple[str, ...]]
 
 
 def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
-    """Of every drive the first run, those with the least and the most of each number, one with each other value."""
+    """Select per drive the first run, the runs with the smallest and largest of each number, and one per other
+    value."""
     ends: dict[tuple[str | None, str, object], tuple[float, int]] = {}
     for number, (point, _) in enumerate(drafts):
         ends.setdefault((point.drive, "", None), (0.0, number))
@@ -499,9 +504,10 @@ def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
 
 
 def text_settings(settings: Sequence[str]) -> tuple[str, ...]:
-    """Those of `settings` that are no numbers.
+    """Return the settings whose value is a text.
 
-    A number cannot name a file, a text can: a body, an FMU. So runs that share drive and texts share their files.
+    A text can name a file (a body, an FMU), a number cannot. So runs with equal drive and text settings read the same
+    files.
     """
     return tuple(text for text in settings if text.endswith('"'))
 
@@ -510,16 +516,16 @@ def files_digest(experiment: Path, drive: str | None, settings: tuple[str, ...])
     """Return the hash of the files that a run reads, and of the values in them.
 
     Args:
-        drive, settings: of the run; of the settings only `text_settings` count.
+        drive, settings: drive and settings of the run; only the `text_settings` count.
 
     Raises:
-        InputRefused: they make no experiment.
+        InputRefused: the settings make no valid experiment.
     """
     return _RunFiles(str(experiment), experiment, False).load(drive, text_settings(settings))[1]
 
 
 class _RunFiles:
-    """What runs stand on besides their numbers, read once per drive and choice of texts: digests by these."""
+    """Digests of the files that runs read, cached per drive and text settings."""
 
     def __init__(self, source: str, experiment: Path, judged: bool):
         self._source, self._experiment, self._judged = source, experiment, judged
@@ -531,11 +537,11 @@ class _RunFiles:
         return _hash([self._version, self._digest_and_pins(point, settings)[0], point.drive, settings])[:16]
 
     def pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, ...]:
-        """Settings by which a run takes no other file for a third-party part than the one that was planned with."""
+        """Return the settings that pin the SHA-256 of each third-party part to the file found when planning."""
         return self._digest_and_pins(point, settings)[1]
 
     def _digest_and_pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-        """Digest and pins of the files of a run, found out once."""
+        """Return the cached digest and pins of the files of a run."""
         files = point.drive, text_settings(settings)
         if files not in self._found:
             _, digest, parts = self.load(*files)
@@ -545,18 +551,18 @@ class _RunFiles:
         return self._found[files]
 
     def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
-        """A run, the digest of its files, and the hashes of its third-party parts by their names.
+        """Load a run; return the experiment, the digest of its files, and role -> SHA-256 of its third-party parts.
 
         Raises:
-            InputRefused: it is none.
+            InputRefused: drive and settings make no valid experiment.
         """
-        # the FMU tool chain takes a while to import
+        # Importing the FMU tool chain is slow.
         from twin.robot.assembly.drives import plan_drive as planned_drive
         from twin.robot.assembly.load import load_experiment
         from twin.robot.assembly.roles import part_sha256
         from twin.studies.sweep.claims import require_fig4_claims
 
-        where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
+        where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "its own values"
         try:
             loaded = load_experiment(self._experiment, settings, drive)
             if self._judged:
@@ -567,12 +573,12 @@ class _RunFiles:
         except InputRefused as refusal:
             raise InputRefused(f"{self._source}: the run with {where} cannot be made:\n{refusal}") from None
         fmus = [fmu.sha256 for plan in plans for fmu in plan.parts.values()]
-        # nothing more where there is no such part: the keys of sweeps that were begun stay what they are
+        # The hash is unchanged without third-party parts, so that the keys of older sweeps stay valid.
         return loaded, _hash([_without_paths(loaded.values), [*fmus, *parts.values()]]), parts
 
 
 def _without_paths(values: Any) -> Any:
-    """`values` with FMUs by their file's name: where they lie decides nothing, and their hash says what they are."""
+    """Return `values` with FMU paths reduced to file names; locations have no effect, and contents are hashed."""
     if isinstance(values, dict):
         return {
             k: Path(v).name if k in FILE_KEYS and isinstance(v, str) else _without_paths(v) for k, v in values.items()

@@ -1,4 +1,4 @@
-"""The rows of a sweep on disk: JSON lines, only appended to."""
+"""The rows of a sweep on disk: a JSON Lines file, append-only."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from typing import Annotated, Any, NotRequired
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
 
-# pydantic takes no other before Python 3.12
+# pydantic accepts only the typing_extensions version before Python 3.12.
 from typing_extensions import TypedDict
 
 from twin.kernel.errors import ComponentFailed, InputRefused, translate_disk_errors
@@ -19,19 +19,19 @@ from twin.studies.sweep.columns import Columns, Row, columns_of, concatenate_col
 
 ROWS_FILE = "rows.jsonl"
 MAX_FILE_SIZE = 2**32
-"""Bytes; a hundred thousand rows with curves take a quarter of it."""
+"""Maximum size (bytes); 100,000 rows with curves take a quarter of it."""
 MAX_RUNS = 20_000_000
-"""Of a sweep; statistics have an entry for each of them."""
+"""Maximum number of runs of a sweep; statistics allocate an entry for each."""
 ROWS_PER_BATCH = 1_000
-"""Rows that are in memory as they are written, which takes ten times as much as their columns."""
+"""Rows converted to columns at a time; rows take ten times the memory of columns."""
 WholeNumber = Annotated[int, Field(ge=-(2**63), lt=2**64)]
 LOOSE_SHAPE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
-"""Of files that another version, which may write more, or somebody else has written."""
+"""Validation of files that another version, possibly with more keys, or another program wrote."""
 
 
 @with_config(LOOSE_SHAPE)
 class ClaimShape(TypedDict):
-    """What a run said to a claim."""
+    """The stored result of a claim on a run: verdict and measured value."""
 
     verdict: str
     value: float | None
@@ -39,7 +39,7 @@ class ClaimShape(TypedDict):
 
 @with_config(LOOSE_SHAPE)
 class CurvesShape(TypedDict):
-    """What `twin.studies.sweep.claims.pack_curves` makes; a run without any has an empty table."""
+    """Curves stored by `twin.studies.sweep.claims.pack_curves`; an empty table if a run has no curves."""
 
     period_s: NotRequired[Annotated[float, Field(gt=0, le=1e6)]]
     of: NotRequired[dict[str, str]]
@@ -68,17 +68,18 @@ _ROW_ADAPTER: TypeAdapter[Any] = TypeAdapter(RowShape)
 
 
 def load_json(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
+    """Parse a JSON text and check its structure; None if either fails."""
     try:
         found = json.loads(text)
         shape.validate_python(found)
-    # pydantic's ValidationError is a ValueError, too
+    # pydantic's ValidationError is a ValueError too.
     except (ValueError, RecursionError):
         return None
     return found
 
 
 def _row(line: bytes) -> Row | None:
-    """The row in `line`; half of what the standard library takes, which knows texts that no other parser does."""
+    """Parse a row; None if invalid. The slower standard library is the fallback for texts the fast parser rejects."""
     try:
         found: Row = _ROW_ADAPTER.validate_json(line)
     except ValidationError:
@@ -87,14 +88,14 @@ def _row(line: bytes) -> Row | None:
 
 
 class DiskError(ComponentFailed):
-    """A row could not be written; those before are kept."""
+    """Failure to write a row to the disk; earlier rows are kept."""
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Whole rows of the file at `path`, oldest first, each with all that is in it; of two with a key the first.
+    """Load the complete rows of the file at `path` with all fields, oldest first; of duplicate keys the first wins.
 
     Raises:
-        InputRefused: as `read_columns`.
+        InputRefused: see `read_columns`.
     """
     rows: dict[str, Row] = {}
     for row, line, _ in _whole_lines(path):
@@ -103,12 +104,13 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def read_columns(path: Path) -> tuple[Columns, int]:
-    """(whole rows of the file at `path`, oldest first, of two with a key the first; bytes that they take up).
+    """Load the complete rows of the file at `path` as columns; return them and their size in the file (bytes).
 
-    What a power cut tore off after them is left out.
+    Rows are ordered oldest first; of duplicate keys the first wins. An incomplete last line, left by a power cut, is
+    ignored.
 
     Raises:
-        InputRefused: it cannot be read, or a line in it is none of ours.
+        InputRefused: the file cannot be read, or a line is not a row of a sweep.
     """
     parts, end, each = [], 0, _whole_lines(path)
     while some := list(islice(each, ROWS_PER_BATCH)):
@@ -120,7 +122,7 @@ def read_columns(path: Path) -> tuple[Columns, int]:
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
-    """(row, its line, bytes up to its end) of every whole line of the file at `path`; nothing if there is no file."""
+    """Yield (row, its line, file offset of its end) per complete line of the file at `path`; nothing without a file."""
     if not os.path.lexists(path):
         return
     end = 0
@@ -130,26 +132,24 @@ def _whole_lines(path: Path) -> Iterator[tuple[Row, bytes, int]]:
                 return
             row = _row(line)
             if row is None:
-                raise InputRefused(
-                    f"{path}: line {number} is no row of a sweep; remove the line, its run is then done again"
-                )
+                raise InputRefused(f"{path}: line {number} is not a row of a sweep; remove the line to repeat its run")
             end += len(line)
             yield row, line, end
 
 
 class RowFile:
-    """The file at `path`, open for more rows; a context manager. One process at a time has it.
+    """A file of rows opened for appending, locked against other processes; a context manager.
 
     Attributes:
-        before: rows that were in it when it was opened, oldest first.
-        count: rows that are in it now.
+        before: rows in the file when it was opened, oldest first.
+        count: number of rows in the file now.
 
     Raises:
-        InputRefused: it cannot be opened, is no file of rows, or another sweep writes to it.
+        InputRefused: the file cannot be opened, is not a file of rows, or is locked by another sweep.
     """
 
     def __init__(self, path: Path):
-        # Windows has no fcntl, and no guarded processes either
+        # Windows has neither fcntl nor guarded processes.
         import fcntl
 
         self.path = path
@@ -174,13 +174,13 @@ class RowFile:
         os.close(self._fd)
 
     def add(self, batch: list[Row]) -> None:
-        """Append `batch`; when this returns, no crash and no power cut takes it back.
+        """Append `batch` and flush it to the disk, so that it survives a crash or a power cut.
 
         Raises:
-            DiskFailed: no space, or worse; nothing of the batch is in the file then.
+            DiskError: the disk is full or failed; nothing of the batch is then in the file.
         """
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
-        remedy = f"{self.count} finished runs are kept. Make room, then give the same command to go on"
+        remedy = f"{self.count} finished runs are kept. Make room, then repeat the command to continue"
         with translate_disk_errors(self.path, kind=DiskError, remedy=remedy):
             try:
                 rest = memoryview(content)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, TypeAdapter, with_config
 
-# pydantic takes no other before Python 3.12
+# pydantic accepts only the typing_extensions version before Python 3.12.
 from typing_extensions import TypedDict
 
 from twin.kernel.atomic_write import make_folder, write_json
@@ -36,7 +36,7 @@ MARGINS_FILE = "margins.json"
 
 @with_config(LOOSE_SHAPE)
 class SweepFacts(TypedDict):
-    """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
+    """Content of sweep.json: the fields of `SweepRows` and the hashes shared by all runs."""
 
     sweep: str
     runs: Annotated[int, Field(ge=1, le=MAX_RUNS)]
@@ -53,10 +53,10 @@ class RunMargins(TypedDict):
     """Margins of the force loop where the robot presses, the smallest over the places.
 
     Attributes:
-        run: its number.
-        gain: factor by which the gain may grow; None: by any.
-        phase_rad: None if the loop's gain never reaches 1.
-        reason: why there are no margins; "" if there are.
+        run: run number.
+        gain: gain margin, the largest stable factor on the gain; None if unlimited.
+        phase_rad: phase margin; None if the loop's gain never reaches 1.
+        reason: reason for missing margins; "" if the margins exist.
     """
 
     run: WholeNumber
@@ -70,17 +70,17 @@ _FACTS_ADAPTER, _MARGINS_ADAPTER = TypeAdapter(SweepFacts), TypeAdapter(dict[str
 
 @dataclass(frozen=True)
 class SweepRows:
-    """What a folder holds.
+    """Content of the folder of a sweep.
 
     Attributes:
-        name: of the sweep.
-        runs: planned, of all drives.
-        design, drives, limits: see `Definition`.
-        labels: what varies, in the order of the file.
-        metrics: that a run may have.
+        name: name of the sweep.
+        runs: number of planned runs, over all drives.
+        design, drives, limits: see `SweepFile`.
+        labels: labels of the varied keys, in the order of the file.
+        metrics: names of the metrics that a run can have.
         columns: rows of finished runs, by run.
-        read: reads these rows as they are written.
-        margins: of the best runs, by the keys of their rows; empty: none were computed.
+        read: function that loads the rows as written.
+        margins: row key -> margins of a best run; empty if margins were not computed.
     """
 
     name: str
@@ -96,15 +96,15 @@ class SweepRows:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """As they are written, with curves, by run: for what needs more than columns, as it takes ten times as long."""
+        """Rows as written, with curves, sorted by run; loading them takes ten times as long as loading columns."""
         return sorted(self.read(), key=lambda row: row["run"])
 
 
 def claim(folder: Path, plan: "SweepPlan") -> None:
-    """Make `folder` that of `plan`, or find that it is already.
+    """Write sweep.json of `plan` to `folder`, or check that the folder already belongs to the same plan.
 
     Raises:
-        InputRefused: it is another sweep's, or cannot be made.
+        InputRefused: the folder belongs to another sweep, or cannot be created.
         NotWritten: the disk refuses.
     """
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
@@ -134,28 +134,29 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
 
 
 def stored_sweep(folder: Path) -> SweepRows:
-    """What is in `folder`.
+    """Load the sweep in `folder`.
 
     Raises:
-        InputRefused: no sweep's, or as `read_columns`.
+        InputRefused: the folder has no sweep, or see `read_columns`.
     """
     facts = _read_json(folder / SWEEP_FILE, _FACTS_ADAPTER)
     if not facts:
         raise InputRefused(
-            f"{folder}: not the folder of a sweep, {SWEEP_FILE} is missing; expected one that twin sweep, or twin run with "
-            "--sweep, wrote"
+            f"{folder}: not the folder of a sweep, {SWEEP_FILE} is missing; expected one that twin sweep, or twin run "
+            "with --sweep, wrote"
         )
     path = folder / ROWS_FILE
     columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
     return SweepRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
-        columns=columns, read=lambda: read_rows(path), margins=_read_json(folder / MARGINS_FILE, _MARGINS_ADAPTER), **lists,
+        columns=columns, read=lambda: read_rows(path), margins=_read_json(folder / MARGINS_FILE, _MARGINS_ADAPTER),
+        **lists,
     )  # fmt: skip
 
 
 def _read_json(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
-    """What is in the JSON file at `path`; empty if there is none."""
+    """Load and validate a JSON file; return {} if it is missing."""
     if not os.path.lexists(path):
         return {}
     facts = load_json(read_bytes(path), shape)

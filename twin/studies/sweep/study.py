@@ -1,4 +1,4 @@
-"""`twin sweep run`: the runs of a sweep that have no row yet."""
+"""`twin sweep run`: run the runs of a sweep that have no row yet."""
 
 import os
 import shlex
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from twin.studies.sweep.stored import SweepRows
 
 MAX_UNASKED_RUNS = 100_000
-"""Runs from which on a sweep starts only after a question."""
+"""Threshold number of runs above which a sweep asks for confirmation."""
 
 
 EngineName = Literal["local", "dask"]
-"""Who runs the runs."""
+"""Executor of the runs."""
 Record = Literal["none", "failures", "all"]
-"""Which runs leave a recording."""
+"""Runs that are recorded in full."""
 By = Annotated[str | None, Option("Metric to rank by; without it, the hold error.", "METRIC", "--by")]
 
 
@@ -50,16 +50,16 @@ def sweep_run(
     """Run the runs of a sweep that have no row yet, in several processes.
 
     A run that fails, crashes or hangs becomes a row with a reason; the others
-    go on. After an interruption, give the same command again to continue.
+    continue. After an interruption, give the same command again to continue.
 
-    Exit code: 0 every run has a row, 1 none of them has metrics, 2 input
-    refused, 3 the disk is full or the cluster is gone, 130 interrupted.
+    Exit code: 0 every run has a row, 1 no run has metrics, 2 input refused,
+    3 the disk is full or the cluster is gone, 130 interrupted.
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
 
     Raises:
-        InputRefused: see `check_start` and `read_plan`; or options do not go together.
-        Interrupted: Ctrl-C, after there were rows.
+        InputRefused: see `check_start` and `read_plan`; or options contradict each other.
+        StudyInterrupt: Ctrl-C, after rows were written.
         TwinError: see `run_sweep`.
     """
     from twin.robot.experiment.experiment_files import sweep_file
@@ -99,10 +99,10 @@ def short_sweep(
     yes: bool,
     say: Say,
 ) -> Answer:
-    """The same of `twin run --sweep`; arguments are its options.
+    """Run the grid of `twin run --sweep`; the arguments are its options.
 
     Raises:
-        InputRefused, Interrupted, TwinError: as `sweep_run`.
+        InputRefused, StudyInterrupt, TwinError: see `sweep_run`.
     """
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
@@ -114,17 +114,17 @@ def short_sweep(
     check_start(place, definition, yes)
     say("making the runs")
     plan = plan_of(definition, experiment, experiment.stem, place, settings)
-    # other ranges are another sweep; the same command goes on with its own
+    # Other ranges make another sweep; the same command continues its own.
     folder = out or SWEEPS_FOLDER / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
     engine, limits = _engine(None, core_count()), JobLimits(step=limit_step)
     return complete_sweep(_check_plan(plan, None, yes), folder, engine, limits, say, as_json=as_json)
 
 
 def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
-    """Ask before a sweep of many runs, unless they are `sure`.
+    """Ask for confirmation before a sweep of many runs, unless `sure`.
 
     Raises:
-        InputRefused: sweeps do not run on this system, or so many runs were not confirmed.
+        InputRefused: sweeps are unsupported on this system, or the number of runs was not confirmed.
     """
     from twin.studies.sweep.plan import largest_count
 
@@ -135,13 +135,13 @@ def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
         return
     question = f"{place}: makes up to {count:,} runs"
     if not sys.stdin.isatty():
-        raise InputRefused(f"{question}; add --yes if that is intended, --dry-run shows what it takes")
-    if not confirm(f"{question}. Go on?"):
+        raise InputRefused(f"{question}; add --yes if that is intended, --dry-run estimates the cost")
+    if not confirm(f"{question}. Continue?"):
         raise InputRefused(f"{question}; nothing was run")
 
 
 def _check_plan(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
-    """The plan, if there is such a metric, and its runs do not take hours each; also the estimate makes two of them."""
+    """Return `plan` after checking its metric and, unless `sure`, the duration of a run; an estimate needs both too."""
     from twin.studies.sweep.statistics.ranking import require_rank
 
     if by:
@@ -155,8 +155,8 @@ def _check_plan(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
     if seconds > LONG_RUN_DURATION:
         raise InputRefused(
-            f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or say --yes if that "
-            "is meant"
+            f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or add --yes if that "
+            "is intended"
         )
     return plan
 
@@ -197,19 +197,18 @@ def complete_sweep(
     by: str | None = None,
     as_json: bool = False,
 ) -> Answer:
-    """Run the runs of `plan` that have no row in `folder`, and what they came to.
+    """Run the runs of `plan` that have no row in `folder`, and return the answer on all rows.
 
-    Exit code 1: none of them has metrics.
+    Exit code 1: no run has metrics.
 
     Args:
         engine, limits, record: see `run_sweep`.
-        say: called with the progress.
-        parquet: write rows.parquet, too.
-        by: metric to rank by; None: the usual one.
-        as_json: whether facts are asked for; else there are none, for rows may be many.
+        parquet: whether to also write rows.parquet.
+        by: metric to rank by; None for the default, see `usual_metric`.
+        as_json: whether the answer has facts; without `--json` the possibly many rows are left out.
 
     Raises:
-        Interrupted: Ctrl-C, after there were rows.
+        StudyInterrupt: Ctrl-C, after rows were written.
         TwinError: see `run_sweep`.
     """
     from twin.studies.sweep.engine import LocalEngine
@@ -232,7 +231,7 @@ def complete_sweep(
         ) from None
     found = stored_sweep(folder)
     if isinstance(engine, LocalEngine):
-        # linearising takes a second to load
+        # Importing the linearisation takes a second.
         from twin.studies.sweep.margins import write_margins
 
         write_margins(plan, found, folder, engine, limits, say)
@@ -247,6 +246,6 @@ def complete_sweep(
 
 
 def rows_to_dict(found: "SweepRows") -> dict[str, Any]:
-    """For JSON: rows without their curves, which no one reads there."""
+    """Return the sweep and its rows for JSON, without the curves."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

@@ -1,4 +1,4 @@
-"""A sweep in progress: missing runs are made, every row is stored as it comes."""
+"""Execution of a sweep: missing runs are made, and every row is stored as it arrives."""
 
 import time
 from collections.abc import Callable
@@ -20,20 +20,20 @@ from twin.studies.sweep.stored import claim
 
 RECORDINGS_FOLDER = "runs"
 BATCH_PAUSE = 0.05
-"""s. Rows that come meanwhile are written and looked at together; one by one they take from the runs a tenth of the
-processor's time."""
+"""Pause between batches of rows (s); writing and showing rows one by one would cost the runs a tenth of the CPU
+time."""
 
 
 @dataclass(frozen=True)
 class SweepState:
-    """How far a sweep is.
+    """The progress of a sweep.
 
     Attributes:
-        done, total: runs with a row, runs planned.
-        failed: of those done, without metrics.
-        began_with: runs that had a row before.
-        elapsed: wall time since then (s).
-        best: (metric, value, run) of the best run so far by the usual metric; None: there is none.
+        done, total: number of runs with a row, number planned.
+        failed: number of done runs without metrics.
+        began_with: number of runs that had a row at the start.
+        elapsed: wall time since the start (s).
+        best: (metric, value, run) of the best run so far by the default metric; None if no run has that metric.
     """
 
     done: int
@@ -45,12 +45,12 @@ class SweepState:
 
     @property
     def rate(self) -> float:
-        """Runs per second; 0 as long as nothing can be said."""
+        """Runs per second; 0 while unknown."""
         return (self.done - self.began_with) / self.elapsed if self.elapsed else 0.0
 
     @property
     def remaining(self) -> float | None:
-        """Wall time to the end (s); None as long as nothing can be said."""
+        """Wall time to the end (s); None while unknown."""
         return (self.total - self.done) / self.rate if self.rate else None
 
 
@@ -62,18 +62,17 @@ def run_sweep(
     limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     show: Callable[[SweepState], None] = lambda state: None,
 ) -> None:
-    """Run what of `plan` has no row in `folder` yet.
+    """Run the runs of `plan` that have no row in `folder` yet.
 
     Args:
-        engine: who runs them.
-        record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
-        limits: of each worker process.
-        show: called with the state at the beginning and after each batch of rows.
+        engine: executor of the runs.
+        record: runs to record, see `Job`; recordings are written to `folder`/runs/NUMBER.
+        show: progress callback, called at the start and after each batch of rows.
 
     Raises:
-        InputRefused: the folder is another sweep's, or cannot be written.
-        DiskFailed, RecordingFailed: the disk is full.
-        KeyboardInterrupt: rows until then are kept; so they are with every other end.
+        InputRefused: the folder belongs to another sweep, or cannot be written.
+        DiskError, RecordingFailed: the disk is full.
+        KeyboardInterrupt: Ctrl-C. Rows written before are kept, as with every other exception.
     """
     claim(folder, plan)
     with RowFile(folder / ROWS_FILE) as rows:
@@ -83,7 +82,7 @@ def run_sweep(
         show(tally.state)
         if tasks:
             job = _job(plan, folder, record, limits)
-            # closed at once when anything happens here: what an interrupted iterator holds would else live on
+            # Closed on any exception: an interrupted generator would otherwise keep its processes alive.
             with defer_interrupts(), closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
                     fresh = [_row(plan, task, facts) for task, facts in batch]
@@ -97,7 +96,7 @@ def run_sweep(
 
 
 class _Tally:
-    """Keeps up with rows, a batch at a time: to look at all of them after each would take ever longer."""
+    """Incremental summary of the rows, updated per batch: rescanning all rows each time would take quadratic time."""
 
     def __init__(self, total: int, before: Columns):
         self._total, self._before, self._began = total, len(before), time.monotonic()
@@ -108,7 +107,7 @@ class _Tally:
     def add(self, columns: Columns) -> None:
         self._done += len(columns)
         self._failed += columns.categorical("has_metrics").counts.get(False, 0)
-        # of the same value the first run
+        # Among equal values the first run wins.
         columns = columns.by_run()
         for metric in USUAL_METRICS:
             for row in ranked_rows(columns, metric)[:1]:
@@ -124,12 +123,12 @@ class _Tally:
 
 @dataclass(frozen=True)
 class SweepEstimate:
-    """What runs cost.
+    """The cost of the runs of a sweep.
 
     Attributes:
-        start: from the start of a worker to the end of its first run (s).
-        run: each further one (s).
-        size: of each on the disk (bytes).
+        start: time from the start of a worker to the end of its first run (s).
+        run: time of each further run (s).
+        size: disk space per run (bytes).
     """
 
     start: float
@@ -137,12 +136,12 @@ class SweepEstimate:
     size: float
 
     def total(self, runs: int, processes: int) -> tuple[float, float]:
-        """(wall time in s, bytes) of `runs` runs in `processes` processes that do not slow each other."""
+        """Return (wall time (s), bytes) of `runs` runs in `processes` processes that do not slow each other."""
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
 def measure_cost(plan: SweepPlan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
-    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
+    """Measure the cost of a run of `plan` by making its first run twice; return the estimate and the row of the run."""
     with held_folder() as scratch:
         began = time.monotonic()
         job = _job(plan, scratch, record, limits)
@@ -171,7 +170,7 @@ def _row(plan: SweepPlan, task: Task, facts: dict[str, Any]) -> Row:
 
 
 def state_text(state: SweepState) -> str:
-    """`12 of 64 runs  9.1/s  6 s left  1 failed  force_error_N 0.31 (run 7)`."""
+    """Format the progress of a sweep: `12 of 64 runs  9.1/s  6 s left  1 failed  force_error_N 0.31 (run 7)`."""
     parts = [f"{state.done} of {state.total} runs"]
     if state.remaining is not None:
         parts += [f"{state.rate:.3g}/s", f"{time_text(state.remaining)} left"]
@@ -184,7 +183,7 @@ def state_text(state: SweepState) -> str:
 
 
 def estimate_text(name: str, runs: int, processes: int, estimate: SweepEstimate, first: dict[str, Any]) -> str:
-    """What `runs` runs will take, and what that was measured on."""
+    """Format the estimated time and disk space of `runs` runs, and the measured run behind the estimate."""
     seconds, size = estimate.total(runs, processes)
     many = "process" if processes == 1 else "processes"
     reason = f": {first['reason']}" if first["reason"] else ""
@@ -196,12 +195,12 @@ def estimate_text(name: str, runs: int, processes: int, estimate: SweepEstimate,
 
 
 def time_text(seconds: float) -> str:
-    """`45 s`, `12 min` or `3.5 h`."""
+    """Format a duration: `45 s`, `12 min` or `3.5 h`."""
     if seconds < 100.0:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
 
 
 def size_text(size: float) -> str:
-    """Of `size` bytes: `9 kB`, `1.2 MB`."""
+    """Format a number of bytes: `9 kB`, `1.2 MB`."""
     return f"{size / 1e6:,.1f} MB" if size >= 1e6 else f"{max(1.0, size / 1e3):.0f} kB"

@@ -1,4 +1,4 @@
-"""The job of a worker process: one run of a sweep after the other."""
+"""The job of a worker process: the runs of a sweep, one after the other."""
 
 import contextlib
 import functools
@@ -26,11 +26,12 @@ from twin.studies.sweep.measures import RunFinding, metrics_of
 from twin.studies.sweep.plan import files_digest, text_settings
 
 RUNS_BEFORE_SHARING = 2
-"""Runs in a row with the same past that are made from the start: the past takes about as long as two of them."""
+"""Runs with the same prefix that are made from the start; computing the shared prefix takes about as long as two
+runs."""
 NUMBERS_REQUEST, SIGNALS_REQUEST = RunRequest(tally=True), RunRequest(signals=None, tally=True, check=refuse_unknown)
 
 _runs = Runs(NUMBERS_REQUEST, RUNS_BEFORE_SHARING, most=1)
-"""Of this process; runs whose keys act from the start have no past in common."""
+"""Runs of this process; runs whose keys act from the start share no prefix."""
 
 
 def run_task(
@@ -45,21 +46,21 @@ def run_task(
     record: str,
     files: str,
 ) -> dict[str, Any]:
-    """Make one run and return the facts of its `RunFinding`; called once for each run of this process.
+    """Make one run and return the fields of its `RunFinding`; called once per run in a worker process.
 
-    A run that is recorded is made twice: so measuring never depends on the recorder, and a good run of a sweep that
-    records failures never meets it.
+    A recorded run is made twice: measuring must not depend on the recorder, and the good runs of a sweep that records
+    failures never use it.
 
     Args:
         here: working directory; an FMU may have changed it.
-        experiment: its file.
-        folder: of the recording.
+        experiment: experiment file.
+        folder: folder of the recording.
         claims: see `trial`.
         trial, record: see `Job`.
-        files: hash that the run's files must have, see `files_digest`; "" to skip the check.
+        files: expected hash of the run's files, see `files_digest`; "" to skip the check.
 
     Raises:
-        InputRefused: they have another.
+        InputRefused: the run's files have another hash.
         RecordingFailed: the disk is full.
     """
     reporter.loading()
@@ -68,7 +69,7 @@ def run_task(
     if files and files_here(Path(experiment), drive, text_settings(settings)) != files:
         raise InputRefused(f"{experiment}: reads other files here than where the sweep was started; install the same")
     if record != "none":
-        # files of an interrupted attempt
+        # Remove files of an interrupted attempt.
         shutil.rmtree(own, ignore_errors=True)
     judge = load_function(trial)
     if record == "all":
@@ -87,17 +88,18 @@ files_here = functools.cache(files_digest)
 
 @functools.cache
 def _freeze_objects() -> None:
-    """Exclude the objects of the first run, which stay for all others, from garbage collection."""
+    """Exclude the objects of the first run, which all later runs use, from garbage collection."""
     gc.collect()
     gc.freeze()
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run the experiment at `path` and measure it; a failure of the run is a finding like any other.
+    """Run the experiment at `path` and measure it; a failed run also gives a finding.
 
     Args:
         drive, settings: see `load_experiment`.
-        claims: "fig4": judge the claims of Fig. 4 on it and on its companion without force control, which is run, too.
+        claims: "fig4" to judge the claims of Fig. 4 on the run and its companion without force control, which is also
+            run.
     """
     began = time.perf_counter()
     try:
@@ -109,19 +111,19 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
                 raise ComponentFailed(f"without force control: {companion.reason}")
             assert done.trace is not None and companion.trace is not None
             paper = findings(Fig4Runs(Fig4Run(done.trace), Fig4Run(companion.trace)))
-    # one run in a thousand that meets a mistake of ours is a row, too
+    # An internal error in one run of a thousand becomes a row too.
     except Exception as problem:
         return RunFinding(*_status_and_reason(problem), {}, time.perf_counter() - began, 0.0)
     return RunFinding(done.status, done.reason, metrics, time.perf_counter() - began, done.stepping, paper, no_hold)
 
 
 def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
-    """Run the experiment at `path` and record it in `folder`, as `twin run` does, also where it fails.
+    """Run the experiment at `path` and record it in `folder`, like `twin run`; a failed run is recorded too.
 
     Raises:
-        InputRefused, NotWritten: no folder, or the disk is full; that is no fault of the run.
+        InputRefused, NotWritten: the folder cannot be created, or the disk is full; the run is not to blame.
     """
-    # its result comes from `trial`: the same run again
+    # The run's result comes from `trial`, so failures are ignored here.
     try:
         experiment = load_experiment(path, settings, drive)
     except InputRefused:
@@ -132,7 +134,7 @@ def record_run(path: Path, drive: str | None, settings: Sequence[str], folder: P
 
 
 def _status_and_reason(problem: Exception) -> tuple[str, str]:
-    """(status, reason) of a run that `problem` has ended."""
+    """Return (status, reason) of a run that ended with `problem`."""
     match problem:
         case InputRefused():
             return "refused", str(problem)
@@ -142,7 +144,10 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
 
 
 def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
-    """(outcome, metrics, why it has no hold error) of a run; all its signals if it is `whole` or they are measured."""
+    """Simulate a run; return its outcome, its metrics and the reason for a missing hold error.
+
+    All signals are kept if `whole` or if the experiment has measures.
+    """
     if not (experiment.measures or whole):
         done = _runs.run(experiment).require_success()
         return done, *_metrics_and_reason(done)
@@ -151,14 +156,14 @@ def _simulate(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, f
     assert done.trace is not None
     signals = Signals(done.trace, geometry_of(experiment.controller.model))
     for measure in experiment.measures:
-        # no step, or a force that never comes, at some values: then there are no such numbers
+        # Some values give no step or no contact force; the measure then has no metrics.
         with contextlib.suppress(InputRefused):
             metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
     return done, metrics, no_hold
 
 
 def _metrics_and_reason(done: Outcome) -> tuple[dict[str, float | None], str]:
-    """(metrics of a run, why it has no hold error; "" if it has one)."""
+    """Return (metrics of a run, reason for a missing hold error; "" if it has one)."""
     assert done.numbers is not None
     hold = done.numbers.measures["hold_error"]
     return metrics_of(done.numbers), hold.reason if hold.value is None else ""

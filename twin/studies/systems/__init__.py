@@ -1,1 +1,1 @@
-"""`twin cosim`: a system of third-party FMUs run, recorded and described."""
+"""`twin cosim`: run, record and describe a system of third-party FMUs."""

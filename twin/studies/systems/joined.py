@@ -1,4 +1,4 @@
-"""Several FMUs on the command line as one system: wires guessed from names and units, written as an SSP archive."""
+"""Several FMUs joined into one system: wires guessed from names and units, written as an SSP archive."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ FMUS_FORM = "FMUs"
 
 
 def join_fmus(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[WireProposal]]:
-    """Return the system of several FMUs, and the wires that may be meant and are left out.
+    """Join several FMUs into a system; return it, and the doubtful wires that are left out.
 
-    An input is wired to the output of another FMU that has its name; failing that, to the only one that states the same
-    dimension and feeds nothing else; failing that, to the only output of the FMUs before its own that can feed it.
+    An input is wired to the output of the same name in another FMU; else to the only output of the same dimension that
+    feeds nothing else; else to the only output of the preceding FMUs that can feed it.
 
     Raises:
-        InputRefused: a file is no FMU that can be used, or no wire is found.
+        InputRefused: a file is not a usable FMU, or no wire is found.
     """
     for fmu in fmus:
         if fmu.suffix.lower() != ".fmu":
-            raise InputRefused(f"{fmu}: of several files each has to be an FMU; give one system, or FMUs")
+            raise InputRefused(f"{fmu}: several files must all be FMUs; give one system, or FMUs")
     names = unique_names(identifier(fmu.stem) for fmu in fmus)
     variables = {
         f"{name}.{v.name}": v

@@ -1,4 +1,4 @@
-"""The options of `twin cosim` as records, and what the kernel makes of them."""
+"""The options of `twin cosim` as dataclasses, and their conversion for the kernel."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class CouplingScheme(StrEnum):
-    """Order in which components exchange values."""
+    """Order of the value exchange between components."""
 
     GAUSS_SEIDEL = "gauss_seidel"
     JACOBI = "jacobi"
 
 
 class SystemForm(StrEnum):
-    """Format that a system can be written in."""
+    """File format for writing a system."""
 
     SSP = "ssp"
 
@@ -45,7 +45,7 @@ class LoopCoupling(StrEnum):
 
 @dataclass(frozen=True)
 class AdditionOptions:
-    """Options with values, inputs and recorded variables of a system."""
+    """Options for values, inputs and recorded variables of a system."""
 
     settings: Annotated[
         Sequence[str],
@@ -73,8 +73,8 @@ class AdditionOptions:
     ] = ()
 
     def additions(self) -> "Additions":
-        """Return the same for the kernel."""
-        # it loads FMPy
+        """Convert the options for the kernel."""
+        # The import loads FMPy.
         from twin.kernel.systems.additions import Additions
 
         return Additions(self.settings, self.parameters, self.inputs, self.records)
@@ -116,10 +116,10 @@ class MasterOptions:
     ] = False
 
     def choice(self) -> MasterChoice:
-        """Return the same for the kernel, in SI.
+        """Convert the options for the kernel, in SI.
 
         Raises:
-            InputRefused: one says nothing, or two contradict each other.
+            InputRefused: an option is malformed, or two contradict each other.
         """
         if self.start_s is not None and not 0.0 <= self.start_s < math.inf:
             raise InputRefused(f"--start-s {self.start_s:g}: expected a number, 0 or more")
@@ -138,10 +138,10 @@ class MasterOptions:
 
 
 def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
-    """Of `--kind [NAME=]KIND`, by name, "" for all.
+    """Parse the values of `--kind [NAME=]KIND` into name -> kind, with name "" for all.
 
     Raises:
-        InputRefused: no kind, or two for one name.
+        InputRefused: a kind is unknown, or a name has two kinds.
     """
     found: dict[str, Kind] = {}
     known = {str(kind): kind for kind in FMU_KINDS}
@@ -155,10 +155,10 @@ def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
 
 
 def steps(texts: Sequence[str]) -> dict[str, float]:
-    """Of `--step NAME=MS` (s).
+    """Parse the values of `--step NAME=MS` into name -> step (s).
 
     Raises:
-        InputRefused: no name, no number above 0, or two for one name.
+        InputRefused: a name or a number above 0 is missing, or a name has two steps.
     """
     found: dict[str, float] = {}
     for text in texts:
@@ -175,10 +175,10 @@ def steps(texts: Sequence[str]) -> dict[str, float]:
 
 
 def order(text: str) -> list[str]:
-    """Of `--order A,B`.
+    """Parse the value of `--order A,B` into a list of names.
 
     Raises:
-        InputRefused: a name twice, or none.
+        InputRefused: a name is repeated or empty.
     """
     found: dict[str, None] = {}
     for name in (part.strip() for part in text.split(",") if text):

@@ -1,4 +1,4 @@
-"""The run of a system: recording, text and facts."""
+"""The run of a system of FMUs: recording, text and facts."""
 
 import json
 import math
@@ -38,14 +38,15 @@ from twin.kernel.systems.topics import streams
 from twin.studies.result import Note, Result, count_text, join_names, note
 
 MAX_ROWS = 6
-"""The most rows of a list in the text; JSON has all."""
+"""Maximum number of rows of a list in the text; JSON has all."""
 MAX_EVENTS = 20
 UNSETTLED_NOTE = "the initial values never agree: inputs at the start follow from each other in a circle"
 SCHEME_NAMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
 SUMMARY_FILE = "summary.json"
-"""What took how long, beside the recording, in which nothing depends on that."""
+"""File of the durations; they are kept out of the recording, which must not depend on them."""
 COSIM_FOLDER = Path("results/cosim")
-"""Apart from runs of the robot: a system is often called as the experiment that it was built from."""
+"""Folder of the runs, separate from runs of the robot: a system often has the name of the experiment it was built
+from."""
 
 
 def run_summary(
@@ -57,9 +58,9 @@ def run_summary(
     recording: Path,
     state_every: float | None = None,
 ) -> dict[str, Any]:
-    """For programs."""
+    """Return the summary of a run for JSON."""
     costs = done.costs
-    # the last row, also where a component asked for the end
+    # The last row, also if a component requested the end.
     end = done.simulation.next_tick - 1
     together = {name for loop in made.loops for name in loop.parts} if made.solved else set()
     simulated = (end - plan.timing.first) * plan.timing.tick
@@ -94,7 +95,7 @@ def run_summary(
         "unsaid": list(plan.package.omissions),
         "late": [f"{source}->{target}" for source, target in plan.delayed_connections],
         "not_fed": (unfed := {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed}),
-        # the name of 1.0
+        # Name of the key in 1.0.
         "kept": unfed,
         "ignored": list(plan.ignored),
         "overruled": list(plan.overruled),
@@ -116,7 +117,7 @@ def run_summary(
 
 
 def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float | None) -> Iterator[str]:
-    """Sentences on what was asked for and changes nothing in this run."""
+    """Yield sentences on options that have no effect in this run."""
     choice, timing = plan.choice, plan.timing
     if choice.loops == "solve" and not made.loops:
         yield "--loops solve: no algebraic loop was found"
@@ -130,15 +131,15 @@ def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float |
 
 
 def _start(part: SystemPart, variable: Variable) -> Any:
-    """The value of an input without a source."""
+    """Return the value of an input without a source."""
     given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
-    # of an array FMPy has the text
+    # For an array, FMPy has the start values as text.
     listed = [v.start for v in part.description.model.modelVariables if v.name == variable.name]
     return listed[0] if isinstance(given, float) and math.isnan(given) else given
 
 
 def system_result(came: Mapping[str, Any]) -> Result:
-    """For people, at most 80 columns but for paths; for programs what `run_summary` gave."""
+    """Return the report of a run: at most 80 columns except for paths; for programs the dictionary of `run_summary`."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
@@ -203,7 +204,7 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
 
 
 def _duration(own: float | None) -> str:
-    """Of a step, from microseconds."""
+    """Format the duration of a step, given in microseconds."""
     return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
 
 
@@ -219,24 +220,24 @@ def record_system(
 ) -> Result:
     """Run a system of FMUs and record it.
 
-    Notes: {"experiment": its name, "folder", "duration" (s)} before the first step.
+    Notes: {"experiment": name, "folder": folder of the run, "duration" (s)} before the first step.
 
     Args:
-        system: an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model of Maestro.
-        choice: what is asked of the master.
-        out: the run's own folder; None: results/NAME/TIME.
-        compiled: whether FMUs without a binary for this machine are built from their sources.
-        state_every: time from one saved state to the next (s); None: only the last one is saved.
-        start_from: a run of this system, and perhaps the time (s) of its state behind an @, to go on from.
-        additions: values, inputs over time, and what is recorded.
+        system: SSP archive, FMU, OspSystemStructure.xml or multi-model of Maestro.
+        choice: options of the master.
+        out: folder of the run; None for results/NAME/TIME.
+        compiled: whether to build FMUs without a binary for this machine from their sources.
+        state_every: time between saved states (s); None to save only the last state.
+        start_from: run of this system to continue, optionally with @ and the time (s) of a saved state.
+        additions: values, inputs over time, and recorded variables.
 
     Raises:
-        InputRefused: the system cannot be run, or there is no such state; nothing has been written.
-        ComponentFailed: a component failed; what was recorded stays.
+        InputRefused: the system cannot be run, or the state does not exist; nothing has been written.
+        ComponentFailed: a component failed; the recording up to then is kept.
         NotWritten: the disk is full; likewise.
     """
     reporter.loading()
-    # before an FMU is loaded, which may change the working directory
+    # Determined before an FMU is loaded, which may change the working directory.
     here = Path.cwd()
     package, state = read_system(system), _state(start_from)
     with open_system(package, choice, compiled, additions) as (plan, made):
@@ -256,13 +257,13 @@ def write_system(
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, likewise
 ) -> Result:
-    """Write a system as an SSP archive, and run nothing; arguments as of `record_system`.
+    """Write a system as an SSP archive without running it; arguments as in `record_system`.
 
     Args:
-        out: the file; None: NAME.ssp here.
+        out: file to write; None for NAME.ssp in the current folder.
 
     Raises:
-        InputRefused: the system cannot be run, SSP has no word for what is asked, or the file is there already.
+        InputRefused: the system cannot be run, SSP cannot express an option, or the file exists already.
         NotWritten: the disk refuses.
     """
     for option, asked in (
@@ -304,15 +305,15 @@ def write_ssp(
 def write_joined_system(
     fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
 ) -> tuple[Path, list[Note]]:
-    """Write the system of several FMUs, with guessed wires, as an SSP archive in this folder, or at `out`.
+    """Write several FMUs, joined by guessed wires, as an SSP archive in the current folder, or at `out`.
 
     Returns:
-        The archive, and what there is to say of its wires.
+        The archive, and notes on its wires.
 
     Raises:
         InputRefused: see `join_fmus` and `write_system`.
     """
-    # wires are guessed as those of a drive, which systems do without
+    # Guessing wires needs code for drives, which other systems do not load.
     from twin.studies.systems.joined import join_fmus
 
     package, doubtful = join_fmus(fmus, choice.lenient)
@@ -326,7 +327,7 @@ def write_joined_system(
 
 
 def _folder(file: Path, here: Path, out: Path | None) -> Path:
-    """The run's folder, made in the folder `here` and named as seen from there."""
+    """Create the run's folder below the folder `here` and return its path relative to it."""
     if out:
         claim_run_folder(here / out)
         return out
@@ -355,9 +356,9 @@ def _record_run(
 ) -> tuple[SimulationResult, list[TickEvent], float]:
     rows, last, tick, described = streams(plan, made), plan.timing.ticks, plan.timing.tick, _provenance(plan, made)
     files = {part.path: part.description.sha256 for part in plan.parts}
-    # what the archive is called, or when it was packed, changes no bit
+    # Name and packing date of the archive do not affect the results.
     made_of = {key: text for key, text in described["system"].items() if key not in ("file", "sha256")}
-    # kept as it was where nothing is fed
+    # Without inputs the identity is as in older recordings.
     fed = [described["inputs"]] if "inputs" in described else []
     about = identity(made.system, described["versions"], files, [made_of, described["components"], last, *fed])
     saved = state.saved_state if state else None
@@ -372,7 +373,7 @@ def _record_run(
         try:
             done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
         except ComponentFailed as failure:
-            # its state was asked for between two steps
+            # Saving a component's state between two steps can fail too.
             raise ComponentFailed(recorder.abandon(failure)) from None
         if isinstance(done.failure, EndRequest):
             recorder.end(done.failure)
@@ -383,11 +384,11 @@ def _record_run(
 
 
 def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, str]]:
-    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    """Return the metadata on the origin of a recording, independent of when, where or by whom it was made."""
     choice, timing = plan.choice, plan.timing
     periods = {path: period for path, period in timing.periods.items() if period > 1}
     kinds = {part.path: part.description.kind for part in plan.parts if part.description.kind != "co_simulation"}
-    # what is as usual is left out
+    # Default options are left out.
     asked = {
         **({"first": str(timing.first)} if timing.first else {}),
         **({"periods": json.dumps(periods)} if periods else {}),

@@ -1,4 +1,4 @@
-"""`twin cosim`: SSP systems of third-party FMUs, without a robot."""
+"""`twin cosim`: systems of third-party FMUs (SSP), without a robot."""
 
 import math
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ def cosim(
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
-        Option("Go on from a state of a run with the same options.", "RUN[@SECONDS]", "--from"),
+        Option("Continue from a saved state of a run with the same options.", "RUN[@SECONDS]", "--from"),
     ] = None,
     out: Annotated[
         Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME. With --to: the file.", "DIR")
@@ -58,8 +58,8 @@ def cosim(
 ) -> Result:
     """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
 
-    Of several FMUs it writes a system, NAME_NAME.ssp, with wires guessed from
-    names and units, and runs that.
+    Several FMUs are written as a system, NAME_NAME.ssp, with wires guessed from
+    names and units, and that system is run.
 
     Exit code: 0 done, 2 input refused, 3 a component failed while running
     (error, crash, hang), 130 interrupted, 143 terminated.

@@ -1,1 +1,1 @@
-"""Gains for given goals: searched on the linear model of the sampled loops, tried in the co-simulation."""
+"""Tuning of gains for given goals: search on the linear model of the sampled loops, check in the co-simulation."""

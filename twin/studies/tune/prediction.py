@@ -1,16 +1,13 @@
-"""What the linear model says of gains at a corner: stability, sensitivity, and the answer to a step.
+"""Prediction of gains by the linear model at the corners of an experiment: stability, sensitivity, step response.
 
-The laws are those of `twin/robot/controller/`, put in closed form because thousands of gains are tried:
+The tuned gains are P of the position law, and P and I of the force law. A corner is an operating point on one stiffness
+with one drive; the goals apply at every corner.
+
+The laws of `twin/robot/controller/` are evaluated in closed form because thousands of gains are tried:
 
     e_F = F_z_ref - F_z,  I(k) = I(k-1) + ki T e_F,  dp_z = -(kp_F e_F + I(k)),  u = kp (p_ref + dp_z e_z - p).
 
-A test holds the poles against those of `twin.studies.analyse`, which calls the compiled laws.
-
-What gains are to achieve, at every corner.
-
-The gains that are tuned: P of the position law, P and I of the force law.
-
-The corners at which gains have to hold: operating points, each on every stiffness and with every drive.
+A test compares the poles with `twin.studies.analyse`, which calls the compiled laws.
 """
 
 import math
@@ -33,20 +30,39 @@ from twin.studies.analyse.operating_point import (
 )
 from twin.studies.metrics.response import overshoot, settling_time
 
+STIFFNESS_COUNT = 3
+"""Number of stiffnesses for a range: both ends and the geometric mean."""
+FREQUENCY_COUNT = 500
+"""Number of frequencies from `MIN_FREQUENCY` to half the sampling rate: 2 % apart, closer than the platform's
+resonances are wide.
+"""
+STEP_HORIZON = 8.0
+"""Length of a step response (s)."""
+SETTLED_BAND = 0.05
+"""Settling band around the final value (share of the step)."""
+BLOCK_SAMPLES = 64
+"""Number of samples per block of a step response, a power of two."""
+HALF_POWER = 1.0 / np.sqrt(2.0)
+UNIT_FACTORS = (1.0, 1.0, 1.0, 1.0)
+"""Neutral factors on the loops x, y, z and force."""
+GRID_TOLERANCE = 1.02
+"""Largest ratio of M_s between two frequencies to M_s on the frequency grid."""
+MAX_FACTOR = 1000.0
+
 
 @dataclass(frozen=True)
 class Goals:
-    """Goals, SI; each holds at the worst corner.
+    """Goals, SI; each applies at the worst corner.
 
     Attributes:
-        sensitivity: largest M_s of any loop, > 1. It guarantees a gain margin of M_s / (M_s - 1) and a phase margin of
+        sensitivity: maximum M_s of any loop, > 1. It guarantees a gain margin of M_s / (M_s - 1) and a phase margin of
             2 asin(1 / (2 M_s)) (Astrom and Hagglund 2006, Advanced PID Control, Sec. 4.6).
-        overshoot: largest overshoot of a step (share of it).
-        bandwidth: least bandwidth (rad/s) of the law `law`; None: none is asked.
+        overshoot: maximum overshoot of a step (share of the step).
+        bandwidth: minimum bandwidth (rad/s) of the law `law`; None for no such goal.
         law: "force", or "position" where no force loop acts.
 
     Raises:
-        InputRefused: no gains can ever meet them.
+        InputRefused: no gains can meet the goals.
     """
 
     sensitivity: float = 1.6
@@ -67,14 +83,14 @@ class Goals:
 
     @property
     def bandwidth_hertz(self) -> float:
-        """For people; 0 if none is asked."""
+        """Bandwidth goal in Hz, for display; 0 without such a goal."""
         return (self.bandwidth or 0.0) / (2.0 * math.pi)
 
     def refuse_period(self, period: float) -> None:
-        """Refuse a bandwidth that a controller with `period` (s) cannot have.
+        """Refuse a bandwidth that a controller with `period` (s) cannot reach.
 
         Raises:
-            InputRefused: it is beyond half the rate of the controller.
+            InputRefused: the bandwidth exceeds half the rate of the controller.
         """
         if self.bandwidth is not None and self.bandwidth >= math.pi / period:
             raise InputRefused(
@@ -84,10 +100,10 @@ class Goals:
 
 
 def stiffness_range(text: str) -> tuple[float, float]:
-    """(lowest, highest) stiffness (N/m) of `text`, "300:5000".
+    """Parse a stiffness range, "300:5000", into (lowest, highest) (N/m).
 
     Raises:
-        InputRefused: it is not an ascending range of positive numbers.
+        InputRefused: `text` is not an ascending range of positive numbers.
     """
     try:
         low, high = (float(number) for number in text.split(":"))
@@ -101,7 +117,7 @@ def stiffness_range(text: str) -> tuple[float, float]:
 
 
 class LawGains(NamedTuple):
-    """Gains, SI.
+    """The tuned gains, SI.
 
     Attributes:
         kp: platform speed per position error (1/s).
@@ -114,15 +130,15 @@ class LawGains(NamedTuple):
 
 
 def round_gains(gains: LawGains) -> LawGains:
-    """`gains` with three digits, as they are shown and written."""
+    """Round `gains` to three digits, as shown and written."""
     return LawGains(*(float(f"{gain:.2e}") for gain in gains))
 
 
 def gains_of(experiment: Experiment) -> LawGains:
-    """The gains that `experiment` has.
+    """Return the tuned gains of `experiment`.
 
     Raises:
-        InputRefused: its laws have gains that are not tuned.
+        InputRefused: a gain that is not tuned is not zero.
     """
     position, force = experiment.controller.position, experiment.controller.force
     others = {
@@ -140,36 +156,32 @@ def gains_of(experiment: Experiment) -> LawGains:
 
 
 def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
-    """The same experiment with other gains; `values` still say what the file does."""
+    """Return `experiment` with the given gains; its `values` still contain the gains of the file."""
     c = experiment.controller
     position = c.position.model_copy(update={"kp": gains.kp})
     force = c.force.model_copy(update={"kp": gains.force_kp, "ki": gains.force_ki})
     return replace(experiment, controller=c.model_copy(update={"position": position, "force": force}))
 
 
-STIFFNESS_COUNT = 3
-"""Of a range: both ends and the geometric mean."""
-FREQUENCY_COUNT = 500
-"""From `MIN_FREQUENCY` to half the sampling rate: 2 % apart, closer than the platform's swings are wide."""
 UNITY_GAINS = LawGains(1.0, 1.0, 0.0)
-"""With these the analysis is asked for a robot whose laws are then opened."""
+"""Gains used to linearise the robot before its loops are opened."""
 
 
 @dataclass(frozen=True)
 class Corner:
-    """The robot at one operating point with both laws taken off, linear and sampled with the controller's period.
+    """The robot at one operating point with both laws opened, linear and sampled with the controller's period.
 
-    x(k+1) = A x + B u with u the platform speed (3,) that the position law asks for; y = C x: the position as estimated
-    (3,), the low-passed estimated pressing force, the true position (3,), and the true pressing force, SI.
+    x(k+1) = A x + B u with u the platform speed (3,) requested by the position law; y = C x: estimated position (3,),
+    low-passed estimated pressing force, true position (3,), and true pressing force, SI.
 
     Attributes:
-        experiment: whose drives and settings these are.
-        drive: what its drive is called.
-        point: where.
-        A, B, C: (n, n), (n, 3), (8, n).
-        period: s.
-        omega: rad/s (m,).
-        P: response (m, 4, 3) of what is estimated.
+        experiment: experiment with this drive and these settings.
+        drive: name of the drive.
+        point: operating point.
+        A, B, C: state-space matrices, (n, n), (n, 3), (8, n).
+        period: period of the controller (s).
+        omega: frequencies (rad/s) (m,).
+        P: frequency response (m, 4, 3) of the estimated signals.
     """
 
     experiment: Experiment
@@ -184,23 +196,23 @@ class Corner:
 
     @property
     def name(self) -> str:
-        """`force on 300 N/m`, `position in air`."""
+        """Name of the corner: `force on 300 N/m`, `position in air`."""
         where = f"on {self.point.parameters.K:.4g} N/m" if self.point.in_contact else "in air"
         return f"{self.laws[0]} {where}"
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """Whose steps are looked at here: while the force law acts it moves z, and friction holds x and y."""
+        """Laws whose steps are examined: the force law where it acts, since it moves z and friction holds x and y."""
         return ("force",) if self.point.force_on else ("position",)
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Of the position law, whose steps are looked at here."""
+        """Axes of the position law whose steps are examined: z in contact, else all."""
         return (2,) if self.point.in_contact else (0, 1, 2)
 
 
 def stiffnesses(span: tuple[float, float]) -> list[float]:
-    """Return the stiffnesses (N/m) that stand for a range."""
+    """Return the stiffnesses (N/m) that represent a range: both ends and the geometric mean."""
     low, high = span
     return [float(K) for K in np.geomspace(low, high, STIFFNESS_COUNT)] if high > low else [low]
 
@@ -208,10 +220,14 @@ def stiffnesses(span: tuple[float, float]) -> list[float]:
 def corners(
     experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
 ) -> tuple[list[Corner], list[str], list[Linearisation]]:
-    """(corners, sentences about points without a linear model, the drives as identified), one experiment per drive.
+    """Compute all corners, for one experiment per drive.
+
+    Returns:
+        (corners, error messages of points without a linear model, linearisations with the identified drives).
 
     Raises:
-        InputRefused: no operating point, no linear model of a drive, a surface too soft for the force.
+        InputRefused: the experiment has no operating point, a drive has no linear model, or a surface is too soft for
+            the force.
         ComponentFailed: a drive failed while it was measured.
     """
     points, problems = operating_points(experiments[0])
@@ -232,11 +248,11 @@ def corners(
 
 
 def open_corner(experiment: Experiment, shared: Linearisation, point: OperatingPoint) -> Corner:
-    """The corner of `experiment` at `point`, with what all points of it share."""
+    """Return the corner of `experiment` at `point`, from the linearisation shared by all its points."""
     loops = shared.linear_point(point).loops
     outputs = [loops.output_labels.index(name) for name in (*ESTIMATED_SIGNALS, *TRUE_SIGNALS)]
     rows = loops.C[outputs]
-    # the pressing force is -F_ee_B_z
+    # The pressing force is -F_ee_B_z.
     rows[-1] *= -1.0
     system = loops[outputs[:4], : len(LOOPS[:3])]
     omega = np.geomspace(MIN_FREQUENCY, 0.999 * np.pi / loops.dt, FREQUENCY_COUNT)
@@ -245,34 +261,20 @@ def open_corner(experiment: Experiment, shared: Linearisation, point: OperatingP
 
 
 def at_stiffness(corner: Corner) -> Experiment:
-    """The corner's experiment with its contact, `undisturbed_experiment`."""
+    """Return the corner's experiment, undisturbed, with the stiffness and surface height of the corner."""
     p = corner.point.parameters
     return undisturbed_experiment(corner.experiment, stiffness=p.K, height=p.z_s)
 
 
-STEP_HORIZON = 8.0
-"""Of a step response (s)."""
-SETTLED_BAND = 0.05
-"""Band around the final value (share of the step)."""
-BLOCK_SAMPLES = 64
-"""Samples; a power of two."""
-HALF_POWER = 1.0 / np.sqrt(2.0)
-UNIT_FACTORS = (1.0, 1.0, 1.0, 1.0)
-"""Factors on the loops x, y, z and force that leave them as they are."""
-GRID_TOLERANCE = 1.02
-"""What M_s may be larger by between two of the frequencies at which it is looked for."""
-MAX_FACTOR = 1000.0
-
-
 @dataclass(frozen=True)
 class StepAnswer:
-    """The answer to a unit step of the reference of one law, in truth and not as it is estimated.
+    """The true, not the estimated, response to a unit step of the reference of one law.
 
     Attributes:
-        overshoot: share of the step.
-        settling: time from which it stays within `SETTLED_BAND` (s); infinity: not in `STEP_HORIZON`.
+        overshoot: overshoot (share of the step).
+        settling: time until it stays within `SETTLED_BAND` (s); infinity if it does not settle in `STEP_HORIZON`.
         error: integrated absolute error over `STEP_HORIZON`, of a unit step (s).
-        bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
+        bandwidth: frequency where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
 
     overshoot: float
@@ -283,13 +285,12 @@ class StepAnswer:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Gains at a corner.
+    """The predicted behaviour of gains at a corner.
 
     Attributes:
-        corner: where.
-        radius: largest magnitude of a pole; below 1: stable.
+        radius: spectral radius; the loop is stable below 1.
         sensitivity: M_s, the largest |1/(1+L)| of any loop with the others closed; infinity if unstable.
-        answers: by law; the worst of its axes. Empty if unstable.
+        answers: law -> step response, the worst over its axes; empty if unstable.
     """
 
     corner: Corner
@@ -303,7 +304,7 @@ class Prediction:
 
 
 def predict(corner: Corner, gains: LawGains) -> Prediction:
-    """Judge `gains` at `corner`."""
+    """Predict the behaviour of `gains` at `corner`."""
     A, _, _ = close_loops(corner, gains)
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     if radius >= 1.0:
@@ -317,12 +318,12 @@ def predict(corner: Corner, gains: LawGains) -> Prediction:
 def close_loops(
     corner: Corner, gains: LawGains, factors: Sequence[float] = UNIT_FACTORS
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """(A, B, C) with the laws closed: p_ref (3,) and F_z_ref in, true position (3,) and pressing force out.
+    """Return (A, B, C) with the laws closed: inputs p_ref (3,), F_z_ref; outputs true position (3,), pressing force.
 
     The force law's integral is a state only where that law acts with an integral gain.
 
     Args:
-        factors: on the loops x, y, z and force, each where it is opened in `sensitivities` (4,).
+        factors: factors on the loops x, y, z and force (4,), applied where `sensitivities` opens them.
     """
     T, on = corner.period, corner.point.force_on
     K = gains.kp * np.diag(factors[:3])
@@ -343,10 +344,10 @@ def close_loops(
 
 
 def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
-    """1/(1+L) (m, 3 or 4) of the loops x, y, z and, where it acts, force, each opened with the others closed.
+    """Compute 1/(1+L) (m, 3 or 4) of the loops x, y, z and, where it acts, force, each opened with the others closed.
 
-    It is the diagonal of (1 + L)^-1 with L the matrix of all loops: opening loop i alone leaves 1/((1 + L)^-1)_ii as
-    its return difference (Skogestad and Postlethwaite 2005, Multivariable Feedback Control, Sec. 10.6).
+    The result is the diagonal of (1 + L)^-1 with L the matrix of all loops: opening loop i alone leaves 1/((1 +
+    L)^-1)_ii as its return difference (Skogestad and Postlethwaite 2005, Multivariable Feedback Control, Sec. 10.6).
     """
     kp, kp_F, ki = gains
     m, loops = len(corner.omega), 4 if corner.point.force_on else 3
@@ -361,7 +362,7 @@ def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
 
 
 def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) -> bool:
-    """Whether the eigenvalues bear out that M_s is no larger than `sensitivity`, but for what is `GRID_TOLERANCE`.
+    """Whether the eigenvalues confirm an M_s of at most `sensitivity`, up to `GRID_TOLERANCE`.
 
     A loop with M_s stays stable with any one factor from M_s / (M_s + 1) to M_s / (M_s - 1) (Astrom and Hagglund 2006,
     Advanced PID Control, Sec. 4.6).
@@ -376,11 +377,13 @@ def confirms_sensitivity(corner: Corner, gains: LawGains, sensitivity: float) ->
 
 
 def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
-    """(t in s, response (n,), its final value) of the true position in axis `i`, or of the true pressing force (3), to
-    a unit step of its reference at t = 0, over `STEP_HORIZON`.
+    """Compute the step response of a stable corner to a unit step of one reference at t = 0, over `STEP_HORIZON`.
 
     Args:
-        gains: with which the corner is stable.
+        i: axis of the true position, or 3 for the true pressing force.
+
+    Returns:
+        (t (s), response (n,), its final value).
     """
     A, B, C = close_loops(corner, gains)
     rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i]).astype(np.float64, copy=False)
@@ -394,7 +397,7 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
 
 
 def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
-    """(`row` A^k for k = 0 .. count - 1 (count, n), A^m with m the power of two that is not below `count`)."""
+    """Return (`row` A^k for k = 0 .. count - 1 (count, n), A^m with m the smallest power of two not below `count`)."""
     rows, power = row, A
     while len(rows) < count:
         rows, power = np.vstack([rows, rows @ power]), power @ power
@@ -402,7 +405,7 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> StepAnswer:
-    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `STEP_HORIZON` (s)."""
+    """Summarise a step response `share` (n,), normalised to end at 1, at times `t` (n,) (s) up to `STEP_HORIZON`."""
     return StepAnswer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED_BAND),

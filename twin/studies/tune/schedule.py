@@ -1,7 +1,4 @@
-"""Gains over the stiffness of the tissue: designed on the linear model point by point, tried in the co-simulation.
-
-A schedule as text of at most 80 columns, and as lines of an experiment file.
-"""
+"""Gain schedules over the stiffness of the tissue: design on the linear model per point, simulation, text and TOML."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -28,15 +25,24 @@ from twin.studies.tune.text import goals_sentence, missed_note
 from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, WholeRun, price, shortfalls, whole_runs
 
 STIFFNESS_RANGE = (300.0, 5000.0)
-"""Stiffness (N/m) by default."""
+"""Default stiffness range (N/m)."""
 MAX_STIFFNESS_RATIO = 2.0
-"""Largest ratio of the stiffness of two neighbours."""
+"""Maximum ratio between neighbouring stiffnesses."""
 STIFFNESS_ERROR_FACTOR = 1.3
-"""Factor by which the estimate may be wrong either way: the tolerance of [controller.tissue]."""
+"""Factor of the stiffness estimate's error in either direction: the tolerance of [controller.tissue]."""
 MAX_ERROR_RATIO = 1.05
-"""Error since the first touch with the schedule over that with one set from which on it is reported."""
+"""Ratio of the errors since the first touch, with the schedule to with one set, above which it is reported."""
 ONE_SET = "with one set"
-"""What a schedule is compared with."""
+"""Name of the reference that a schedule is compared with."""
+SCHEDULE_COLUMNS = (
+    Column("", 12, unit="on", left=True),
+    Column("kp", 6, ".3g", "mm/N", gap=2),
+    Column("ki", 9, ".3g", "mm/(N s)"),
+    Column("M_s", 4, ".2f", gap=2),
+    Column("over", 5),
+    Column("5 % in", 7),
+    Column("run: overshoot, hold error", unit=f"{'one set':>14} {'scheduled':>14}", left=True, gap=1),
+)
 
 
 @dataclass(frozen=True)
@@ -44,12 +50,13 @@ class DesignedPoint:
     """A point of the schedule.
 
     Attributes:
-        stiffness: N/m.
-        gains: there.
-        predictions: at the places that are pressed on, with each drive, on that stiffness.
-        misses: goals that the gains miss, on that stiffness or on one that is mistaken for it.
-        trials: simulated steps, by the number of the prediction; None: the run failed.
-        wholes: the experiment itself on it, with each drive: with the one set of gains, and with the schedule.
+        stiffness: stiffness (N/m).
+        gains: gains at this stiffness.
+        predictions: predictions at every pressed place, with each drive, on this stiffness.
+        misses: goals missed on this stiffness or on one confused with it.
+        trials: number of the prediction -> simulated step, None if the run failed.
+        wholes: runs of the experiment itself on this stiffness, per drive: (with the one set of gains, with the
+            schedule).
     """
 
     stiffness: float
@@ -60,20 +67,20 @@ class DesignedPoint:
     wholes: list[tuple[WholeRun, WholeRun]]
 
     def ratio(self, drive: int) -> float:
-        """Error since the first touch with the schedule over that with one set; NaN where one of them failed."""
+        """Return the error since the first touch with the schedule, relative to one set; NaN if a run failed."""
         fixed, scheduled = (whole.outcome.force_error if whole.outcome else None for whole in self.wholes[drive])
         return scheduled / fixed if fixed and scheduled else float("nan")
 
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """What scheduling came to.
+    """A designed gain schedule with its confirmation.
 
     Attributes:
-        base: the one set for all, which is the safe one.
-        goals: of both.
-        points: softest first.
-        between: predictions half-way between two points.
+        base: result of tuning one set of gains for all stiffnesses, the safe set.
+        goals: goals of both.
+        points: points, softest first.
+        midpoint_predictions: predictions half-way between neighbouring points.
     """
 
     base: tuned.TuningResult
@@ -83,7 +90,7 @@ class GainSchedule:
 
     @property
     def contradictions(self) -> list[str]:
-        """What the co-simulation does not confirm, and where the gains between two points are not stable."""
+        """Descriptions of results that the co-simulation does not confirm, and of unstable gains between two points."""
         doubts = [
             f"between the points, {prediction.corner.name}: unstable"
             for prediction in self.midpoint_predictions
@@ -107,7 +114,7 @@ class GainSchedule:
         return not self.contradictions and not any(point.misses for point in self.points)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, SI."""
+        """Convert the schedule to a dictionary for JSON, SI."""
         return {
             "met": self.meets_goals,
             "contradictions": self.contradictions,
@@ -137,21 +144,21 @@ class GainSchedule:
 
 
 def geometric_grid(low: float, high: float) -> list[float]:
-    """Stiffnesses (N/m) from `low` to `high`, with one ratio from each to the next, of at most `MAX_STIFFNESS_RATIO`."""
+    """Return stiffnesses (N/m) from `low` to `high` with a constant ratio of at most `MAX_STIFFNESS_RATIO`."""
     steps = max(1, int(np.ceil(np.log(high / low) / np.log(MAX_STIFFNESS_RATIO) - 1e-9)))
     return [float(f"{K:.3g}") for K in np.geomspace(low, high, steps + 1)]
 
 
 def design_schedule(base: tuned.TuningResult) -> GainSchedule:
-    """A schedule for the experiment of `base`, over the stiffness that its gains were found for.
+    """Design a schedule for the experiment of `base`, over the stiffness range of its tuning.
 
     Raises:
-        InputRefused: nothing is pressed on by force, or the range is a single stiffness.
+        InputRefused: the experiment has no force control in contact, or the range is a single stiffness.
     """
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
     if not places:
-        raise InputRefused(f"{name}: there is no force control in contact, so there is no stiffness to schedule over")
+        raise InputRefused(f"{name}: no force control in contact, so a schedule over stiffness does not apply")
     low, high = base.stiffness or STIFFNESS_RANGE
     if low == high:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")
@@ -177,7 +184,7 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
         tried = [i for i, corner in enumerate(predictions) if corner.stable and tuned.can_simulate_step(corner.corner)]
         trials = {i: tuned.step_trial(predictions[i].corner, gains) for i in tried}
         found.append(DesignedPoint(K, gains, predictions, misses, trials, []))
-    # the gains of each experiment itself are the safe set already
+    # Each experiment already has the safe set as its own gains.
     followed = [with_schedule(experiment, base.after.gains, found) for experiment in base.experiments]
     points = []
     for point, one_set in zip(found, fixed, strict=True):
@@ -187,14 +194,14 @@ def design_schedule(base: tuned.TuningResult) -> GainSchedule:
 
 
 def _is_stable(base: tuned.TuningResult, K: float, gains: LawGains) -> bool:
-    """Whether an experiment with these gains for the stiffness `K` is not refused."""
+    """Whether the believed loop of the experiment with these gains is stable on the stiffness `K`."""
     first = with_schedule(base.experiments[0], gains, ())
     loop = believed_loop(first.controller, first.plant, first.start)
     return spectral_radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
-    """The same experiment with `gains` for the safe set, and the schedule; `values` still say what the file does."""
+    """Return `experiment` with `gains` as the safe set and with the schedule; `values` keep the file's gains."""
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(
@@ -208,7 +215,7 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Desi
 
 
 def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
-    """Where the force law acts, once each, whatever the stiffness."""
+    """Return the distinct places where the force law acts, for any stiffness."""
     found: dict[tuple[float, ...], OperatingPoint] = {}
     for prediction in base.after.predictions:
         point = prediction.corner.point
@@ -220,7 +227,7 @@ def _places(base: tuned.TuningResult) -> list[OperatingPoint]:
 def _corners(
     base: tuned.TuningResult, places: Sequence[OperatingPoint], K: float, undamped: bool = False
 ) -> list[Corner]:
-    """Of each place with each drive; `undamped`: on a tissue that is a spring and nothing else."""
+    """Return the corners of each place with each drive; `undamped` for a tissue that is a pure spring."""
     there = [point_on_stiffness(place, K) for place in places]
     if undamped:
         there = [replace(point, parameters=point.parameters._replace(damping=0.0, damper=0.0)) for point in there]
@@ -247,7 +254,7 @@ def _midpoint_predictions(
 
 
 def schedule_parts(done: GainSchedule) -> list[Block]:
-    """For people: the verdict, then each point."""
+    """Return the report of a schedule: the verdict, then each point."""
     return [
         *_verdict(done),
         "",
@@ -256,10 +263,10 @@ def schedule_parts(done: GainSchedule) -> list[Block]:
 
 
 def schedule_lines(done: GainSchedule, own_tissue: bool) -> str:
-    """TOML that goes below the one set of gains, which is the safe one.
+    """Return the TOML of the schedule, to be appended below the one set of gains, which is the safe one.
 
     Args:
-        own_tissue: whether the experiment has a [controller.tissue] of its own.
+        own_tissue: whether the experiment already has a [controller.tissue].
     """
     source = f"twin tune --schedule: {goals_sentence(done.base)}" + ("" if done.meets_goals else "; GOALS NOT MET")
     lines = ["", f"# {source}"]
@@ -306,16 +313,5 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
 
 
 def _pair(*runs: WholeRun) -> str:
-    """Overshoot and hold error of each run."""
+    """Format overshoot and hold error of each run."""
     return " ".join(f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_ERROR):>7}" for whole in runs)
-
-
-SCHEDULE_COLUMNS = (
-    Column("", 12, unit="on", left=True),
-    Column("kp", 6, ".3g", "mm/N", gap=2),
-    Column("ki", 9, ".3g", "mm/(N s)"),
-    Column("M_s", 4, ".2f", gap=2),
-    Column("over", 5),
-    Column("5 % in", 7),
-    Column("run: overshoot, hold error", unit=f"{'one set':>14} {'scheduled':>14}", left=True, gap=1),
-)

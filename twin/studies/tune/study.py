@@ -61,17 +61,17 @@ def tune(
 
     goals = Goals(margin, overshoot / 100.0, None if bandwidth is None else 2.0 * math.pi * bandwidth)
     folder = make_folder(out or TUNING_FOLDER / experiment.stem)
-    # absolute: an FMU may change the working directory
+    # Absolute, because an FMU may change the working directory.
     home = folder.absolute()
     file = experiment_file(experiment)
     span = None if stiffness is None else stiffness_range(stiffness)
-    # of several drives the file's own stays
+    # With several drives, the experiment in tuned.toml keeps the drive of the file.
     one = [("--drive", drives[0])] if len(drives) == 1 else []
     given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
     options = [word for option, value in given if value is not None for word in (option, value)]
     if schedule:
         span = span or STIFFNESS_RANGE
-        # one set first, which is then the safe one
+        # The one set is tuned first and becomes the safe set.
         settings = [*settings, NO_SCHEDULE]
     models = [load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives or (None,))]
     done = tune_gains(models, goals, span, say)

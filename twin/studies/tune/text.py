@@ -1,4 +1,4 @@
-"""What tuning came to: text of at most 80 columns, an experiment file, a picture."""
+"""The result of tuning as text of at most 80 columns, as an experiment file and as a picture."""
 
 import math
 import shlex
@@ -18,18 +18,18 @@ from twin.studies.tune.touchdown import HOLD_ERROR, HOLD_OVERSHOOT, HOLD_SETTLIN
 from twin.studies.tune.tuned import GainAssessment, Miss, TuningResult, worst_places
 
 MAX_MODEL_ERROR = 0.03
-"""Distance of a drive's model from what was measured that a reader has to know of."""
+"""Relative error of a drive's linear model against its measured response above which it is reported."""
 UNTRIED_NOTE = "no step is simulated: tasks lead this robot, and damping that only they have acts"
 STEP_HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
 RUN_HEAD = f"{'over':>6} {'5 % in':>7} {'hold error':>11}"
 BEFORE_COLOR, AFTER_COLOR, PALE_COLOR = GREY, BLUE, "#d9d9d9"
 MAX_PANEL_COLUMNS = 4
 FREQUENCY_RANGE = (0.02, 200.0)
-"""Frequencies (Hz) of the sensitivities."""
+"""Frequency range of the sensitivity plots (Hz)."""
 
 
 def goals_sentence(done: TuningResult) -> str:
-    """`M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    """Summarise the goals: `M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
     goals = done.goals
     parts = [f"M_s at most {goals.sensitivity:g}", f"steps overshoot at most {100.0 * goals.overshoot:g} %"]
     if goals.bandwidth is not None:
@@ -43,16 +43,16 @@ def goals_sentence(done: TuningResult) -> str:
 
 
 def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequence[str]) -> str:
-    """TOML: `extends` the file `experiment`, and all gains of the laws with where they come from.
+    """Return the TOML file that extends `experiment` by the tuned gains, with their source.
 
     Args:
-        folder: where it will stand.
-        options: of the command line, with which the experiment is as it was tuned.
+        folder: folder of the TOML file.
+        options: command-line options of the tuned experiment.
     """
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.meets_goals else "; GOALS NOT MET")
 
     def found(value: float, before: float) -> Any:
-        # six digits are more than a search knows
+        # Six digits exceed the precision of the search.
         return inline_table({"value": float(f"{value:.6g}"), "source": f"{source}; was {before:.6g}"})
 
     before, after = done.before.gains, done.after.gains
@@ -68,7 +68,7 @@ def fragment(done: TuningResult, experiment: Path, folder: Path, options: Sequen
 
 
 def findable_path(experiment: Path, folder: Path) -> Path:
-    """`experiment` as it was typed if it is found so from `folder` or a folder around it, else absolute."""
+    """Return `experiment` as typed if it is found under that path from `folder` or a parent folder, else absolute."""
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
     return experiment if found is not None and found.resolve() == file else file
@@ -80,10 +80,10 @@ def _columns(name: str, head: str) -> tuple[Column, ...]:
 
 
 def tuning_parts(done: TuningResult) -> list[Block]:
-    """For people."""
+    """Return the report of tuning."""
     doubtful = [
         f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response; "
-        "trust what is simulated"
+        "trust the simulation"
         for drive in done.drives
         if (model := drive.drives[0]).turning or model.residual > MAX_MODEL_ERROR
     ]
@@ -115,7 +115,7 @@ def _verdict(done: TuningResult) -> list[Block]:
 
 
 def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
-    """Touch-downs that overshoot by more than the experiment itself may."""
+    """Yield a note for each touch-down that overshoots by more than the goal of the experiment itself."""
     for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
         was, now = (one.measures[HOLD_OVERSHOOT].value for one in (before, after))
         if now is not None and was is not None and now > done.goals.overshoot:
@@ -124,7 +124,7 @@ def _overshoot_notes(done: TuningResult) -> Iterator[Note]:
 
 
 def missed_note(text: str) -> Note:
-    """A goal that is not met."""
+    """Return a note for a missed goal."""
     return Note(text, "  missed    ")
 
 
@@ -209,10 +209,11 @@ def _runs(done: TuningResult) -> Iterator[Block]:
 
 
 def _touch_down(whole: WholeRun) -> str:
-    """Overshoot, settling time and hold error."""
+    """Format overshoot, settling time and hold error of a run."""
     if whole.outcome is None or whole.trip:
         return f"{'safety trip' if whole.trip else 'failed':^26}"
-    return f"{whole.measure_text(HOLD_OVERSHOOT):>6} {whole.measure_text(HOLD_SETTLING):>7} {whole.measure_text(HOLD_ERROR):>11}"
+    overshoot, settling = whole.measure_text(HOLD_OVERSHOOT), whole.measure_text(HOLD_SETTLING)
+    return f"{overshoot:>6} {settling:>7} {whole.measure_text(HOLD_ERROR):>11}"
 
 
 def _z_error(whole: WholeRun) -> str:
@@ -223,7 +224,7 @@ def _z_error(whole: WholeRun) -> str:
 
 
 def draw_tuning(done: TuningResult, path: Path) -> None:
-    """Write the picture to `path` (PNG): of each drive, law and stiffness the step and, below it, the sensitivity."""
+    """Draw step response and sensitivity for each drive, law and stiffness, and write the picture to `path` (PNG)."""
     shown = worst_places(done.after.predictions)
     columns = min(MAX_PANEL_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -238,7 +239,7 @@ def draw_tuning(done: TuningResult, path: Path) -> None:
             _draw_sensitivity(grid[row + 1, column], done, i)
             for axes, label in zip(grid[row : row + 2, 0], ("share of the step", "largest |1/(1+L)|"), strict=True):
                 axes.set_ylabel(label, fontsize=8)
-        # a panel without a trial, or of an unstable loop, has fewer lines
+        # Panels without a trial, or with an unstable loop, have fewer legend entries.
         handles, labels = max((axes.get_legend_handles_labels() for axes in grid.flat), key=lambda found: len(found[1]))
         figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
 
@@ -255,7 +256,7 @@ def _draw_steps(axes: Axes, done: TuningResult, i: int) -> None:
 
 
 def _draw_sensitivity(axes: Axes, done: TuningResult, i: int) -> None:
-    """Of all loops at the corner the largest, predicted, and what it may be at most."""
+    """Draw the predicted sensitivity, the largest over all loops at the corner, and its goal."""
     for judged, color in ((done.before, BEFORE_COLOR), (done.after, AFTER_COLOR)):
         prediction = judged.predictions[i]
         if prediction.stable:
@@ -284,6 +285,6 @@ def _draw(axes: Axes, judged: GainAssessment, i: int, color: str, name: str) -> 
 
 
 def _span(judged: GainAssessment, i: int) -> float:
-    """Time (s) that shows the step and some of the rest after it."""
+    """Return the time span (s) to plot: the step and some time at rest after it."""
     settling = max((found.settling for found in judged.predictions[i].answers.values()), default=STEP_HORIZON)
     return float(np.clip(4.0 * settling, 0.5, STEP_HORIZON)) if math.isfinite(settling) else STEP_HORIZON

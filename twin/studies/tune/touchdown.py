@@ -1,4 +1,4 @@
-"""The experiment itself with given gains, on each surface, and the goals that its measures miss."""
+"""Runs of the whole experiment with given gains on each surface, and the goals missed by their measures."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,11 +11,11 @@ from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.tune.prediction import LawGains, with_gains
 
 HOLD_OVERSHOOT, HOLD_SETTLING, HOLD_ERROR = JUDGED_MEASURES = "hold_overshoot", "hold_settling_time", "hold_error"
-"""Measures that goals are set for."""
+"""Measures with goals."""
 NEVER_TEXT, NONE_TEXT = "never", "none"
-"""A force that does not settle; a measure that does not exist."""
+"""Text of a force that never settles, and of a measure that does not exist."""
 FAILURE_MISS = 10.0
-"""How far a run that fails or trips misses its goals: farther than measures do."""
+"""Miss of a failed or tripped run, larger than any measure's."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class WholeRun:
 
     Attributes:
         drive: name of its drive.
-        outcome: None if the run failed.
+        outcome: outcome; None if the run failed.
         trip: reason of a trip of the safety monitor, or "".
-        stiffness: of the surface (N/m); None for the one of the file.
+        stiffness: stiffness of the surface (N/m); None for the surface of the file.
     """
 
     drive: str
@@ -36,11 +36,11 @@ class WholeRun:
 
     @property
     def measures(self) -> Values:
-        """Its measures, by their keys in `ROWS_BY_KEY`."""
+        """Measures of the run by their keys in `ROWS_BY_KEY`."""
         return self.outcome.measures if self.outcome else missing_measures("the run failed")
 
     def measure_text(self, key: str) -> str:
-        """A measure for people: `0.094 N`, "none", or "never" for a settling time."""
+        """Format a measure: `0.094 N`, `"none"`, or "never" for a settling time."""
         value, reason = self.measures[key].value, self.measures[key].reason
         if value is None:
             return NEVER_TEXT if reason == ROWS_BY_KEY[HOLD_SETTLING].missing else NONE_TEXT
@@ -48,17 +48,17 @@ class WholeRun:
 
     @property
     def name(self) -> str:
-        """`the experiment itself with velocity_servo`, `touch-down on 300 N/m with velocity_servo`."""
+        """Name of the run: `the experiment itself with velocity_servo`, `touch-down on 300 N/m with velocity_servo`."""
         where = "the experiment itself" if self.stiffness is None else f"touch-down on {self.stiffness:.4g} N/m"
         return f"{where} with {Path(self.drive).stem}"
 
 
 def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: float | None = None) -> WholeRun:
-    """Simulate `experiment` from beginning to end with `gains`; nothing is recorded.
+    """Simulate `experiment` from beginning to end with `gains`, without recording.
 
     Args:
         drive: name of its drive.
-        stiffness: of another surface (N/m), which is then pressed without a monitor: soft tissue yields far.
+        stiffness: stiffness of another surface (N/m); pressed without a monitor, since soft tissue yields far.
     """
     if stiffness is not None:
         contact = experiment.contact.model_copy(update={"stiffness": stiffness})
@@ -70,25 +70,25 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
 def whole_runs(
     experiments: Sequence[Experiment], drives: Sequence[str], gains: LawGains, surfaces: Sequence[float | None]
 ) -> Iterator[WholeRun]:
-    """Yield `whole_run` of each drive on each surface (stiffness in N/m, None for the one of the file), lazily."""
+    """Yield `whole_run` of each drive on each surface (stiffness in N/m, None for the surface of the file), lazily."""
     for experiment, drive in zip(experiments, drives, strict=True):
         for stiffness in surfaces:
             yield whole_run(experiment, drive, gains, stiffness)
 
 
 class Shortfall(NamedTuple):
-    """A goal that a run misses: how badly (for the search, more is worse), and a sentence."""
+    """A missed goal: size of the miss (larger is worse, for the search), and an error message."""
 
     by: float
     text: str
 
 
 def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = "before") -> Iterator[Shortfall]:
-    """Yield each goal that the run `after` misses. Differences below the floors of the measures do not count.
+    """Yield each goal missed by the run `after`; differences below the floors of the measures do not count.
 
-    The experiment as its file has it settles and overshoots by at most `overshoot` (share of the force); on another
-    surface by no more than that or than `before`, the run with the gains that are compared with, called `than`.
-    Nowhere is the hold error larger than `before`.
+    On its own surface the experiment must settle and overshoot by at most `overshoot` (share of the force). On another
+    surface it may overshoot by that or as much as `before`, the reference run called `than`. The hold error must never
+    exceed the one of `before`.
     """
     was, now = before.measures, after.measures
 
@@ -114,7 +114,7 @@ def shortfalls(before: WholeRun, after: WholeRun, overshoot: float, than: str = 
 
 
 def price(before: Sequence[WholeRun], after: Iterator[WholeRun], overshoot: float) -> float:
-    """Return how far runs miss their goals, 0 .. 1; 0 if they meet all. No run follows the first that misses one."""
+    """Return the penalty for missed goals, 0 .. 1; 0 if all are met. Stops simulating at the first run that misses."""
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
         by = sum(one.by for one in shortfalls(old, new, overshoot))
         if by:

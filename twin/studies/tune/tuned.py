@@ -1,10 +1,8 @@
-"""Gains for goals: before and after, as the linear model predicts and as the co-simulation does.
+"""Search for the fastest gains that meet the goals at every corner, and their confirmation in the co-simulation.
 
-The fastest gains that meet the goals at every corner, found by differential evolution. Storn and Price (1997, J Global
-Optimization 11:341): it needs no derivatives, which goals do not have, and with a seed it finds the same gains every
-time. What is compared are gains of three digits, those that are written.
-
-Gains in the co-simulation with the real drives: a step at a corner, and the experiment itself on each surface.
+The search is a differential evolution, Storn and Price (1997, J Global Optimization 11:341): it needs no derivatives,
+which the goals do not have, and is reproducible with a seed. It compares gains rounded to three digits, as written. The
+co-simulation with the real drives then simulates a step at each corner and the experiment itself on each surface.
 """
 
 import math
@@ -56,27 +54,54 @@ from twin.studies.tune.touchdown import WholeRun, price, shortfalls, whole_runs
 
 SEARCH_SEED = 1
 POPULATION_PER_GAIN, MAX_GENERATIONS = 8, 40
-"""Population per gain; most generations. On Fig. 4's experiment 25 end up to 15 % slower, and 60 are no faster."""
+"""Population per gain; maximum number of generations. On Fig. 4's experiment 25 end up to 15 % slower, 60 not
+faster."""
 GAIN_BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
-"""Searched range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
+"""Search range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
 GOAL_TOLERANCE = 1e-3
-"""By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
+"""Relative amount by which a missed goal still counts as met; for the overshoot, as a share of the step."""
 MISS_PRICES = {"bandwidth": 1e2, "run": 5e3, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
-"""A missed goal costs more than any slowness; what keeps people safe comes before bandwidth. A run of the experiment is
-made only where the linear model meets its goals, so it costs less than those: else the search would avoid runs."""
+"""Penalties of missed goals, each larger than any cost of slowness; safety goals rank above bandwidth. The penalty of a
+run is below the linear model's penalties, since only gains without those are simulated: a larger one would make the
+search avoid runs.
+"""
 
 
 Progress = Callable[[float], None]
+REST_TIME = 3.0
+"""Time (s) before the step, during which the platform sags under the drives' droop."""
+FORCE_STEP = 0.4
+"""Step of the force, as a share of the force at the corner: well above the effect of encoder counts and backlash (0.05
+N)."""
+HEIGHT_STEP = 1e-3
+"""Step of z (m), upwards."""
+END_SHARE = 0.25
+"""Share of the samples after the step, at their end, that is searched for a lasting oscillation."""
+SPECTRUM_SAMPLES = 2**18
+"""Length of the zero-padded FFT of the step (samples): frequencies 0.01 Hz apart."""
+OVERSHOOT_TOLERANCE = 0.05
+"""Tolerance on the overshoot of a simulated step (share of the step): backlash and encoder counts are not linear."""
+MAX_SWING = 0.1
+"""Peak-to-peak amplitude (share of the step) above which a lasting simulated oscillation is reported."""
+SETTLING_FACTOR = 4.0 / 3.0
+"""Delay of settling caused by backlash and encoder counts, as a factor; a predicted time must be visible within
+`STEP_HORIZON`.
+"""
+BANDWIDTH_TOLERANCE = 0.1
+"""Tolerance on the simulated bandwidth (share of the requested one)."""
+SEARCH_SHARE = 0.8
+"""Share of the time that the search takes, for the progress report; the rest is the confirmation in the
+co-simulation."""
 
 
 class Miss(NamedTuple):
-    """A goal that gains miss at a corner.
+    """A goal missed by gains at a corner.
 
     Attributes:
         goal: "margin", "overshoot", "bandwidth" or "stability".
-        by: relative, for the overshoot a share of the step.
-        reached: what there is instead, in the unit of the goal.
-        at: where.
+        by: relative amount by which it is missed; for the overshoot a share of the step.
+        reached: value reached, in the unit of the goal.
+        at: prediction that misses it.
     """
 
     goal: str
@@ -86,7 +111,7 @@ class Miss(NamedTuple):
 
 
 def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
-    """Each goal that `prediction` misses. A bandwidth is asked of the law whose steps are looked at, see `Goals`."""
+    """Yield each goal missed by `prediction`: stability, margin, overshoot, and bandwidth of the law `goals.law`."""
     if not prediction.stable:
         yield Miss("stability", prediction.radius - 1.0, prediction.radius, prediction)
         return
@@ -101,7 +126,7 @@ def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
 
 
 def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
-    """Of each goal that is missed somewhere, where it is missed most."""
+    """Return the worst miss of each missed goal."""
     worst: dict[str, Miss] = {}
     for prediction in predictions:
         for miss in misses(prediction, goals):
@@ -111,16 +136,16 @@ def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
 
 
 def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
-    """Less is better: goals first, then the logarithms of the largest integrated error of each law, added.
+    """Compute the cost of predictions: penalties of missed goals plus log of the largest integrated error of each law.
 
-    Not the settling time: that rewards a P law which jumps into its band and never gets to the end.
+    The settling time is not used: it would reward a P law that jumps into its band and never reaches the end.
     """
     price = sum(MISS_PRICES[miss.goal] * (1.0 + miss.by) for miss in worst_misses(predictions, goals))
     largest: dict[str, float] = {}
     for prediction in predictions:
         for law, found in prediction.answers.items():
             largest[law] = max(largest.get(law, 0.0), found.error)
-    # less than a millisecond is no better
+    # Differences below a millisecond do not count.
     return price + sum(math.log(max(error, 1e-3)) for error in largest.values())
 
 
@@ -133,14 +158,14 @@ def best_gains(
     simulated: Callable[[LawGains], float] = lambda gains: 0.0,
     progress: Progress = lambda done: None,
 ) -> LawGains:
-    """The gains of least `cost`; `start` if none is better. Force gains stay as they are where no corner has that law.
+    """Search for the gains of least `cost`; return `start` if it is not improved. Unused force gains are unchanged.
 
     Args:
-        laws: "both", or "force": kp of the position law stays as in `start`, too.
-        allowed: which gains come into question at all.
-        simulated: how far gains miss their goals in the co-simulation, 0 .. 1. Called only where the linear model finds
-            the goals met and less cost than with the best gains that meet both.
-        progress: called after each generation with the finished share of the longest search, 0 .. 1.
+        laws: "both", or "force" to keep kp of the position law as in `start`.
+        allowed: function that returns whether gains are admissible.
+        simulated: function that returns the penalty of gains in the co-simulation, 0 .. 1. Called only if the linear
+            model meets the goals with less cost than the best gains so far that meet both.
+        progress: callback, called after each generation with the finished share of the longest search, 0 .. 1.
     """
     force = any(corner.point.force_on for corner in corners)
     first, last = (1 if laws == "force" else 0), (len(GAIN_BOUNDS) if force else 1)
@@ -181,37 +206,15 @@ def best_gains(
     return start if judged(start) <= found.fun else gains(found.x)
 
 
-REST_TIME = 3.0
-"""Time (s) before the step, in which the platform sags under the drives' droop."""
-FORCE_STEP = 0.4
-"""Step of the force, as a share of the force at the corner: well above what counts and backlash make of it (0.05 N)."""
-HEIGHT_STEP = 1e-3
-"""Step of z (m), upwards."""
-END_SHARE = 0.25
-"""Share of the samples after the step in which a swing that lasts is looked for."""
-SPECTRUM_SAMPLES = 2**18
-"""Samples to which the step is continued before its spectrum is taken: frequencies 0.01 Hz apart."""
-
-OVERSHOOT_TOLERANCE = 0.05
-"""Share of a step by which a simulated overshoot may exceed its goal: backlash and counts are not linear."""
-MAX_SWING = 0.1
-"""Peak to peak (share of the step) from which a simulated swing that lasts is reported."""
-SETTLING_FACTOR = 4.0 / 3.0
-"""Factor by which backlash and counts delay the settling of a step: a predicted time is to be seen within `STEP_HORIZON`."""
-BANDWIDTH_TOLERANCE = 0.1
-"""Share of the bandwidth asked for that the simulated one may lack."""
-
-
 @dataclass(frozen=True)
 class StepTrial:
-    """A step at a corner, simulated.
+    """A simulated step at a corner.
 
     Attributes:
-        corner: where.
-        law: whose reference was stepped.
-        t, share: s (n,) since the step, and what came of it (n,), 1 where the linear model ends.
-        answer: its bandwidth is NaN if the step is not over in `STEP_HORIZON`.
-        swing: of the run with the step, in the end: peak to peak about a straight line (share of the step).
+        law: law whose reference was stepped.
+        t, share: time since the step (s) (n,), and response (n,), 1 at the final value of the linear model.
+        answer: summary of the response; its bandwidth is NaN if the response does not settle in `STEP_HORIZON`.
+        swing: lasting oscillation of the run with the step: peak to peak about a straight line (share of the step).
     """
 
     corner: Corner
@@ -223,21 +226,21 @@ class StepTrial:
 
 
 def can_simulate_step(corner: Corner) -> bool:
-    """Whether a step can be simulated: the position law's in air, the force law's pressing.
+    """Whether a step can be simulated at `corner`: of the position law in air, or of the force law in contact.
 
-    Where [controller.damping] acts there is none: only tasks have it, and tasks make no steps.
+    Impossible where [controller.damping] acts: only tasks use it, and tasks make no steps.
     """
     damping = corner.experiment.controller.damping if corner.experiment.tasks else None
     return corner.point.in_contact == corner.point.force_on and (damping is None or damping.gain == 0.0)
 
 
 def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
-    """Simulate the answer of the true force or height to a step of its reference; None if the run failed.
+    """Simulate the response of the true force or height to a step of its reference; None if the run failed.
 
-    The same run without the step is taken off, so that what both do falls out: the sagging before all.
+    The same run without the step is subtracted to cancel their common motion, the initial sagging.
 
     Args:
-        gains: with which the linear model is stable.
+        gains: gains that keep the linear model stable.
     """
     try:
         still, moved = paired_step_runs(corner, gains)
@@ -256,24 +259,28 @@ def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
 
 
 def step_bandwidth(share: Matrix, tick: float) -> float:
-    """Where the frequency response, the spectrum of the impulse response, first falls below 1/sqrt(2) (rad/s).
+    """Return the frequency (rad/s) where the spectrum of the impulse response first falls below 1/sqrt(2).
 
     Args:
-        share: answer to a unit step (n,), 1 at its end.
-        tick: between its samples (s).
+        share: response to a unit step (n,), 1 at its end.
+        tick: sampling period (s).
     """
     spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM_SAMPLES))
     return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM_SAMPLES * tick))
 
 
 def lasting_swing(t: Matrix, y: Matrix) -> float:
-    """Peak to peak of the last `END_SHARE` of `y` (n,) about a straight line, which is what is left of creeping."""
+    """Return the peak-to-peak value of the last `END_SHARE` of `y` (n,) about a straight line, which models creep."""
     last = slice(-round(END_SHARE * len(y)), None)
     return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
 def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
-    """The true pressing force (N) or height (m) at each tick from the step on (n,), without the step and with it."""
+    """Simulate the step and the same run without it; return the true pressing force (N) or height (m) per tick.
+
+    Returns:
+        [without the step (n,), with the step (n,)], from the time of the step on.
+    """
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
     period = experiment.controller.period
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
@@ -284,7 +291,7 @@ def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
         experiment,
         tasks=(),
         approach=None,
-        # the last call of the controller before REST still has the old reference
+        # The last call of the controller before REST_TIME still has the old reference.
         reference=WayPoints((0.0, REST_TIME - period, REST_TIME), (point.p_B,) * 3),
         controller=c.model_copy(update={"mode": mode, "force": force, "tissue": None, "breath": None}),
     )
@@ -305,7 +312,7 @@ def paired_step_runs(corner: Corner, gains: LawGains) -> list[Matrix]:
 
 
 def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
-    """What the co-simulation does that the linear model does not and that the goals forbid; "" if nothing."""
+    """Describe a violation of the goals in the co-simulation that the linear model does not predict; "" without one."""
     simulated, linear = trial.answer, prediction.answers[trial.law]
     if trial.swing > MAX_SWING:
         return f"the co-simulation never comes to rest, it swings by {100.0 * trial.swing:.0f} % of the step"
@@ -315,28 +322,23 @@ def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str
         within = f"within {100.0 * SETTLED_BAND:g} % of its end"
         return f"the co-simulation is not {within} after {STEP_HORIZON:g} s; predicted are {linear.settling:.2g} s"
     if goals.bandwidth and trial.law == goals.law:
-        # a goal that is predicted to be missed is reported as such
+        # A goal that is predicted to be missed is reported as such.
         expected = min(goals.bandwidth, linear.bandwidth)
         if simulated.bandwidth < (1.0 - BANDWIDTH_TOLERANCE) * expected:
             return f"the co-simulation has a bandwidth of {simulated.bandwidth / (2.0 * math.pi):.3g} Hz only"
     return ""
 
 
-SEARCH_SHARE = 0.8
-"""Share of the time that the search takes; the rest is tried in the co-simulation."""
-
-
 @dataclass(frozen=True)
 class GainAssessment:
-    """Gains, judged at every corner.
+    """Gains assessed at every corner.
 
     Attributes:
-        gains: which.
-        predictions: of the linear model.
-        misses: goals that they miss, each where it is missed most.
-        trials: simulated steps by the number of the corner; None: the run failed. A corner that is predicted to be
-            unstable is not tried.
-        wholes: the experiment itself with each drive: as its file has it, then on each stiffness.
+        predictions: predictions of the linear model, one per corner.
+        misses: worst miss of each missed goal.
+        trials: corner number -> simulated step, None if the run failed. A corner predicted to be unstable is not
+            simulated.
+        wholes: runs of the experiment itself with each drive: on the surface of the file, then on each stiffness.
     """
 
     gains: LawGains
@@ -348,15 +350,14 @@ class GainAssessment:
 
 @dataclass(frozen=True)
 class TuningResult:
-    """What tuning came to.
+    """The result of tuning.
 
     Attributes:
-        experiments: one per drive.
-        goals: asked for.
-        stiffness: range (N/m), None: that of the experiment.
-        drives: as identified, one per experiment.
-        problems: sentences about points that have no linear model.
-        before, after: the experiment's own gains, and the best.
+        experiments: experiments, one per drive.
+        stiffness: stiffness range (N/m); None for the stiffness of the experiment.
+        drives: identified drives, one linearisation per experiment.
+        problems: error messages of points without a linear model.
+        before, after: assessment of the experiment's own gains, and of the best.
     """
 
     experiments: list[Experiment]
@@ -369,7 +370,7 @@ class TuningResult:
 
     @property
     def contradictions(self) -> list[str]:
-        """What the co-simulation does not confirm of the gains found, one sentence each."""
+        """Descriptions of results for the gains found that the co-simulation does not confirm."""
         doubts = []
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity
@@ -389,7 +390,7 @@ class TuningResult:
         return not self.after.misses and not self.contradictions
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, SI."""
+        """Convert the result to a dictionary for JSON, SI."""
         return {
             "experiment": self.experiments[0].name,
             "met": self.meets_goals,
@@ -408,16 +409,16 @@ def tune_gains(
     stiffness: tuple[float, float] | None = None,
     say: Say = ignore_progress,
 ) -> TuningResult:
-    """The fastest gains of the laws of `experiments` that meet `goals` at every corner, and what they were.
+    """Find the fastest gains of the laws of `experiments` that meet `goals` at every corner; assess old and new gains.
 
     Args:
-        experiments: the same experiment with each drive for which the gains have to do, at least one.
-        goals: `law` is filled in.
-        stiffness: range of the contact's (N/m).
-        say: called with what is being done.
+        experiments: the same experiment with each drive that the gains must suit, at least one.
+        goals: goals; `law` is determined here.
+        stiffness: stiffness range of the contact (N/m).
 
     Raises:
-        InputRefused: goals that nothing can meet, gains that are not tuned, no linear model.
+        InputRefused: the goals cannot be met by any gains, a gain that is not tuned is not zero, or a linear model is
+            missing.
         ComponentFailed: a drive failed while it was measured.
     """
     first = experiments[0]
@@ -466,9 +467,9 @@ def _place_text(prediction: Prediction) -> str:
 
 
 def worst_places(predictions: Sequence[Prediction]) -> list[int]:
-    """Numbers of the corners that stand for all: for each drive, law and stiffness the place of largest M_s.
+    """Return the numbers of the corners with the largest M_s, one per drive, law and stiffness.
 
-    In the order of the drives, in air first, then by stiffness.
+    Ordered by drive, in air first, then by stiffness.
     """
     worst: dict[tuple[str, str, bool, float], int] = {}
     for i, prediction in enumerate(predictions):

@@ -1,4 +1,4 @@
-"""Connection to a Dask cluster whose machines give the same bits as this one, with a timeout for each answer."""
+"""Connection to a Dask cluster whose machines compute the same bits as this one, with a timeout for each answer."""
 
 import asyncio
 import functools
@@ -35,22 +35,22 @@ T = TypeVar("T")
 
 
 class ClusterLost(ComponentFailed):
-    """The scheduler or all of its workers are gone, or do not answer; rows until then are kept."""
+    """Loss of the scheduler or of all workers, or a timeout; rows written before are kept."""
 
 
 def call_with_timeout(
     limit: float, call: Callable[..., T], *arguments: Any, hear: Callable[[], None] = raise_interrupt, **named: Any
 ) -> T:
-    """What `call` returns, if that is within `limit` s.
+    """Run `call` in a separate thread and return its result within `limit` s.
 
-    It is called by a thread of its own: Dask's calls know no limit, or not for all that they do, and no Ctrl-C falls
-    between two of their instructions. One that does not return is left behind with its thread.
+    Dask's calls have no complete timeout, and in a separate thread Ctrl-C cannot interrupt them halfway. A call that
+    does not return is abandoned with its thread.
 
     Args:
-        hear: asked every now and then meanwhile; what it raises is raised here, and `call` goes on.
+        hear: function polled while waiting; its exceptions propagate while `call` continues.
 
     Raises:
-        TimeoutError: it has not returned.
+        TimeoutError: the call has not returned within `limit` s.
         KeyboardInterrupt: Ctrl-C.
     """
     answer: Future[T] = Future()
@@ -71,7 +71,7 @@ def call_with_timeout(
 
 
 def attempt_with_timeout(limit: float, call: Callable[..., object], *arguments: Any, **named: Any) -> None:
-    """`call` something at the end of a sweep, whose failure makes no difference any more; after `limit` s leave it."""
+    """Run a cleanup `call` whose failure no longer matters, and abandon it after `limit` s."""
     with suppress(Exception):
         call_with_timeout(limit, call, *arguments, hear=lambda: None, **named)
 
@@ -82,7 +82,7 @@ def connect_client(scheduler: str) -> Iterator[Client]:
 
     Raises:
         InputRefused: no scheduler answers there, it has no workers, or one is not like this machine.
-        ClusterLost: it stops answering.
+        ClusterLost: the cluster stops answering.
     """
     with ExitStack() as ends:
         ends.enter_context(_silence_dask())
@@ -105,16 +105,16 @@ def connect_client(scheduler: str) -> Iterator[Client]:
 
 
 def refuse_other_versions(client: Client) -> None:
-    """Ask the scheduler and every worker what they run.
+    """Check that the scheduler and every worker run the same versions as this process.
 
     Raises:
-        InputRefused: one has other versions than this process, or no twin that it could ask.
+        InputRefused: one of them has other versions, or lacks a compatible twin.
     """
     workers: dict[str, Any] = {}
     try:
         scheduler: Any = call_with_timeout(ANSWER_TIMEOUT, client.run_on_scheduler, versions)
         workers = call_with_timeout(ANSWER_TIMEOUT, client.run, versions, on_error="return")
-    # whatever pickle makes of a module that is not there, or not there yet
+    # Unpickling a missing module can raise any exception.
     except Exception as problem:
         scheduler = problem
     found = {"the scheduler": scheduler} | {f"worker {address}": theirs for address, theirs in workers.items()}
@@ -125,9 +125,9 @@ def refuse_other_versions(client: Client) -> None:
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Of this process, by what a user would call it: what has to be the same for a run to give the same bits.
+    """Return the versions that must match for a run to give the same bits, by their names in error messages.
 
-    twin's is followed by a hash of its files: in a clone the number stays while the code changes.
+    The version of twin is followed by a hash of its files: in a clone the code changes under the same version number.
     """
     content = hashlib.sha256()
     for name, source in package_sources(str(PACKAGE_FOLDER)).items():
@@ -148,10 +148,11 @@ def _version(package: str) -> str:
 
 
 def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str, str]) -> str:
-    """`tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if they are the same.
+    """Describe version differences: `tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if equal.
 
     Args:
-        who: was asked for `theirs`; what came of it instead, if there is no twin to ask.
+        who: name of the other process.
+        theirs: versions of the other process, or the exception raised if it has no compatible twin.
     """
     if not isinstance(theirs, dict):
         return f"{who} has no twin like this one ({type(theirs).__name__}: {theirs})"
@@ -164,7 +165,7 @@ def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str,
 
 
 def refusal(difference: str) -> str:
-    """The sentence about a machine of the cluster that is unlike this one."""
+    """Return the error message for a machine of the cluster that differs from this one."""
     return (
         f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
         "install the same on all machines (docs/cluster.md)"
@@ -172,10 +173,10 @@ def refusal(difference: str) -> str:
 
 
 def _refuse_no_scheduler(address: str) -> None:
-    """Ask the server at `address` for its identity. A client of Dask's would wait for ever for one who never answers.
+    """Check that the server at `address` is a Dask scheduler; Dask's client would wait forever for a silent server.
 
     Raises:
-        InputRefused: no scheduler.
+        InputRefused: no scheduler answers at the address.
     """
 
     async def role() -> str:
@@ -187,12 +188,13 @@ def _refuse_no_scheduler(address: str) -> None:
             comm.abort()
 
     try:
-        # not in this thread, where a notebook's event loop may be running; and to look up a name has no limit of ours
+        # In a separate thread, as a notebook's event loop may run in this one, and because name resolution has no
+        # timeout.
         found = call_with_timeout(2.0 * CONNECT_TIMEOUT, lambda: asyncio.run(asyncio.wait_for(role(), CONNECT_TIMEOUT)))
         if found == "Scheduler":
             return
         reason = f"a {found} does"
-    # whatever a foreign server says or an address can be mistaken for
+    # Errors of a foreign server or an invalid address.
     except (OSError, ValueError, KeyError, TypeError) as problem:
         reason = str(problem).splitlines()[0] if str(problem) else f"not within {CONNECT_TIMEOUT:g} s"
     raise InputRefused(
@@ -203,7 +205,7 @@ def _refuse_no_scheduler(address: str) -> None:
 
 @contextmanager
 def _silence_dask() -> Iterator[None]:
-    """What Dask has to say of lost connections is said here in a sentence, not by it in a hundred lines."""
+    """Suppress Dask's log output about lost connections, which twin reports in one sentence."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""The engine of a Dask cluster: runs go out in small batches, a few for each thread, and come back as they are done."""
+"""The engine of a Dask cluster: runs are sent in small batches, a few per thread, and return as they are done."""
 
 import time
 import uuid
@@ -26,34 +26,37 @@ from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task, files_digest, text_settings
 
 BATCH_SECONDS = 0.5
-"""What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
+"""Target duration of a batch (s): long enough to make the scheduler's milliseconds negligible, short enough to lose
+little with a worker.
+"""
 MIN_SECONDS_PER_THREAD = 0.004
-"""Seconds that it should take at least for each thread there is: all of them share one scheduler and one client, which
-need about 2 ms for a batch (docs/cluster.md)."""
+"""Minimum duration of a batch per thread of the cluster (s): all threads share one scheduler and one client, which need
+about 2 ms per batch (docs/cluster.md).
+"""
 MAX_BATCH_SIZE = 256
 BATCHES_PER_THREAD = 2
-"""Batches per thread that are under way: one that runs, one that waits for it."""
+"""Number of batches in progress per thread: one running, one queued."""
 POLL_PERIOD = 0.01
-"""Seconds between two looks for batches that have ended."""
+"""Period of polling for completed batches (s)."""
 CHECK_PERIOD = 1.0
-"""How often (s) the cluster is looked at: connection, threads."""
+"""Period of checking the connection and counting threads (s)."""
 WORKER_TIMEOUT = 30.0
-"""Seconds without any worker after which the sweep ends."""
+"""Time without any worker after which the sweep ends (s)."""
 WORKER_DEATH = failure("the Dask worker died whenever it was tried")
 
 
 class DaskEngine:
-    """An `Engine` of the workers of the Dask cluster at the address `scheduler`."""
+    """An `Engine` that uses the workers of the Dask cluster at the address `scheduler`."""
 
     def __init__(self, scheduler: str):
         self._scheduler = scheduler
 
     def results(self, job: Job, tasks: Sequence[Task]) -> Generator[list[Result]]:
-        """See `Engine`.
+        """Run `tasks` on the cluster, see `Engine.results`.
 
         Raises:
-            InputRefused: there is no such cluster, it has no workers, or they are not like this machine.
-            ClusterLost: it was there and is gone.
+            InputRefused: there is no such cluster, it lacks workers, or they are not like this machine.
+            ClusterLost: the cluster was there and is gone.
         """
         files = dict.fromkeys((task.drive, text_settings(task.settings)) for task in tasks)
         job = replace(job, files={each: files_digest(job.experiment, *each) for each in files})
@@ -67,7 +70,7 @@ class DaskEngine:
 
 
 class _Batches:
-    """Those of a sweep that are under way."""
+    """The batches of a sweep in progress."""
 
     def __init__(self, client: Client, job: Job, tasks: Sequence[Task]):
         assert client.scheduler is not None
@@ -80,25 +83,25 @@ class _Batches:
         self._threads, self._looked, self._worker_seen = 1, -CHECK_PERIOD, time.monotonic()
 
     def begin(self) -> None:
-        """Register the sweep with the scheduler and every worker, also those that join later.
+        """Register the sweep with the scheduler and every worker, including workers that join later.
 
         Raises:
-            ClusterLost: they do not answer.
+            ClusterLost: the cluster does not answer.
         """
         for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job)):
             try:
                 call_with_timeout(ANSWER_TIMEOUT, self._client.register_plugin, plugin)
             except OSError as problem:
                 raise ClusterLost(
-                    f"{self._address}: its workers did not take the sweep ({problem}); give the same command again"
+                    f"{self._address}: its workers did not take the sweep ({problem}); repeat the command"
                 ) from None
 
     def results(self) -> Generator[list[Result]]:
-        """See `DaskEngine.results`."""
-        # a run needs no more than this
+        """Send all batches and yield their results, see `DaskEngine.results`."""
+        # Keys and parameters are not needed to make a run.
         waiting = deque(replace(task, key="", parameters={}) for task in self._tasks.values())
         left = len(waiting)
-        # a batch whose worker died is tried again run by run: only that shows which of them is to blame
+        # A batch whose worker died is retried run by run, to identify the run that killed it.
         suspects: deque[Task] = deque()
         while left:
             raise_interrupt()
@@ -121,17 +124,17 @@ class _Batches:
                 time.sleep(POLL_PERIOD)
 
     def stop(self) -> None:
-        """End what is under way, in every worker."""
-        # of a cluster that is gone there is nothing to end, and that it is gone has been said
+        """Cancel the batches in progress in every worker."""
+        # A lost cluster needs no cleanup, and the loss is already reported.
         if self._client.status == "running":
             attempt_with_timeout(END_TIMEOUT, self._client.cancel, list(self._under_way), force=True)
             attempt_with_timeout(END_TIMEOUT, self._client.unregister_worker_plugin, self._sweep)
 
     def _check_cluster(self) -> None:
-        """Look after the cluster, now and then.
+        """Check the connection and count the threads, at most once per `CHECK_PERIOD`.
 
         Raises:
-            ClusterLost: it is gone.
+            ClusterLost: the cluster is gone.
         """
         if self._client.status != "running":
             raise self._cluster_error()
@@ -147,17 +150,17 @@ class _Batches:
         elif self._looked - self._worker_seen > WORKER_TIMEOUT:
             raise ClusterLost(
                 f"the last worker of {self._address} has been gone for {WORKER_TIMEOUT:g} s; finished runs are kept. "
-                f"Start others with dask worker {self._address} --nthreads 1, then give the same command to go on"
+                f"Start others with dask worker {self._address} --nthreads 1, then repeat the command to continue"
             )
 
     def _cluster_error(self) -> ClusterLost:
         return ClusterLost(
             f"the scheduler {self._address} is gone; finished runs are kept. "
-            "Start it and its workers again, then give the same command to go on"
+            "Start it and its workers again, then repeat the command to continue"
         )
 
     def _batch(self, waiting: deque[Task]) -> list[Task]:
-        """As many runs as a batch should take; fewer towards the end, so that all threads end together."""
+        """Take the runs of the next batch; batches shrink towards the end, so that all threads finish together."""
         share = -(-len(waiting) // (BATCHES_PER_THREAD * self._threads))
         seconds = max(BATCH_SECONDS, MIN_SECONDS_PER_THREAD * self._threads)
         size = max(1, min(int(seconds / self._seconds), MAX_BATCH_SIZE, share))
@@ -169,11 +172,11 @@ class _Batches:
         self._ended.add(future)
 
     def _is_worker_death(self, reply: Any) -> bool:
-        """Whether all workers that tried a batch have died, which ended with `reply`: results, or what was raised.
+        """Whether `reply`, results or the exception raised, means that all workers that tried the batch have died.
 
         Raises:
             ClusterLost: the scheduler is gone.
-            TwinError: no run can go on.
+            TwinError: no run can continue.
         """
         match reply:
             case list():
@@ -188,7 +191,7 @@ class _Batches:
         raise ComponentFailed(f"a worker of {self._address} cannot run a sweep: {type(problem).__name__}: {problem}")
 
     def _unpack_reply(self, reply: Sequence[RunFacts]) -> list[Result]:
-        """The results in `reply`."""
+        """Convert `reply` to results, and update the estimated duration of a run."""
         costs = [facts["seconds"] for _, facts in reply if facts["seconds"]]
         if costs:
             self._seconds += 0.3 * (sum(costs) / len(costs) - self._seconds)

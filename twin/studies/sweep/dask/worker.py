@@ -15,26 +15,26 @@ from twin.studies.sweep.plan import Task
 from twin.studies.sweep.stored import SWEEP_FILE
 
 RunFacts = tuple[int, dict[str, Any]]
-"""(number of a run, facts of its `RunFinding`)."""
+"""(run number, fields of its `RunFinding`)."""
 
 
 class _SweepEnd(Exception):
-    """The sweep, or the worker, has ended."""
+    """The end of the sweep or of the worker."""
 
 
 class SweepPlugin(WorkerPlugin):
-    """A warm process of the sweep for each thread of a worker, also of one that joins later.
+    """Worker plugin with a warm process of the sweep per thread; also installed on workers that join later.
 
     Args:
-        name: of the sweep, unique in the cluster.
-        job: what its runs have in common.
+        name: name of the sweep, unique in the cluster.
+        job: data shared by the runs.
     """
 
     def __init__(self, name: str, job: Job):
         self.name, self._job, self._versions = name, job, versions()
 
     def setup(self, worker: Worker) -> None:
-        """Called by Dask in its worker."""
+        """Prepare the worker for the sweep and compare its versions; called by Dask."""
         self._who = f"worker {worker.address}"
         self._difference = difference(self._who, versions(), self._versions)
         sweep = self._job.here / self._job.recordings.parent
@@ -45,7 +45,7 @@ class SweepPlugin(WorkerPlugin):
         self._processes: dict[int, tuple[threading.Lock, WarmProcess]] = {}
 
     def teardown(self, worker: Worker) -> None:
-        """Called by Dask when the sweep or the worker ends: end the processes, whatever they do."""
+        """End the processes of the sweep, even during a run; called by Dask when the sweep or the worker ends."""
         self._stopping.set()
         with self._lock:
             for guard, process in self._processes.values():
@@ -53,18 +53,18 @@ class SweepPlugin(WorkerPlugin):
                     process.close()
 
     def results(self, tasks: Sequence[Task]) -> list[RunFacts]:
-        """Return the facts of `tasks`; of fewer if the sweep ends meanwhile.
+        """Make the runs `tasks` and return their fields; fewer if the sweep ends meanwhile.
 
         Raises:
-            InputRefused: this worker is not like the machine that sends them, or reads other files.
-            TwinError: no run can go on.
+            InputRefused: this worker differs from the sending machine, or reads other files.
+            TwinError: no run can continue.
         """
         if self._difference:
             raise InputRefused(refusal(self._difference))
         with self._lock:
             if self._stopping.is_set():
                 return []
-            # a process dies with the thread that started it
+            # A child process dies with the thread that started it.
             own = threading.Lock(), WarmProcess(WORKER_JOB, self._job.limits, self._raise_if_stopping)
             guard, process = self._processes.setdefault(threading.get_ident(), own)
         found: list[RunFacts] = []
@@ -85,10 +85,10 @@ class SweepPlugin(WorkerPlugin):
 
 
 class EndPlugin(SchedulerPlugin):
-    """Ends a sweep in all workers when its client is gone, which may have been killed.
+    """Scheduler plugin that ends a sweep in all workers when its client is gone, for example killed.
 
     Args:
-        name: of the sweep.
+        name: name of the sweep.
         client: Dask's name of the client.
     """
 
@@ -96,7 +96,7 @@ class EndPlugin(SchedulerPlugin):
         self.name, self._client = name, client
 
     def remove_client(self, scheduler: Scheduler, client: str) -> None:
-        """Called by Dask."""
+        """End the sweep if its client is removed; called by Dask."""
         if client == self._client:
             scheduler.remove_plugin(self.name)
             if self.name in scheduler.worker_plugins:

@@ -1,4 +1,4 @@
-"""The report of a sweep, answer first: tables with sentences, and all of them as text."""
+"""The report of a sweep as tables with remarks, most important first, and as text."""
 
 import math
 from collections import Counter
@@ -24,38 +24,39 @@ from twin.studies.sweep.statistics.ranking import HISTOGRAM_BINS, value, worst_o
 from twin.studies.sweep.stored import SweepRows
 
 LIKELY_SHARE = 0.95
-"""Share of runs from which on a claim is called likely."""
+"""Minimum share of successful runs for a claim to be called likely."""
 MEDIAN_INDEX = ranking.QUANTILES.index(0.5)
 WIDE_INTERVAL = 0.3
-"""Width of an interval that leaves open whether a parameter matters."""
+"""Width of a confidence interval above which it stays open whether a parameter matters."""
 COVERAGE_NOTE = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
-"""Counted, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py counts a part of it again."""
+"""Empirical coverage, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py repeats a part of
+it."""
 FAMILYWISE_LEVEL = 0.05
-"""Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
+"""Familywise error rate of the stars, over all parameters of a table together (Holm 1979)."""
 MAX_EQUAL_ROWS = 12
-"""Maximum number of rows of the best run and of those that equal it."""
+"""Maximum number of rows of the best run and its equals."""
 COMPANION_TITLES = {SETTLING_TIME: "settles s", HOLD_OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
-"""Measures beside the one that is ranked by, and their titles."""
+"""Additional measures in the tables of runs, and their column titles."""
 MAX_FRONT_ROWS = 8
 MAX_REASONS = 5
 MAX_WORST_ROWS = 40
 MAX_HEADLINE_VALUES = 3
-"""Values of the best run that stand in the first sentence; of more, the table of the best runs is the place."""
+"""Maximum number of parameter values of the best run in the headline; with more, they are only in the table."""
 BIN_SHADES = " .:-=+*#"
-"""Of a histogram's bins in text, from none to the fullest."""
+"""Shades of histogram bins in text, from empty to fullest."""
 HISTOGRAM_TITLE = "least to most"
 
 
 @dataclass(frozen=True)
 class ReportPart:
-    """A table with a title and sentences.
+    """A titled table with remarks.
 
     Attributes:
         key: short name.
-        head: titles of the columns, rows: cells, as many in each; empty if there is no table.
-        remarks: sentences to it.
-        notes: by first cell, what it means; for a page, which has the room.
-        text_only: titles of columns that a page does without, because it has a picture.
+        head, rows: column titles, and cells of each row; empty without a table.
+        remarks: sentences below the table.
+        notes: text of a first cell -> explanation, shown only on a page, where there is room.
+        text_only: titles of columns that a page leaves out, because it has a picture.
     """
 
     key: str
@@ -68,7 +69,7 @@ class ReportPart:
 
 
 def short_names(labels: Sequence[str]) -> dict[str, str]:
-    """Each label by as few of its last parts as tell it from the others; a number never stands alone."""
+    """Shorten each label to its last parts that distinguish it from the others; a number is never the whole name."""
     names = {}
     for label in labels:
         parts = label.split(".")
@@ -81,7 +82,7 @@ def short_names(labels: Sequence[str]) -> dict[str, str]:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A rounded number; `-` if there is none, `never` for infinity."""
+    """Format a rounded number; `-` for NaN, `never` for infinity."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
@@ -90,13 +91,13 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def interval(ends: tuple[float, float], form: str = ".2f") -> str:
-    """`0.12 .. 0.34`; `-` if there is none."""
+    """Format an interval, `0.12 .. 0.34`; `-` if an end is NaN."""
     low, high = ends
     return "-" if math.isnan(low) or math.isnan(high) else f"{low:{form}} .. {high:{form}}"
 
 
 def parameter_text(parameters: Values | None, row: int) -> str:
-    """The value of a parameter in a row; `-` if the run does not have it."""
+    """Format the value of a parameter in a row; `-` if the run does not have it."""
     parameter = None if parameters is None else parameters[row]
     if parameter is None or parameter != parameter:
         return "-"
@@ -104,7 +105,7 @@ def parameter_text(parameters: Values | None, row: int) -> str:
 
 
 def claims_sentence(found: Sequence[ranking.Likelihood]) -> str:
-    """`17 of 20 claims hold in 95 % of the runs; least sure is 'F_z stays lower' (41 %)`."""
+    """Summarise the claims: `17 of 20 claims hold in at least 95 % of the runs; least sure: F_z stays lower (41 %)`."""
     judged = [one for one in found if one.judged]
     if not judged:
         return "no claim could be judged"
@@ -115,7 +116,7 @@ def claims_sentence(found: Sequence[ranking.Likelihood]) -> str:
 
 
 def claims_part(sweep: SweepRows) -> ReportPart | None:
-    """Each claim with the probability that it holds; None if none was asked for."""
+    """Return the table of claims with their probabilities; None if the sweep judges no claims."""
     found = ranking.likelihoods(sweep.columns)
     if not found:
         return None
@@ -134,7 +135,7 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
     columns = sweep.columns
     verdicts = (columns.categorical(name) for name in columns.names_in_group("verdicts").values())
     judged = int(np.any([one.mask(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
-    remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
+    remarks = ["P: Wilson interval. true_...: twin's own claims, on the true force"]
     if missing := len(columns) - judged:
         remarks.append(f"{missing} of {len(columns)} runs did not end and are not judged: reasons below")
     remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]
@@ -154,7 +155,7 @@ def _quantile_text(one: ranking.Likelihood, quantile: int) -> str:
 
 
 def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
-    """For each drive by itself: what moves one drive need not move another."""
+    """Return the sensitivity tables of each drive; sensitivities of one drive need not apply to another."""
     found: list[ReportPart | None] = []
     drives = ranking.drives_in(sweep.columns)
     for drive in drives:
@@ -168,7 +169,7 @@ def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
 
 
 def significant_parameters(correlations: dict[str, sensitivity.Correlation]) -> set[str]:
-    """Parameters whose correlation is none by chance, all of them together at `FAMILYWISE_LEVEL`.
+    """Return the parameters whose correlation is significant at the familywise level `FAMILYWISE_LEVEL`.
 
     Source: Holm (1979), A simple sequentially rejective multiple test procedure.
     """
@@ -241,13 +242,13 @@ def _range(found: sensitivity.Interval) -> str:
 
 @dataclass(frozen=True)
 class SweepQuery:
-    """What a user wants to know.
+    """A query for the report of a sweep.
 
     Attributes:
-        by: metric that runs are ranked by.
-        against: the other one of the Pareto front.
-        top: so many best runs.
-        worst_over: the parameter over which each choice of the others is judged by its worst run; None: none.
+        by: metric to rank runs by.
+        against: other metric of the Pareto front.
+        top: number of best runs to show.
+        worst_over: parameter over which every choice of the other parameters is judged by its worst run; None to skip.
     """
 
     by: str
@@ -257,8 +258,11 @@ class SweepQuery:
 
 
 def parts(sweep: SweepRows, asked: SweepQuery) -> list[ReportPart]:
-    """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
-    is drawn there cannot be chosen."""
+    """Return all parts of the report, most important first.
+
+    A sweep with claims starts with the claims and has no best run, since its parameters are uncertain and cannot be
+    chosen.
+    """
     judged = claims_part(sweep)
     found: list[ReportPart | None] = [judged] if judged else [f(sweep, asked) for f in (_best, _margins, _drives)]
     if asked.worst_over is not None:
@@ -271,7 +275,7 @@ def parts(sweep: SweepRows, asked: SweepQuery) -> list[ReportPart]:
 
 
 def headline(sweep: SweepRows, by: str) -> str:
-    """`NAME  20 runs: smallest hold_error_N 0.031 (run 4: k_s_Nm_per_rad = 0.5); 2 failed`."""
+    """Return the first sentence, such as `NAME  20 runs: smallest hold_error_N 0.031 (run 4: kp = 0.5); 2 failed`."""
     columns = sweep.columns
     begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
     text = f"{sweep.name}  {begun}{count_text(sweep.runs, 'run')}"
@@ -299,7 +303,7 @@ def headline(sweep: SweepRows, by: str) -> str:
 
 
 def _varied_values(sweep: SweepRows, row: int) -> str:
-    """`: k_s_Nm_per_rad = 1.5, kp = 2`: what varies, as the run in that row has it; "" where that is too much."""
+    """Format the varied values of a run, `: k_s_Nm_per_rad = 1.5, kp = 2`; "" if there are too many for a headline."""
     names = short_names(sweep.labels)
     found = [
         f"{names[label]} = {parameter_text(sweep.columns.by_name.get(f'parameters/{label}'), row)}"
@@ -345,7 +349,7 @@ def _best(sweep: SweepRows, asked: SweepQuery) -> ReportPart | None:
 
 
 def best_rows(sweep: SweepRows, asked: SweepQuery) -> Positions:
-    """Rows of the best runs that are shown: the best one, those that equal it, the next ones."""
+    """Return the rows of the runs to show: the best run, its equals, then the next best."""
     ranked, equal = (find(sweep.columns, asked.by) for find in (ranking.ranked_rows, ranking.equal_to_best))
     others = ranked[1:][~np.isin(ranked[1:], equal)]
     shown = max(asked.top, min(MAX_EQUAL_ROWS, 1 + len(equal)))
@@ -353,7 +357,7 @@ def best_rows(sweep: SweepRows, asked: SweepQuery) -> Positions:
 
 
 def _margins(sweep: SweepRows, asked: SweepQuery) -> ReportPart | None:
-    """Margins of the force loop of the best runs; None if none were computed."""
+    """Return the table of force loop margins of the best runs; None if they were not computed."""
     keys = sweep.columns.categorical("key").select(best_rows(sweep, asked))
     found = [sweep.margins[key] for key in keys if key in sweep.margins]
     if not found:
@@ -471,12 +475,16 @@ def _distributions(sweep: SweepRows) -> ReportPart | None:
         [
             one.metric,
             *map(number, one.quantiles),
-            f"|{''.join(BIN_SHADES[math.ceil(n / max(one.counts) * (len(BIN_SHADES) - 1))] for n in one.counts):{HISTOGRAM_BINS}}|",
+            f"|{_histogram(one.counts):{HISTOGRAM_BINS}}|",
             str(one.missing) if one.missing else "-",
         ]
         for one in spreads
     ]
     return ReportPart("metrics", "each metric over all runs, quantiles", head, rows, text_only=(HISTOGRAM_TITLE,))
+
+
+def _histogram(counts: Sequence[int]) -> str:
+    return "".join(BIN_SHADES[math.ceil(n / max(counts) * (len(BIN_SHADES) - 1))] for n in counts)
 
 
 def _reasons(sweep: SweepRows) -> ReportPart | None:
@@ -499,10 +507,10 @@ def _reasons(sweep: SweepRows) -> ReportPart | None:
 
 
 def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] | None:
-    """The two parameters of the map: those asked for, else the first two that are numbers; None: there are not two.
+    """Return the two parameters of the map: the requested ones, else the first numeric ones; None with fewer than two.
 
     Raises:
-        InputRefused: one asked for does not vary.
+        InputRefused: a requested parameter does not vary.
     """
     numeric = ranking.numeric_labels(sweep.labels, sweep.columns)
     names = short_names(sweep.labels)
@@ -521,10 +529,10 @@ def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] |
 
 
 def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
-    """The parameter that `--worst-over` means, by its whole name or by its short one.
+    """Return the full label of the `--worst-over` parameter, given by its full or short name.
 
     Raises:
-        InputRefused: none of that name varies.
+        InputRefused: no parameter of that name varies.
     """
     names = short_names(sweep.labels)
     found = next((label for label in sweep.labels if wanted in (label, names[label])), None)
@@ -534,7 +542,7 @@ def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
 
 
 def sweep_text(sweep: SweepRows, asked: SweepQuery) -> str:
-    """The report of a sweep."""
+    """Return the report of a sweep as text."""
     found = (block for part in parts(sweep, asked) for block in _blocks(part))
     return lay_out([_fold(headline(sweep, asked.by)), *found])
 
@@ -546,7 +554,7 @@ def _blocks(part: ReportPart) -> list[Block]:
 
 
 def headline_text(sweep: SweepRows, by: str) -> str:
-    """The first sentence in lines of at most 80 characters."""
+    """Return the first sentence in lines of at most 80 characters."""
     return lay_out([_fold(headline(sweep, by))])
 
 

@@ -45,20 +45,48 @@ from twin.studies.sweep.statistics.ranking import (
 from twin.studies.sweep.stored import SweepRows
 
 MAX_DOTS = 50_000
-"""Dots up to which all are drawn."""
+"""Maximum number of dots that are all drawn."""
+DRIVE_COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
+DRIVE_MARKERS = "osD^vP*X"
+MAX_STACKED_DOTS = 4
+"""Maximum number of overlapping dots drawn in a crowd; deeper dots are invisible."""
+FRONT_CELLS = 1000
+"""Number of cells along each axis for a crowded front, which is a line; each is smaller than a pixel."""
+FAILED_COLOR = VERMILION
+MAX_NUMBERED_CELLS = 2_500
+"""Maximum number of grid cells labelled with a number; in more cells the numbers would be unreadable."""
+MAX_NAMED_LEVELS = 10
+"""Maximum number of levels named along an axis without cell labels."""
+FENCE_FACTOR = 3.0
+"""Distance from the quartiles, in interquartile ranges, beyond which a value is an outlier (Tukey 1977, "outer
+fences")."""
+PANEL_COLUMNS = 3
+BAND_PANELS = (
+    ("A", "z", "z position, estimated (mm)", 1e3),
+    ("B", "F_z", "F_z, pressing, estimated (N)", 1.0),
+    ("C", "F_x", "F_x, estimated (N)", 1.0),
+    ("D", "F_y", "F_y, estimated (N)", 1.0),
+    ("E", "true_z", "z position, true, close up (mm)", 1e3),
+    ("F", "true_F_z", "F_z, pressing, true (N)", 1.0),
+)
+"""Panels of the bands: letter, signal, axis label, scale."""
+SETTLED_TIME = 8.0
+"""Time (s) after which the height changes so little that panel E magnifies it."""
+HEIGHT_MARGIN = 0.1
+"""Margin above and below the height in panel E (mm)."""
 
 
 def visible_dots(x: Numbers, y: Numbers, most: int, cells: int = 150) -> Positions:
-    """Positions of the dots to draw, in their order: of a crowd the last `most`, which lie on top, in each cell.
+    """Return the positions of the dots to draw, in order: in a crowd, the last `most` of each cell, which are on top.
 
     Args:
-        x, y: where the dots are on the paper, in any unit.
-        cells: along each axis; of 150 each is smaller than a dot.
+        x, y: coordinates on the paper, in any unit.
+        cells: number of cells along each axis; with 150 a cell is smaller than a dot.
     """
     if len(x) <= MAX_DOTS:
         return np.arange(len(x))
     cell = _cells(x, cells) * (cells + 1) + _cells(y, cells)
-    # of short numbers this takes time with their number alone
+    # Small integer types sort much faster.
     cell = cell.astype(np.min_scalar_type((cells + 1) ** 2))
     order = np.argsort(cell, kind="stable")
     behind = np.searchsorted(cell[order], cell[order], side="right") - np.arange(len(x))
@@ -70,16 +98,8 @@ def _cells(along: Numbers, cells: int) -> NDArray[np.int64]:
     return ((along - along.min()) / span * cells).astype(np.int64)
 
 
-DRIVE_COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
-DRIVE_MARKERS = "osD^vP*X"
-MAX_STACKED_DOTS = 4
-"""Dots of a crowd on top of each other that are drawn: beneath so many nothing shines through."""
-FRONT_CELLS = 1000
-"""Cells of the front of a crowd, which is a line: smaller than a pixel."""
-
-
 def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
-    """Write the picture to `path` (PNG).
+    """Draw the Pareto front and all ranked runs, and write the picture to `path` (PNG).
 
     Raises:
         NotWritten: the disk refuses.
@@ -93,7 +113,8 @@ def draw_front(sweep: SweepRows, asked: SweepQuery, path: Path) -> None:
             x, y = _points(columns, mine, asked)
             drawn = visible_dots(x, y, MAX_STACKED_DOTS)
             axes.scatter(
-                x[drawn], y[drawn], s=26, color=DRIVE_COLORS[number % len(DRIVE_COLORS)], marker=DRIVE_MARKERS[number % len(DRIVE_MARKERS)],
+                x[drawn], y[drawn], s=26, color=DRIVE_COLORS[number % len(DRIVE_COLORS)],
+                marker=DRIVE_MARKERS[number % len(DRIVE_MARKERS)],
                 alpha=0.75, lw=0, label=f"{drive or 'runs'} ({len(mine)})",
             )  # fmt: skip
         x, y = _points(columns, pareto_front(columns, asked.by, asked.against), asked)
@@ -112,20 +133,11 @@ def _points(columns: Columns, rows: Positions, asked: SweepQuery) -> tuple[Numbe
     return value(columns, asked.by)[rows], value(columns, asked.against)[rows]
 
 
-FAILED_COLOR = VERMILION
-MAX_NUMBERED_CELLS = 2_500
-"""Cells of a grid with a number in each; of more, in none of which one could be read, only the colours are drawn."""
-MAX_NAMED_LEVELS = 10
-"""Named along an axis of so many cells."""
-FENCE_FACTOR = 3.0
-"""Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
-
-
 def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path) -> None:
     """Write the map of `metric` over `axes` to `path` (PNG), a panel per drive.
 
-    Cells of a grid show the best run at that point over all other parameters; draws of a sample are dots. An orange
-    cross is a run that has no number.
+    Cells of a grid show the best run at that point over all other parameters; sampled runs are dots. An orange cross is
+    a run without that number.
     """
     columns, drives = sweep.columns, drives_in(sweep.columns)
     x, y = (parameter(columns, label) for label in axes)
@@ -145,22 +157,22 @@ def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path)
         for panel in panels[len(drives) :]:
             panel.set_visible(False)
         names = short_names(sweep.labels)
-        # below the axis' name, for a legend there would lie upon it
+        # Below the axis label, since a legend there would overlap it.
         legend = [f"orange cross: no {metric}, see the row's reason"] if len(values) < on_map.sum() else []
         figure.supxlabel("\n".join([names[axes[0]], *legend, *filter(None, [remark])]), fontsize=10)
         figure.supylabel(names[axes[1]], fontsize=10)
         beyond = {"max": values.max(initial=low) > high, "min": values.min(initial=high) < low}
         extend = "both" if all(beyond.values()) else next((end for end, is_so in beyond.items() if is_so), "neither")
-        # of what a claim measures, less need not be better
+        # For the quantity measured by a claim, less need not be better.
         label = f"{metric} {'(light is less)' if claims_in(columns) else LIGHT_IS_GOOD}"
         figure.colorbar(shade, ax=panels.tolist(), label=label, shrink=0.8, pad=0.02, extend=extend)
         figure.suptitle(f"{sweep.name}: {metric}, {len(columns)} of {sweep.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
 def shown_range(values: Numbers) -> tuple[float, float, str]:
-    """(low, high, remark) of the colours: without what is far out, which would leave one colour to all others.
+    """Return (low, high, remark) of the color scale, without outliers, which would flatten all other colors.
 
-    The remark says how many values the ends of the colours stand for; "" if the colours span all.
+    The remark counts the outliers clipped to the ends of the scale; "" without outliers.
     """
     if not len(values):
         return 0.0, 1.0, ""
@@ -186,7 +198,7 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numb
         np.fmin.at(best, (i, j), numbers)
         _draw_grid(panel, shade, levels, best, np.unique(i * len(at_y) + j))
         return
-    # several octaves, all positive: a ratio says more than a difference
+    # Positive values over several octaves are compared by ratio, so the axis is logarithmic.
     octaves = [len(x) > 0 and along.min() > 0.0 and along.max() / along.min() >= 4.0 for along in (x, y)]
     on_paper = [np.log(along) if is_so else along for along, is_so in zip((x, y), octaves, strict=True)]
     good, bad = (np.flatnonzero(some) for some in (np.isfinite(numbers), ~np.isfinite(numbers)))
@@ -204,8 +216,8 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numb
 
 
 def _levels(x: Numbers, y: Numbers) -> tuple[Numbers, Numbers] | None:
-    """Each number that there is of either, in order, where the dots are those of a grid."""
-    # of a sample the first dots tell, and to sort a million takes long
+    """Return the sorted distinct values of `x` and `y` if the dots form a grid; None otherwise."""
+    # The first dots suffice to recognise a sample, and sorting a million is slow.
     few = math.isqrt(len(x)) + 1
     if len(np.unique(x[:few])) * len(np.unique(y[:few])) > len(x):
         return None
@@ -216,7 +228,7 @@ def _levels(x: Numbers, y: Numbers) -> tuple[Numbers, Numbers] | None:
 def _draw_grid(
     panel: Axes, shade: ScalarMappable, levels: Sequence[Numbers], best: Numbers, cells: NDArray[np.int64]
 ) -> None:
-    """The best number of each of the `cells`, by position in the table `best`, that some run is in."""
+    """Draw the best number of each of the `cells`, flat indices into `best`, with axes labelled by `levels`."""
     many = len(cells) > MAX_NUMBERED_CELLS
     if many:
         colours = shade.to_rgba(best)
@@ -245,11 +257,8 @@ def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) 
     panel.text(i, j, f"{best:.3g}", ha="center", va="center", color=ink, fontsize=8)
 
 
-PANEL_COLUMNS = 3
-
-
 def draw_spreads(sweep: SweepRows, path: Path) -> None:
-    """Write the picture to `path` (PNG).
+    """Draw the distribution of each metric, and write the picture to `path` (PNG).
 
     Raises:
         NotWritten: the disk refuses.
@@ -265,7 +274,7 @@ def draw_spreads(sweep: SweepRows, path: Path) -> None:
             for number, drive in enumerate(drives):
                 values = value(columns, metric)[drive_mask(columns, drive)] if len(drives) > 1 else found.numbers
                 counts, _ = np.histogram(values[~np.isnan(values)], len(found.counts), tuple(found.edges[[0, -1]]))
-                # of a million runs only their counts
+                # Passing counts instead of values keeps a million runs fast.
                 axes.hist(
                     found.edges[:-1], found.edges, weights=counts, color=DRIVE_COLORS[number % len(DRIVE_COLORS)],
                     histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
@@ -281,28 +290,15 @@ def draw_spreads(sweep: SweepRows, path: Path) -> None:
         figure.suptitle(f"{sweep.name}: {len(columns)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
 
 
-BAND_PANELS = (
-    ("A", "z", "z position, estimated (mm)", 1e3),
-    ("B", "F_z", "F_z, pressing, estimated (N)", 1.0),
-    ("C", "F_x", "F_x, estimated (N)", 1.0),
-    ("D", "F_y", "F_y, estimated (N)", 1.0),
-    ("E", "true_z", "z position, true, close up (mm)", 1e3),
-    ("F", "true_F_z", "F_z, pressing, true (N)", 1.0),
-)
-"""The force-position run on top, as in the paper."""
-SETTLED_TIME = 8.0
-"""Since when (s) the height changes by so little that E shows it larger."""
-HEIGHT_MARGIN = 0.1
-"""Around it (mm)."""
-
-
 def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
-    """Write the picture to `path` (PNG): panels A to D of Fig. 4, and below them what is true.
+    """Draw the bands of the curves and write the picture to `path` (PNG).
+
+    Panels A to D reproduce Fig. 4, with the force-position run on top, as in the paper; below are the true signals.
 
     Raises:
         NotWritten: the disk refuses.
     """
-    # takes a while to import, and few sweeps judge claims
+    # Slow to import, and few sweeps judge claims.
     from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, P_BASED
 
     runs = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
@@ -340,22 +336,22 @@ def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: 
 
 
 def write_pictures(sweep: SweepRows, asked: SweepQuery, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
-    """Write them into `folder` (PNG), which exists: what each shows -> its file.
+    """Write the pictures into the existing `folder` (PNG) and return kind of picture -> file.
 
     Args:
-        x, y: parameters of the heat map; None: the first two.
+        x, y: parameters of the heat map; None for the first two.
 
     Raises:
         InputRefused: x or y does not vary, or a file cannot be written.
     """
     files: dict[str, Path] = {}
     axes = axes_of(sweep, x, y)
-    # curves are in no column
+    # Curves are only in the rows, not in the columns.
     found = bands(sweep.rows) if True in sweep.columns.categorical("has_curves").counts else None
     if found:
         files["bands"] = folder / "bands.png"
         draw_bands(found, sweep, files["bands"])
-    # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map
+    # The parameters of a sweep with claims are uncertain and cannot be chosen, so a map has no best place.
     if axes and (not found or x or y):
         files["map"] = folder / "map.png"
         draw_sweep(sweep, axes, asked.by, files["map"])

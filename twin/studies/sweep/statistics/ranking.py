@@ -24,23 +24,31 @@ from twin.studies.sweep.measures import (
 from twin.studies.sweep.rows import ROWS_FILE
 
 USUAL_METRICS = (HOLD_ERROR, SINCE_TOUCH, "lateral_error_mm")
-"""Metrics to rank by unless one is chosen: the first that some run has."""
+"""Default metrics to rank by; the first that a run of the sweep has is used."""
 USUAL_AGAINST = (SETTLING_TIME, HOLD_ERROR, HOLD_OVERSHOOT, "lateral_error_mm")
-"""The other metric of the Pareto front, likewise."""
+"""Default second metrics of the Pareto front, likewise."""
 UNRANKED_METRICS = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "holds_count",
             "felt_stiffness_N_per_m", "chatter_frequency_Hz")  # fmt: skip
 UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
-"""Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
-other metric less is better."""
+"""Metrics of measures without a better direction: the target of a force or signal is its reference. For every other
+metric less is better.
+"""
 
 METRIC_DECIMALS = 12
-"""Decimals of a metric: what runs differ by beyond them is the rounding of doubles, and no run is better for it."""
+"""Decimals of a metric; differences beyond them are floating-point rounding and do not rank runs."""
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+HISTOGRAM_BINS = 12
+BOOTSTRAP_SAMPLES = 2000
+HOLDS_VERDICTS, FAILS_VERDICTS = ("holds", "reproduced after all"), ("fails", "not reproduced")
+"""Verdicts counted as success and failure: a sweep asks only whether a claim holds, not whether that was known."""
 
 
 @cache_per_columns
 def value(columns: Columns, metric: str) -> Numbers:
-    """The number of each run, (n,), a metric or what a claim measured; nan if it has none, because it failed or no
-    force was controlled, or it never happened."""
+    """Return the value per run, (n,), of a metric or a claim's measured quantity.
+
+    NaN if the run has no such value: it failed, no force was controlled, or the event never happened.
+    """
     name = f"metrics/{metric}"
     found = columns.numbers(name) if name in columns.by_name else np.full(len(columns), np.nan)
     if f"verdicts/{metric}" in columns.by_name:
@@ -50,7 +58,7 @@ def value(columns: Columns, metric: str) -> Numbers:
 
 
 def rank_value(columns: Columns, metric: str) -> Numbers:
-    """The same as `value`, but 0 for a held force without chatter, which has no amplitude."""
+    """Return `value`, except 0 for the chatter amplitude of a held force without chatter."""
     numbers = value(columns, metric)
     if metric != CHATTER_AMPLITUDE:
         return numbers
@@ -58,10 +66,10 @@ def rank_value(columns: Columns, metric: str) -> Numbers:
 
 
 def round_metrics(numbers: Numbers) -> Numbers:
-    """`numbers` to `METRIC_DECIMALS` decimals as Python's `round` has them: what is written is the nearest double.
+    """Round `numbers` to `METRIC_DECIMALS` decimals exactly like Python's `round`, i.e. to the nearest double.
 
-    To scale by a power of ten and back, as numpy does, is exact but where the product, which is rounded, too, comes
-    near the middle between two decimals. From 2^13 on doubles are further apart than decimals.
+    Scaling by a power of ten and back, as numpy does, is exact except where the product, itself rounded, is close to
+    the middle between two decimals. From 2^13 on doubles are further apart than decimals.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = numbers * 10.0**METRIC_DECIMALS
@@ -75,13 +83,16 @@ def round_metrics(numbers: Numbers) -> Numbers:
 
 
 def usual_metric(columns: Columns) -> str:
-    """Metric to rank by unless one is chosen: the hold error; where no run held a force, or rows are of an older twin,
-    the error since the first touch; where no force was controlled, the lateral error."""
+    """Return the default metric to rank by.
+
+    The hold error; the error since the first touch if no run held a force, or the rows are of an older twin; the
+    lateral error if no force was controlled.
+    """
     return _first_available(columns, USUAL_METRICS)
 
 
 def usual_against(columns: Columns, by: str) -> str:
-    """The other metric of the Pareto front unless one is chosen."""
+    """Return the default second metric of the Pareto front."""
     return _first_available(columns, [metric for metric in USUAL_AGAINST if metric != by])
 
 
@@ -91,26 +102,27 @@ def _first_available(columns: Columns, metrics: Sequence[str]) -> str:
 
 @cache_per_columns
 def metrics_in(columns: Columns) -> list[str]:
-    """Names of all metrics that some run has a number for, those of every sweep first."""
+    """Return the names of all metrics that at least one run has, built-in metrics first."""
     there = {name: ~np.isnan(columns.numbers(column)) for name, column in columns.names_in_group("metrics").items()}
     found = sorted((name for name, has in there.items() if has.any()), key=lambda name: int(there[name].argmax()))
     return [name for name in METRICS if name in found] + [name for name in found if name not in METRICS]
 
 
 def claims_in(columns: Columns) -> list[str]:
-    """Keys of the paper's claims that some run was judged by; where there are any, no run is better than another."""
+    """Return the keys of the paper's claims judged on at least one run; with claims no run is better than another."""
     return list(columns.names_in_group("verdicts"))
 
 
 def require_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
-    """`metric` as it was given with `option`.
+    """Return `metric` if runs can be ranked by it.
 
     Args:
-        known: metrics that a run may have.
-        claims: whose numbers may be asked for, too; see `claims_in`.
+        option: option of the command line, shown in error messages.
+        known: metrics that a run can have.
+        claims: keys of the claims whose measured quantities are also allowed; see `claims_in`.
 
     Raises:
-        InputRefused: there is no such metric, or less of it is not better.
+        InputRefused: the metric is unknown, or less of it is not better.
     """
     require_metric(option, metric, [*known, *claims])
     if not claims and _has_no_rank(metric):
@@ -125,8 +137,7 @@ def _has_no_rank(metric: str) -> bool:
 
 @cache_per_columns
 def ranked_rows(columns: Columns, metric: str) -> Positions:
-    """Rows of runs that did not trip and keep the sweep's limits and have the metric, least first; ties in the order of
-    rows."""
+    """Return the rows of completed runs within the sweep's limits that have `metric`, least first, ties in order."""
     numbers = rank_value(columns, metric)
     fit = columns.categorical("status").mask(lambda status: status == "done")
     fit &= columns.categorical("within_limits").mask(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
@@ -135,7 +146,7 @@ def ranked_rows(columns: Columns, metric: str) -> Positions:
 
 
 def floor_text(metric: str) -> str:
-    """`0.05 N` or `5 %`: the smallest difference that counts; "" if every one does."""
+    """Format the smallest relevant difference of `metric`: `0.05 N` or `5 %`; "" if every difference is relevant."""
     measure = BY_COLUMN.get(metric)
     if measure is None or not (measure.floor or measure.share):
         return ""
@@ -143,7 +154,7 @@ def floor_text(metric: str) -> str:
 
 
 def floor(metric: str, numbers: Numbers) -> Numbers:
-    """Largest differences from `numbers` that do not count; 0 of a metric that is none of twin's measures."""
+    """Return the largest irrelevant difference from each of `numbers`; 0 for a metric that is not a measure of twin."""
     measure = BY_COLUMN.get(metric)
     if measure is None:
         return np.zeros_like(numbers)
@@ -152,8 +163,10 @@ def floor(metric: str, numbers: Numbers) -> Numbers:
 
 @cache_per_columns
 def equal_to_best(columns: Columns, metric: str) -> Positions:
-    """Rows that differ from the best one by no more than the floor of the measure, without it: those that settle first
-    (in steps of the floor of settling times), then least overshoot, then least metric."""
+    """Return the rows that equal the best one within the floor of the measure, without the best one.
+
+    Ordered by settling time (in steps of its floor), then overshoot, then the metric.
+    """
     ranked = ranked_rows(columns, metric)
     numbers = rank_value(columns, metric)[ranked]
     if not len(ranked):
@@ -166,7 +179,7 @@ def equal_to_best(columns: Columns, metric: str) -> Positions:
 
 
 def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
-    """Parameters of which the row has the smallest or the largest of three or more values that were tried."""
+    """Return the parameters whose value in `row` is the smallest or largest of three or more values tried."""
     found = []
     for label in labels:
         tried = parameter(columns, label)
@@ -177,7 +190,7 @@ def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
 
 
 def parameter(columns: Columns, label: str) -> Numbers:
-    """The parameter of each run, (n,); nan where it has no rank: truth values and texts have none."""
+    """Return the parameter of each run, (n,); NaN for values without an order: booleans and texts."""
     found = columns.by_name.get(f"parameters/{label}")
     if isinstance(found, CategoricalColumn):
         numbers = (
@@ -190,36 +203,32 @@ def parameter(columns: Columns, label: str) -> Numbers:
 
 
 def numeric_labels(labels: Sequence[str], columns: Columns) -> list[str]:
-    """Parameters that are numbers in some run, in the order given."""
+    """Return the parameters that are numbers in at least one run, in the given order."""
     return [label for label in labels if not np.isnan(parameter(columns, label)).all()]
 
 
 def drives_in(columns: Columns) -> list[str | None]:
-    """The drives of the runs, in the order of these; None is the experiment's own."""
+    """Return the drives of the runs, in order of first appearance; None is the experiment's own."""
     return list(columns.categorical("drive").counts)
 
 
 def drive_mask(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
-    """Which runs are those of a drive, (n,)."""
+    """Return the mask, (n,), of the runs of a drive."""
     return columns.categorical("drive").mask(lambda name: name == drive)
-
-
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-HISTOGRAM_BINS = 12
 
 
 @dataclass(frozen=True)
 class MetricSpread:
-    """The numbers of a metric.
+    """The distribution of a metric.
 
     Attributes:
-        metric: its name.
-        numbers: of the runs that have one, in the order of runs.
-        missing: runs that have none.
-        quantiles: at `QUANTILES`.
-        counts: of `HISTOGRAM_BINS` bins of equal width from the least number to the largest; of one bin around them all if they
-            differ by no more than rounding.
-        edges: of the bins, one more than these.
+        metric: name of the metric.
+        numbers: values of the runs that have the metric, in the order of runs.
+        missing: number of runs without the metric.
+        quantiles: values at `QUANTILES`.
+        counts: counts of `HISTOGRAM_BINS` bins of equal width from the smallest to the largest value; of a single bin
+            if the values differ only by rounding.
+        edges: edges of the bins, one more than there are bins.
     """
 
     metric: str
@@ -232,7 +241,7 @@ class MetricSpread:
 
 @cache_per_columns
 def metric_spread(columns: Columns, metric: str) -> MetricSpread | None:
-    """Over all finished runs, limits kept or not; None if none has the metric."""
+    """Return the distribution of `metric` over all finished runs, within limits or not; None if no run has it."""
     numbers = value(columns, metric)
     numbers = numbers[~np.isnan(numbers)]
     if len(numbers) == 0:
@@ -245,7 +254,7 @@ def metric_spread(columns: Columns, metric: str) -> MetricSpread | None:
 
 
 def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
-    """(bins, range of them all): neighbouring doubles have nothing between them that twelve bins could share."""
+    """Return (number of bins, range); one bin if the values differ too little to be divided into twelve."""
     scale = max(1.0, float(np.abs(numbers).max()))
     low, high = float(numbers.min()), float(numbers.max())
     if high - low <= 10.0**-METRIC_DECIMALS * scale:
@@ -255,14 +264,15 @@ def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
 
 @cache_per_columns
 def pareto_front(columns: Columns, one: str, other: str) -> Positions:
-    """Of the rows that `best` would rank by `one` and that have `other`, those that no other beats; least `one` first.
+    """Return the Pareto-optimal rows of two metrics, least `one` first.
 
-    A run beats another if it has no more of either metric and less of one of them.
+    Candidates are the rows ranked by `one` that also have `other`. A run dominates another if it has no more of either
+    metric and less of one of them.
     """
     rows = ranked_rows(columns, one)
     rows = rows[~np.isnan(rank_value(columns, other)[rows])]
     a, b = rank_value(columns, one)[rows], rank_value(columns, other)[rows]
-    # a run with more of the other than one with no more of the first is dominated; few are left to be sorted by both
+    # A run with more of `other` than a run with no more of `one` is dominated; few rows are left for sorting by both.
     left = b <= np.minimum.accumulate(b)
     rows, a, b = rows[left], a[left], b[left]
     order = np.lexsort((b, a))
@@ -270,19 +280,19 @@ def pareto_front(columns: Columns, one: str, other: str) -> Positions:
     before = np.concatenate([[np.inf], np.minimum.accumulate(b)[:-1]])
     first = np.ones(len(rows), bool)
     first[1:] = (a[1:] != a[:-1]) | (b[1:] != b[:-1])
-    # of runs that are equal in both the first decides for all
+    # Of runs that are equal in both metrics, the first decides for all.
     return rows[(b < before)[first][np.cumsum(first) - 1]] if len(rows) else rows
 
 
 @dataclass(frozen=True)
 class WorstRun:
-    """The runs of one choice of all other parameters and of the drive.
+    """The worst run for one choice of the drive and all other parameters.
 
     Attributes:
-        row: of the worst run.
-        metric: of that run; infinity if it failed, tripped, broke a limit or has no number.
-        runs: of this choice.
-        bad: how many of them have no number that counts.
+        row: row of the worst run.
+        metric: metric of that run; infinity if it failed, tripped, broke a limit or has no number.
+        runs: number of runs of this choice.
+        bad: number of these runs without a valid number.
     """
 
     row: int
@@ -292,11 +302,11 @@ class WorstRun:
 
 
 def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[WorstRun]:
-    """For each choice of the other parameters its worst run over `label`, least worst first, ties in order of rows.
+    """Find the worst run over `label` for each choice of the other parameters; least worst first, ties in row order.
 
     Args:
-        metric: less is better.
-        labels: of all parameters that vary.
+        metric: metric to minimise.
+        labels: labels of all varied parameters.
     """
     if not len(columns):
         return []
@@ -313,7 +323,7 @@ def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str])
     numbers = np.full(len(columns), np.inf)
     counting = ranked_rows(columns, metric)
     numbers[counting] = rank_value(columns, metric)[counting]
-    # of each group the largest number, of equal ones the first row
+    # The largest number of each group; of equal ones the first row.
     order = np.lexsort((-np.arange(len(columns)), numbers, group))
     last: Positions = order[np.flatnonzero(np.diff(group[order], append=-1))]
     runs, bad = np.bincount(group), np.bincount(group, np.isinf(numbers))
@@ -321,21 +331,18 @@ def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str])
     return sorted(found, key=lambda one: (one.metric, one.row))
 
 
-BOOTSTRAP_SAMPLES = 2000
-
-
 @dataclass(frozen=True)
 class DriveScore:
-    """A drive in the sweep.
+    """The score of a drive in the sweep.
 
     Attributes:
-        drive: its name; "" for the experiment's own.
-        runs: finished.
-        completed: of those, done with a number.
-        median, worst: of the metric over the completed runs; nan if there is none.
-        behind: median over points of how much more it has than the first drive, and its 95 % interval; nan for the
-            first, and where no point was completed by both.
-        best: chance that it ranks first if the points were drawn anew.
+        drive: name; "" for the experiment's own.
+        runs: number of finished runs.
+        completed: number of runs done with a number.
+        median, worst: median and largest metric over the completed runs; NaN without completed runs.
+        behind, behind_interval: median over points of the difference to the first drive, and its 95 % interval; NaN for
+            the first drive, and where no point was completed by both.
+        best: bootstrap probability that the drive ranks first.
     """
 
     drive: str
@@ -349,23 +356,22 @@ class DriveScore:
 
     @property
     def distinguishable(self) -> bool:
-        """Whether its interval leaves out 0: the runs tell it from the first."""
+        """Whether the interval excludes 0, i.e. the runs distinguish the drive from the first."""
         low, high = self.behind_interval
         return low > 0.0 or high < 0.0
 
 
 def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
-    """Drives: those that completed most first, then by median of the metric.
+    """Rank the drives by share of completed runs, then by median of the metric.
 
-    A drive that fails where another is slow must not look better for it, so completed runs count before the median.
-    All drives run the same points, so differences are taken point by point and what the points do to every drive drops
-    out (common random numbers: Law, Simulation Modeling and Analysis, 11.2). Only points that every drive has finished,
-    well or badly, are resampled (percentile bootstrap: Efron and Tibshirani 1993, 13.3); the same rows give the same
-    intervals.
+    A drive that fails where another is slow must not look better for it, so completed runs count before the median. All
+    drives run the same points, so differences are taken point by point, which cancels the common effect of the points
+    (common random numbers: Law, Simulation Modeling and Analysis, 11.2). Only points finished by every drive, well or
+    badly, are resampled (percentile bootstrap: Efron and Tibshirani 1993, 13.3); equal rows give equal intervals.
     """
     drives = drives_in(columns)
     mine = [drive_mask(columns, drive) for drive in drives]
-    # of runs that came to their end without a trip
+    # Values of runs that completed without a trip.
     ended = columns.categorical("status").mask(lambda status: status == "done")
     done = np.where(ended, value(columns, metric), np.nan)
     own = [done[is_mine & ~np.isnan(done)] for is_mine in mine]
@@ -384,16 +390,16 @@ def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
 
 
 def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
-    """The metric, (drives, points), at the points that every drive has finished; nan: not completed."""
+    """Return the metric, (drives, points), at the points finished by every drive; NaN where not completed."""
     point = np.zeros(len(columns), np.intp)
     for name in columns.names_in_group("parameters").values():
         column = columns.by_name[name]
-        # bit by bit: a parameter that is not there is one, too
+        # Compared bit by bit, so that a missing parameter (NaN) is a value too.
         _, codes = np.unique(
             column.codes if isinstance(column, CategoricalColumn) else column.view(np.int64), return_inverse=True
         )
         _, first, point = np.unique(point * (1 + codes.max()) + codes, return_index=True, return_inverse=True)
-        # in the order of rows
+        # Number the points in the order of rows.
         point = np.argsort(np.argsort(first))[point]
     table, finished = (np.full((len(mine), 1 + point.max()), nothing) for nothing in (np.nan, False))
     for d, is_mine in enumerate(mine):
@@ -403,13 +409,13 @@ def _shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Number
 
 
 def _resample(points: int) -> Iterator[NDArray[np.int64]]:
-    """So many points drawn from as many, anew each time: one at a time, as all together need not fit in memory."""
+    """Yield `BOOTSTRAP_SAMPLES` index arrays drawn with replacement from `points` points, one at a time."""
     rng = np.random.default_rng(0)
     return (rng.integers(max(1, points), size=points) for _ in range(BOOTSTRAP_SAMPLES))
 
 
 def _chances(table: Numbers) -> Numbers:
-    """How often each drive ranks first over resampled points, (drives,); a tie is shared."""
+    """Return the share of bootstrap samples won by each drive, (drives,); a tie is shared."""
     if table.shape[1] == 0:
         return np.full(len(table), np.nan)
     first = np.zeros(len(table))
@@ -424,7 +430,7 @@ def _chances(table: Numbers) -> Numbers:
 
 
 def _median_and_interval(differences: Numbers) -> tuple[float, tuple[float, float]]:
-    """(median, 95 % interval) of the differences at points that both drives completed."""
+    """Return (median, 95 % interval) of the differences at points completed by both drives."""
     known = differences[np.isfinite(differences)]
     if len(known) == 0:
         return math.nan, (math.nan, math.nan)
@@ -436,20 +442,16 @@ def _median(numbers: Numbers) -> float:
     return float(np.median(numbers)) if len(numbers) else math.nan
 
 
-HOLDS_VERDICTS, FAILS_VERDICTS = ("holds", "reproduced after all"), ("fails", "not reproduced")
-"""Verdicts: of a draw it is asked whether a claim holds, not whether that was known."""
-
-
 @dataclass(frozen=True)
 class Likelihood:
-    """A claim in a sweep.
+    """The probability that a claim holds in a sweep.
 
     Attributes:
-        claim: what is claimed.
-        holds, judged: runs; a run in which it is trivial is not judged.
-        trivial: runs that say nothing about it.
-        interval: 95 % interval of the probability that it holds.
-        quantiles: of the number measured, in the claim's unit, at `QUANTILES`; infinity where it never happens.
+        claim: claim judged.
+        holds, judged: number of runs where it holds, and where it is judged; a trivial result is not judged.
+        trivial: number of runs where the claim is trivial.
+        interval: 95 % interval of the probability.
+        quantiles: measured quantity at `QUANTILES`, in the claim's unit; infinity if the event never happens.
     """
 
     claim: Claim
@@ -461,17 +463,17 @@ class Likelihood:
 
     @property
     def share(self) -> float:
-        """Of the judged runs, those in which it holds; nan if there are none."""
+        """Share of successes among the judged runs; NaN without judged runs."""
         return self.holds / self.judged if self.judged else float("nan")
 
 
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
-    """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
+    """Return the probability of each claim judged in at least one run, in the paper's order, without failed runs."""
     judged = columns.names_in_group("verdicts")
     if not judged:
         return []
-    # takes a while to import, and few sweeps judge claims
+    # Slow to import, and few sweeps judge claims.
     from twin.studies.paper.fig4 import FIG4_CLAIMS, QUALITY_CLAIMS
 
     found = []
@@ -486,7 +488,7 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
             sum(verdicts.counts.get(one, 0) for one in either) for either in (HOLDS_VERDICTS, FAILS_VERDICTS)
         )
         numbers = np.where(np.isnan(numbers), np.inf, numbers)
-        # between two runs there may be infinity: a quantile is the number of a run
+        # Interpolating between runs could meet infinity, so a quantile is the value of a run.
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
         interval = wilson_interval(holds, holds + fails)
         trivial = len(numbers) - holds - fails
@@ -495,11 +497,11 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
 
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """95 % interval of a probability, inside 0 .. 1 also where all runs or none succeed; (0, 1) of no runs.
+    """Return the 95 % Wilson interval of a probability, always inside 0 .. 1; (0, 1) for no runs.
 
     Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
     """
-    # as above
+    # Slow to import, and few sweeps judge claims.
     from scipy.stats import binomtest
 
     if runs == 0:
@@ -510,9 +512,9 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bands:
-    """Of `runs` runs: `bands["position.F_z"]` is (quantiles, n) at the times `t` (s); m and N.
+    """Pointwise quantiles of curves: `bands["position.F_z"]` is (quantiles, n) at times `t` (s); m and N.
 
-    Quantiles belong to each time alone: no single run need follow one.
+    Quantiles over `runs` runs are taken at each time separately: no single run need follow one.
     """
 
     t: Curve
@@ -521,17 +523,17 @@ class Bands:
 
     def __getitem__(self, name: str) -> Curve:
         if name not in self.quantiles:
-            raise InputRefused(f"{ROWS_FILE}: no run kept its curve {name}; run the sweep anew in another --out")
+            raise InputRefused(f"{ROWS_FILE}: no run kept its curve {name}; repeat the sweep with another --out")
         return self.quantiles[name]
 
 
 def bands(rows: Sequence[Row]) -> Bands | None:
-    """Over the runs that kept curves; None if none did.
+    """Compute the quantiles of the curves over the runs that have curves; None without such runs.
 
     Raises:
-        InputRefused: curves of a run that twin sweep does not write, or other ones than those of the runs before.
+        InputRefused: the curves of a run are damaged, or have other names or lengths than earlier runs.
     """
-    # judging takes a while to import, and few sweeps have claims
+    # Slow to import, and few sweeps judge claims.
     from twin.studies.sweep.claims import unpack_curves
 
     all_curves = []

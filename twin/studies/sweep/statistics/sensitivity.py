@@ -10,15 +10,16 @@ from twin.studies.sweep.columns import Columns, Numbers, cache_per_columns
 from twin.studies.sweep.statistics.ranking import parameter, value
 
 MIN_RUNS = 4
-"""Runs below which the interval has no width to speak of: its variance is 1 / (n - 3)."""
+"""Minimum number of runs; with fewer the interval's variance, 1 / (n - 3), is undefined."""
 RELIABLE_RUNS = 30
-"""Runs below which only a correlation of 0.36 and more differs from none at 5 %."""
+"""Number of runs below which only correlations above 0.36 are significant at 5 %."""
 _NORMAL_95 = 1.959963984540054
 """Quantile of the standard normal distribution at 0.975."""
 MIN_BLOCKS = 8
 MIN_INTERVAL_BLOCKS = 32
-"""Blocks below which an interval holds far less often than it says: of 16 it may miss an index four times in five, for
-in so short a Sobol' sequence A and B are not independent."""
+"""Minimum number of blocks for an interval; with fewer the coverage is far below 95 %: with 16 an interval may miss an
+index four times in five, because A and B are not independent in so short a Sobol' sequence.
+"""
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,10 @@ class Correlation:
     """Spearman's rank correlation of a parameter with a metric.
 
     Attributes:
-        rho: -1 .. 1, positive if the metric rises with the parameter.
+        rho: correlation, -1 .. 1; positive if the metric rises with the parameter.
         low, high: 95 % interval.
-        p: chance of as strong a one if the two had nothing to do with each other.
-        runs: that it is of.
+        p: probability of an equally strong correlation if the two were independent.
+        runs: number of runs used.
     """
 
     rho: float
@@ -40,11 +41,11 @@ class Correlation:
 
 
 def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation | None:
-    """Over the runs of one drive that have both as numbers; None if these are too few or one of the two is constant.
+    """Compute the rank correlation over the runs of one drive; None if too few runs have both, or one is constant.
 
-    Sources: Spearman (1904), ties share the mean of their ranks. Interval: Fisher's z with the variance
-    (1 + rho^2/2) / (n - 3) of Bonett and Wright (2000). p: Student's t with n - 2 degrees of freedom (Kendall and
-    Stuart, Advanced Theory of Statistics 2, 31.19). It sees monotonic relations only.
+    Sources: Spearman (1904), ties share the mean of their ranks. Interval: Fisher's z with the variance (1 + rho^2/2) /
+    (n - 3) of Bonett and Wright (2000). p: Student's t with n - 2 degrees of freedom (Kendall and Stuart, Advanced
+    Theory of Statistics 2, 31.19). Only monotonic relations are detected.
     """
     x, y = parameter(columns, label), value(columns, metric)
     both = ~(np.isnan(x) | np.isnan(y))
@@ -54,14 +55,14 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
     x, y = _ranks(x[both]), _ranks_of(columns, metric) if n == np.isfinite(y).sum() else _ranks(y[both])
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return None
-    # takes a while to import, and most of this package does without
+    # Slow to import, and most of this package does without scipy.
     from scipy.special import stdtr
 
-    # ranks less their mean are halves of whole numbers, whose sums are exact: a perfect correlation is exactly 1
+    # Centred ranks are multiples of 0.5 with exact sums, so a perfect correlation is exactly 1.
     x, y = x - 0.5 * (n + 1), y - 0.5 * (n + 1)
     rho = max(-1.0, min(1.0, float(x @ y) / math.sqrt(float(x @ x) * float(y @ y))))
     perfect = abs(rho) == 1.0
-    # Fisher's z of a perfect correlation is infinite, and so are both ends
+    # Fisher's z of a perfect correlation is infinite, and so are both ends.
     z = math.copysign(math.inf, rho) if perfect else math.atanh(rho)
     half = _NORMAL_95 * math.sqrt((1.0 + 0.5 * rho * rho) / (n - 3))
     t = math.inf if perfect else abs(rho) * math.sqrt((n - 2) / (1.0 - rho * rho))
@@ -70,13 +71,13 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
 
 @cache_per_columns
 def _ranks_of(columns: Columns, metric: str) -> Numbers:
-    """Of the runs that have the metric: every parameter is held against it."""
+    """Return the ranks of the runs that have `metric`, cached since every parameter is correlated with it."""
     numbers = value(columns, metric)
     return _ranks(numbers[~np.isnan(numbers)])
 
 
 def _ranks(numbers: Numbers) -> Numbers:
-    """From 1 on; ties share the mean of theirs."""
+    """Return the ranks of `numbers`, from 1; ties share the mean of their ranks."""
     _, which, counts = np.unique(numbers, return_inverse=True, return_counts=True)
     ranks: Numbers = (np.cumsum(counts) - 0.5 * (counts - 1))[which]
     return ranks
@@ -87,13 +88,14 @@ Interval = tuple[float, float] | None
 
 @dataclass(frozen=True)
 class Index:
-    """Indices of one parameter, each with its interval (low, high), made for 95 %; None: there is none.
+    """Sobol' indices of one parameter, each with a nominal 95 % interval (low, high), None with too few blocks.
 
-    How often it holds the true index was counted with functions whose indices are known, see docs/sweep_show.md.
+    The actual coverage was measured on functions with known indices, see docs/sweep_show.md.
 
     Attributes:
-        first: share of the variance that would go if the parameter were known.
-        total: share that would stay if everything else were known; more than `first` where it acts with others.
+        first: share of the variance that would vanish if the parameter were known.
+        total: share that would remain if everything else were known; exceeds `first` if the parameter interacts with
+            others.
     """
 
     label: str
@@ -105,12 +107,12 @@ class Index:
 
 @dataclass(frozen=True)
 class Indices:
-    """What a drive's rows say.
+    """Sobol' indices from the rows of one drive.
 
     Attributes:
-        of: by parameter; empty if there is nothing to say.
-        remark: what stands in the way, or how far it holds.
-        blocks, planned: blocks of d + 2 runs that are whole, and in the design.
+        entries: indices per parameter; empty if they cannot be computed.
+        remark: reason why they cannot be computed, or a limitation.
+        blocks, planned: number of complete blocks of d + 2 runs, and of blocks in the design.
     """
 
     entries: tuple[Index, ...]
@@ -120,26 +122,26 @@ class Indices:
 
 
 def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: str) -> Indices:
-    """Indices of every parameter, of one drive's rows in a design = "saltelli".
+    """Compute the Sobol' indices of every parameter from the rows of one drive, for design = "saltelli".
+
+    A block with a run that has no number is left out as a whole, since its runs are evaluated relative to each other.
 
     Args:
-        labels: d parameters in the order of the design.
-        runs: planned for this drive, blocks of d + 2. Run numbers of the drive are consecutive; the first row of each
-            block is where `saltelli_cube` begins one.
-
-    A block with a run that has no number is left out as a whole, since each of its runs counts relative to the others.
+        labels: labels of the d parameters, in the order of the design.
+        runs: number of runs planned for this drive, in blocks of d + 2. Run numbers of a drive are consecutive; each
+            block starts where `saltelli_cube` begins one.
     """
     width = len(labels) + 2
     planned = runs // width
     if runs % width:
-        # two runs that came out equal are planned once, and then nothing says which block a run belongs to
-        return Indices((), f"{runs} runs are no whole blocks of {width}; draw with another seed", 0, planned)
+        # Equal runs are planned only once, so the block of a run is then unknown.
+        return Indices((), f"{runs} runs are not complete blocks of {width}; draw with another seed", 0, planned)
     run = columns.numbers("run").astype(int)
     first = int(run.min()) if len(run) else 1
-    # rows may be missing, their drive's first one too: blocks of all drives are equally many
+    # Rows may be missing, even the drive's first; all drives have equally many blocks.
     start = first - (first - 1) % runs
     block, place = np.divmod(run - start, width)
-    # of another drive, somebody has changed the rows
+    # Rows outside the drive's range were edited by hand.
     inside = (block >= 0) & (block < planned)
     blocks = np.full((planned, width), np.nan)
     blocks[block[inside], place[inside]] = value(columns, metric)[inside]
@@ -154,14 +156,14 @@ def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: st
 
 
 def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbers]:
-    """First-order and total indices, (..., d) each.
+    """Estimate the first-order and total indices, (..., d) each.
 
     Sources: Saltelli et al. (2010), Table 2: (b) for the first order, (f) after Jansen (1999) for the total. Values are
-    centred before, which leaves the indices what they are and their error smaller.
+    centred first, which reduces the error and leaves the indices unchanged.
 
     Args:
-        f_A, f_B: (..., n).
-        f_AB: (..., d, n), column i of A replaced by that of B.
+        f_A, f_B: model outputs at A and B, (..., n).
+        f_AB: model outputs at A with column i taken from B, (..., d, n).
     """
     both = np.concatenate([f_A, f_B], axis=-1)
     variance = both.var(axis=-1)[..., None]
@@ -174,7 +176,7 @@ def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbe
 
 
 def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
-    """Of whole blocks (n, d + 2)."""
+    """Compute the indices of complete blocks (n, d + 2)."""
     first, total = estimates(blocks[:, 0], blocks[:, 1], blocks[:, 2:].T)
     halves = half_widths(blocks) if len(blocks) >= MIN_INTERVAL_BLOCKS else np.full((2, len(labels)), np.nan)
 
@@ -190,12 +192,13 @@ def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
 
 
 def half_widths(blocks: Numbers) -> Numbers:
-    """Half of the interval around each first-order and total index, (2, d), of whole blocks (n, d + 2).
+    """Compute half the interval width of each first-order and total index, (2, d), from complete blocks (n, d + 2).
 
-    Student's t at 0.975 with n - 1 degrees of freedom, times the jackknife's standard error: that of the indices
-    without one block each (Efron and Tibshirani 1993, Eq. 11.5). NaN where all blocks but one are equal.
+    Student's t at 0.975 with n - 1 degrees of freedom, times the jackknife standard error, i.e. the spread of the
+    indices with one block left out at a time (Efron and Tibshirani 1993, Eq. 11.5). NaN where all blocks but one are
+    equal.
     """
-    # takes a while to import, and most of this package does without
+    # Slow to import, and most of this package does without scipy.
     from scipy.special import stdtrit
 
     n = len(blocks)
@@ -203,7 +206,7 @@ def half_widths(blocks: Numbers) -> Numbers:
     a, b, change = blocks[:, 0, None] - mean, blocks[:, 1, None] - mean, blocks[:, 2:] - blocks[:, :1]
 
     def without(each: Numbers) -> Numbers:
-        """Means of all rows but one, (n, ..), of those that are left out in turn."""
+        """Leave-one-out means, (n, ..)."""
         return (each.sum(axis=0) - each) / (n - 1)
 
     middle = 0.5 * without(a + b)
@@ -215,7 +218,7 @@ def half_widths(blocks: Numbers) -> Numbers:
 
 
 def why_no_indices(design: str) -> str:
-    """The sentence for a design that allows no indices; "" for one that does."""
+    """Return the reason why a design allows no Sobol' indices; "" if it does."""
     if design == "saltelli":
         return ""
     return f'no Sobol indices: they need design = "saltelli", this is "{design}"; rank correlations need no design'
