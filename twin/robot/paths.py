@@ -27,7 +27,7 @@ def locate_file(name: str, start: Path) -> Path:
     `PROJECT_FOLDER`. A missing file is returned as a path in `start`, for the error message.
     """
     wanted = Path(name)
-    # of an unknown user
+    # expanduser raises for an unknown user
     with contextlib.suppress(RuntimeError):
         wanted = wanted.expanduser()
     if wanted.is_absolute():

@@ -21,7 +21,7 @@ from twin.robot.run.watch import run_observers
 
 
 class BranchPoint:
-    """The tick of a run at which its branches start.
+    """The common start of a run's branches: one tick of the run.
 
     Args:
         experiment: experiment of the run, unchanged.
@@ -59,7 +59,7 @@ class BranchPoint:
 
     @contextmanager
     def hand_over(self, branched: Experiment) -> Iterator[StoredState]:
-        """Yield the state from which one branch continues; live components in it are freed when the block ends.
+        """Yield the start state of one branch; live components in it are freed when the block ends.
 
         Args:
             branched: experiment of the branch.

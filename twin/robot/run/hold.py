@@ -23,7 +23,7 @@ TOUCH_GRACE = 2.0
 """Time (s) allowed to reach the force in a run without tasks, from the first touch and from each step of the reference.
 Time (s) allowed to reach the force in a run without tasks, from the first touch and from each step of the reference."""
 TASK_GRACE = 1.0
-"""Time (s) from the first held row of a task in which its overshoot is searched."""
+"""Search time (s) for the overshoot of a task, from its first held row."""
 SETTLING_BAND = 0.05
 """Deviation, as a share of the reference, within which the force has settled."""
 HIGH_PASS = 2.0
@@ -92,7 +92,7 @@ class HeldForces:
         force: requested force (N).
         taps: number of taps.
         least, largest: extremes of the force while held, or of the peaks of taps (N).
-        begin, end: first and last time at which it was held (s).
+        begin, end: times of the first and last held row (s).
         error, mean_error: rms and mean of the force minus its reference while held (N); None for taps.
         overshoot: largest excess over the task's force, as a share of it, until 1 s after the hold begins.
     """

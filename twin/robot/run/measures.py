@@ -69,7 +69,7 @@ class RunOutcome:
         end_x, end_y: mean force along x and y, by the robot on its surroundings, of the last second (N).
         force_error: rms of the pressing force minus its reference while the force loop is on (N), from the first touch
             on,
-            as in the air there is no force to hold. None if the loop never was on or nothing was touched.
+            as a robot in the air has no force to hold. None if the loop never was on or nothing was touched.
         lateral_error, z_error: rms deviation from the pre-defined reference, in x and y together, and in z (m). None if
             a
             third-party controller reports no reference.

@@ -13,17 +13,17 @@ from twin.robot.assembly.drives import ENABLE_ROLE
 
 
 class MonitorWork(Observer):
-    """Finds the tick at which the monitor first affects the robot.
+    """Finds the first tick with an effect of the monitor on the robot.
 
     The monitor is idle while its output command equals its input bit for bit and the power stays on. If nothing else
     reads more of it than command and power, all other signals then equal those of a run without it, by induction over
-    the ticks. A drive with an enable input is called differently if there is a monitor, so there the tick is 0.
+    ticks. A drive with an enable input is called differently if there is a monitor, so there the tick is 0.
 
     Args:
         past: observer of the run whose state this run continues.
 
     Attributes:
-        first: first tick from which the run without monitor may differ; infinity if it never does.
+        first: first tick of a possible difference to the run without monitor; infinity if there is none.
     """
 
     def __init__(self, past: "MonitorWork | None" = None):

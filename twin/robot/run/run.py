@@ -141,11 +141,11 @@ def _without_folder(key: str, value: Any) -> Any:
 
 
 MAX_POLE_STEP = 2.7
-"""|pole| times step up to which classical Runge-Kutta is stable: 2.78 on the real axis, 2.83 on the imaginary one."""
+"""Maximum |pole| times step for stable classical Runge-Kutta: 2.78 on the real axis, 2.83 on the imaginary one."""
 DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
 """Steps of the numerical derivatives: m, m/s, and m of the bristle."""
 PRESSED_DEPTH = 1e-3
-"""Depth (m) of the platform in the surface at which the poles in contact are evaluated."""
+"""Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
 
 
 def fast_pole_remedy(experiment: Experiment) -> str:

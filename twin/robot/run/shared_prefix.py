@@ -97,7 +97,7 @@ class SharedPrefix:
 
         Args:
             experiment: differs from the prefix in faults, scheduled changes and duration only.
-            tick: first tick at which anything may differ.
+            tick: first tick that may differ.
             observers: observers of the run; `begin` sees the restored state, or tick 0 of a run from the start.
 
         Returns:

@@ -128,7 +128,7 @@ class Trace(Observer):
         return self._memory[: self._count]
 
     def time(self, topic: str) -> NDArray[np.float64]:
-        """Return the times at which `topic` was due (s), (n,); rounded to nanoseconds as in a recording.
+        """Return the due times of `topic` (s), (n,); rounded to nanoseconds as in a recording.
 
         Raises:
             UnknownSeries: no signal of the topic was kept; the message suggests the nearest names.

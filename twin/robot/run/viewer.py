@@ -62,7 +62,7 @@ class Punctuality:
         factor: requested simulated time per wall time.
         achieved: achieved simulated time per wall time.
         deadlines: number of deadlines.
-        misses: number of deadlines at which the work was unfinished.
+        misses: number of missed deadlines.
         worst: longest delay of a missed deadline (s).
         jitter, jitter_99: standard deviation and 99th percentile of the wake-up delay after a deadline (s).
     """

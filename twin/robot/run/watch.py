@@ -121,7 +121,7 @@ class Watch(Observer):
             yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
 
     def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """Yield the trip event of a third-party monitor, for which no reason is known."""
+        """Yield the trip event of a third-party monitor, which reports no reason."""
         if self._tripped or not self._system.has_output("monitor.tripped"):
             return
         at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
