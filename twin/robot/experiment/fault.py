@@ -1,8 +1,6 @@
-"""[[fault]]: the kinds of faults, and the faults of an experiment.
+"""Catalogue of fault kinds, and the [[fault]] tables of an experiment.
 
-Every kind of fault by name. `docs/faults_reference.md` shows it as a table, with the mechanisms.
-
-Each kind has a magnitude of its own, with its unit in the key.
+`docs/faults_reference.md` shows the kinds as a table. Each kind has its own magnitude, with its unit in the key.
 """
 
 from collections.abc import Mapping
@@ -18,19 +16,19 @@ from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.schema import whole_ticks
 
 Mechanism = Literal["counts", "message", "command", "drive", "parameter", "body"]
-"""counts, message, command: components in a wire. drive: one behind a drive. parameter: one that writes into another's
-memory. body: done by the component of what the robot presses on."""
+"""Implementation of a fault. counts, message, command: a component in a wire. drive: a component behind a drive.
+parameter: a component that writes into another one's memory. body: a motion of the surface."""
 
 Detection = Literal["yes", "if large", "no"]
 
 GLITCH_SHARE = 0.02
-"""Share of the samples that is hit where none is given, by kinds with a magnitude besides: ten a second at 2 ms."""
+"""Default share of samples hit, for kinds that also have a magnitude: ten per second at 2 ms."""
 ANY_MAGNITUDE = 0.0
-"""Said of a magnitude: every one of them, and kinds that have none."""
+"""Threshold that every magnitude reaches, also for kinds without one."""
 POSITIVE_BOUNDS = {"gt": 0.0}
 SHARE_BOUNDS = {"gt": 0.0, "le": 1.0}
 MAX_LISTED_NAMES = 10
-"""So many names are not listed in a sentence."""
+"""Maximum number of names listed in an error message."""
 _JOINT_TARGETS = tuple(f"joint_{i}" for i in (1, 2, 3))
 _DRIVE_TARGETS = tuple(f"drive_{i}" for i in (1, 2, 3))
 _ENCODER_TARGETS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
@@ -42,22 +40,22 @@ TARGET_GROUPS: dict[str, tuple[str, ...]] = {
     "all joints": _JOINT_TARGETS,
     "power": ("drives",),
 }
-"""What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
+"""Groups of targets with a common cause: one bus or driver board, one supply, one batch or one repair."""
 _SAME_ENCODER = "force and pose are estimated from the same encoder"
 _BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
 _NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
 _DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
 _DEFLECTION_JUMP = "the deflection jumps faster than shaft and link can move"
 NO_END_TICK = 1 << 62
-"""The end, in ticks, of a fault that stays."""
+"""End tick of a permanent fault."""
 
 
 class DetectionThreshold(NamedTuple):
-    """What is said, before any run, of the safety monitor: from which magnitude on it sees a fault that stays.
+    """Smallest magnitude of a permanent fault that the safety monitor is expected to detect, stated before any run.
 
     Attributes:
-        free: if it begins in free motion.
-        contact: if it begins in contact. None: not at any.
+        free: for an onset in free motion; None if it is undetectable.
+        contact: for an onset in contact; None if it is undetectable.
     """
 
     free: float | None = None
@@ -72,18 +70,17 @@ class FaultKind:
     """One kind of fault.
 
     Attributes:
-        mechanism: how it is done.
-        targets: what it can break; the first one is meant if none is named.
-        meaning: what happens, one line.
-        seen: from where on the safety monitor, which has the encoders' counts, the counter of their messages and the
-            controller's command, is said to see it.
-        reason: by what it sees it, or why it cannot.
-        unit: of the magnitude as its TOML key writes it ("share" and "factor": pure numbers), if there is a magnitude.
+        mechanism: implementation of the fault.
+        targets: possible targets; the first one is the default.
+        meaning: effect, in one line.
+        threshold: magnitude from which the safety monitor is expected to detect it, from the encoders' counts, the
+            counter of their messages and the controller's command.
+        reason: symptom that the monitor detects, or why there is no such symptom.
+        unit: unit of the magnitude in its TOML key ("share" and "factor" are pure numbers); None without a magnitude.
         magnitudes: small, medium and large, in that unit, for matrices of faults.
-        beyond: from which of them on the force is said to go beyond what the monitor is to keep it below; None: at
-            none.
-        bounds: of the magnitude, in that unit, as pydantic names them.
-        has_share: whether a second number, `share`, says how many samples it hits.
+        bounds: bounds of the magnitude in that unit, named as in pydantic.
+        has_share: whether a second number, `share`, sets the share of samples that it hits.
+        excess_from: magnitude from which the force is expected to exceed the monitor's limit; None if it never does.
     """
 
     mechanism: Mechanism
@@ -99,35 +96,35 @@ class FaultKind:
 
     @property
     def detection(self) -> Detection:
-        """Whether it is said to be seen: always, at some magnitudes or in some places, or never."""
+        """Expected detection: always, at some magnitudes or in some places, or never."""
         return "yes" if self.seen == ALWAYS_DETECTED else "no" if self.seen == NEVER_DETECTED else "if large"
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
-        """Whether a fault of one of `magnitudes` is."""
+        """Whether the monitor is expected to detect a fault of this magnitude, one of `magnitudes`."""
         return self._is_reached_by(magnitude, self.threshold.contact if in_contact else self.threshold.free)
 
     def expects_excess(self, magnitude: float | None) -> bool:
-        """Whether the force may, with a fault of one of `magnitudes`."""
+        """Whether the force is expected to exceed the monitor's limit at this magnitude, one of `magnitudes`."""
         return self._is_reached_by(magnitude, self.excess_from)
 
     def _is_reached_by(self, magnitude: float | None, start: float | None) -> bool:
         if start is None or start == ANY_MAGNITUDE or self.magnitudes is None or magnitude is None:
             return start is not None
-        # some kinds are larger the smaller their number is
+        # for some kinds a smaller number is a larger fault
         return self.magnitudes.index(magnitude) >= self.magnitudes.index(start)
 
     @property
     def magnitude_key(self) -> str | None:
-        """The TOML key of the magnitude."""
+        """TOML key of the magnitude; None without one."""
         return f"magnitude_{self.unit}" if self.unit else None
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Keys of `TARGET_GROUPS` that it can break at once."""
+        """Keys of `TARGET_GROUPS` whose members are all targets of this kind."""
         return tuple(group for group, members in TARGET_GROUPS.items() if set(members) <= set(self.targets))
 
     def members(self, target: str) -> tuple[str, ...]:
-        """The targets that `target`, one of them or a group, is."""
+        """Return the single targets of `target`, which is one of them or a group."""
         return TARGET_GROUPS[target] if target in self.groups else (target,)
 
 
@@ -324,10 +321,10 @@ FAULT_KINDS: dict[str, FaultKind] = {
 
 
 def find_kind(number: int, name: str) -> FaultKind:
-    """The kind `name` of fault `number`.
+    """Return the kind `name` of fault `number`.
 
     Raises:
-        InputRefused: there is none.
+        InputRefused: the kind is unknown.
     """
     if name not in FAULT_KINDS:
         raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected_names(name, tuple(FAULT_KINDS))}')
@@ -335,10 +332,10 @@ def find_kind(number: int, name: str) -> FaultKind:
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
-    """Let pass only a target that a `kind` of the catalogue has, or a group of them.
+    """Refuse a target that is neither a target nor a group of `kind`.
 
     Raises:
-        InputRefused: `target` is none of them.
+        InputRefused: the target is invalid.
     """
     targets = FAULT_KINDS[kind].targets + FAULT_KINDS[kind].groups
     if target not in targets:
@@ -346,7 +343,7 @@ def refuse_target(number: int, kind: str, target: str) -> None:
 
 
 def expected_names(got: str, names: tuple[str, ...]) -> str:
-    """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
+    """Return `expected 'a', 'b'; did you mean 'b'?`; for many names only the likely ones."""
     hint = nearest(got, names, "", 3)
     if len(names) > MAX_LISTED_NAMES:
         return hint or "no such kind; docs/faults_reference.md lists them all, twin faults tries them"
@@ -355,18 +352,18 @@ def expected_names(got: str, names: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True)
 class Fault:
-    """What breaks, where, when and how badly.
+    """A fault of an experiment: kind, target, time span and magnitude.
 
     Attributes:
         kind: a key of `FAULT_KINDS`.
         target: one of that kind's targets.
-        onset, end: active in ticks onset <= k < end. Of a continuous component: in the steps that begin at these.
-        magnitude: SI (rad, m, s, a share, a factor); 0 where the kind has none.
-        share: of an encoder's samples that a glitch hits, 0..1.
-        ramp: ticks over which a parameter fault grows from nothing to its magnitude; 0: at once.
-        seed: of the random kinds; the same seed gives the same faults.
-        table: number of its [[fault]] table, counted from 1; 0: of none. Those of a group have the same one, and draw
-            the same numbers.
+        onset, end: active in ticks onset <= k < end; for a continuous component, in the steps that begin there.
+        magnitude: SI (rad, m, s, a share, a factor); 0 for a kind without one.
+        share: share of an encoder's samples hit by a glitch, 0..1.
+        ramp: number of ticks over which a parameter fault grows from zero to its magnitude; 0 for a step.
+        seed: seed of random kinds; equal seeds give equal faults.
+        table: number of its [[fault]] table, from 1; 0 without one. Members of a group share it, and their random
+            numbers.
     """
 
     kind: str
@@ -392,12 +389,12 @@ class FaultTable(Settings):
 
 @cache
 def fault_table_model(known: FaultKind) -> type[FaultTable]:
-    """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
+    """Return the model of a kind's [[fault]] table: `FaultTable` plus the keys of this kind or its mechanism."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
         own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
     if known.has_share:
-        # more than every second sample could not be single ones
+        # more than every second sample would no longer be single ones
         own["share"] = (float, setting(gt=0, le=0.5, help="of the samples that it hits"))
     if known.mechanism == "parameter":
         own["ramp"] = (float | None, setting("s", default=None, gt=0, help="time in which it grows"))
@@ -405,15 +402,15 @@ def fault_table_model(known: FaultKind) -> type[FaultTable]:
 
 
 def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault, ...]:
-    """The faults of the array of tables [[fault]], in whole ticks and SI.
+    """Check the array of tables [[fault]]; the faults are in whole ticks and SI.
 
     Args:
-        tables: what the file says; () if nothing.
-        tick: (s).
-        mistakes: gets a sentence for each mistake, with the number of its fault, counted from 1.
+        tables: array from the file; () if missing.
+        tick: duration of a tick (s).
+        mistakes: list that receives an error message for each error, with the number of its fault, from 1.
 
     Returns:
-        Those that are right, one for each member of a group.
+        The valid faults, one for each member of a group.
     """
     faults: list[Fault] = []
     for number, table in numbered_tables(tables, "fault", mistakes):
@@ -426,7 +423,7 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
 
 
 def member_faults(fault: Fault) -> list[Fault]:
-    """A fault of each member of its target; `fault` itself if that is no group."""
+    """Return a fault for each member of its target group; for a single target, `fault` itself."""
     return [replace(fault, target=target) for target in FAULT_KINDS[fault.kind].members(fault.target)]
 
 

@@ -1,12 +1,12 @@
-"""[[measure]]: regression measures and requirements of an experiment.
+"""Measures of an experiment, [[measure]]: regression measures and requirements.
 
-A requirement is a formula of signal temporal logic (Maler and Nickovic 2004).
+A requirement is a formula of signal temporal logic (Maler and Nickovic 2004):
 
     always (|plant.F_ee_B| <= 18 N)
     controller.triggered implies eventually[0 s, 2 s] (controller.F_z >= 4.5 N)
 
-Numbers carry their units; a signal is one that a recording has. From weak to strong bind: implies, or, and, until, then
-not, always and eventually.
+Numbers carry their units; signals are recorded ones. Operators in order of increasing precedence: implies, or, and,
+until, then not, always and eventually.
 """
 
 import re
@@ -29,7 +29,7 @@ _TOKEN_PATTERN = re.compile(
     r"[A-Za-z%\N{DEGREE SIGN}\N{MICRO SIGN}](?:[\w%^*]|/(?=\w))*)?|(?P<word>[a-z]+)|(?P<mark><=|>=|[<>()|,+\-\[\]]))"
 )
 MAX_FORMULA_LENGTH = 2000
-"""Characters of a formula; deeper nesting than so many could make means nothing to anybody."""
+"""Maximum number of characters of a formula; longer ones could only nest absurdly deep."""
 SIGNAL_PATTERN = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
 _NAME_PATTERN = re.compile(r"[a-z0-9_]+")
 _SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
@@ -37,12 +37,13 @@ _SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
 
 @dataclass(frozen=True)
 class Term:
-    """A signal, a number or what stands between bars, with a sign.
+    """A signed term: a signal, a number, or an absolute value.
 
     Attributes:
-        what: the name of a signal as recorded, `topic.field`; a number in SI; or a sum whose size is taken.
-        index: of one component of the signal; None: all of it.
-        unit: of a number; None: that of the signal.
+        sign: 1 or -1.
+        value: name of a recorded signal, `topic.field`; a number in SI; or a sum between bars.
+        index: component of the signal; None for all.
+        unit: unit of a number; None for the unit of the signal.
     """
 
     sign: int
@@ -56,7 +57,7 @@ Sum = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Inequality:
-    """`smaller` <= `larger`; a strict comparison is the same, as its distance is."""
+    """`smaller` <= `larger`; strict comparisons are equivalent, as their robustness is the same."""
 
     smaller: Sum
     larger: Sum
@@ -64,21 +65,21 @@ class Inequality:
 
 @dataclass(frozen=True)
 class Predicate:
-    """A signal that is true or false is true."""
+    """A boolean signal is true."""
 
     signal: str
 
 
 @dataclass(frozen=True)
 class Negation:
-    """`of` does not hold."""
+    """Negation of `operand`."""
 
     operand: "Formula"
 
 
 @dataclass(frozen=True)
 class BooleanOp:
-    """Both hold, or one of them."""
+    """Conjunction or disjunction of two formulas."""
 
     operator: Literal["and", "or"]
     left: "Formula"
@@ -87,7 +88,7 @@ class BooleanOp:
 
 @dataclass(frozen=True)
 class Temporal:
-    """`of` holds always, or once, from `begin` to `end` (s) from now on; an `end` of None: to the end of the run."""
+    """`operand` holds always, or at least once, between `begin` and `end` (s) from now; None for the end of the run."""
 
     operator: Side
     operand: "Formula"
@@ -97,7 +98,7 @@ class Temporal:
 
 @dataclass(frozen=True)
 class UntilFormula:
-    """`goal` holds once in that time, and `hold` at all ticks before."""
+    """`goal` holds once within the interval, and `hold` at all ticks before."""
 
     hold: "Formula"
     goal: "Formula"
@@ -109,10 +110,10 @@ Formula = Inequality | Predicate | Negation | BooleanOp | Temporal | UntilFormul
 
 
 def parse_requirement(text: str) -> Formula:
-    """The formula that `text` spells.
+    """Parse a formula.
 
     Raises:
-        ValueError: it spells none; the sentence says from where on.
+        ValueError: the formula is invalid; the message shows the position.
     """
     if len(text) > MAX_FORMULA_LENGTH:
         raise ValueError(f"{len(text)} characters; expected at most {MAX_FORMULA_LENGTH}")
@@ -127,7 +128,7 @@ def parse_requirement(text: str) -> Formula:
 
 
 def signals_of(formula: Formula) -> Iterator[tuple[str, int | None]]:
-    """(name, index) of every signal in `formula`."""
+    """Yield (name, index) of every signal in `formula`."""
     match formula:
         case Inequality(smaller, larger):
             yield from _term_signals((*smaller, *larger))
@@ -149,7 +150,7 @@ def _term_signals(terms: Sum) -> Iterator[tuple[str, int | None]]:
 
 
 class _FormulaReader:
-    """Reads a formula from left to right; `token` is what comes next, "" at the end."""
+    """A recursive-descent parser; `token` is the next token, "" at the end."""
 
     def __init__(self, text: str):
         self._text, self._place = text, 0
@@ -396,12 +397,12 @@ MEASURE_KINDS: dict[str, type[Measure]] = {
 
 
 def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple[Measure, ...]:
-    """The measures of the array of tables [[measure]] that are right.
+    """Return the valid measures of the array of tables [[measure]].
 
     Args:
-        tables: what the file says; () if nothing.
-        duration: of the experiment (s).
-        mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
+        tables: array from the file; () if missing.
+        duration: duration of the experiment (s).
+        mistakes: list that receives an error message for each error, with the number of its measure, from 1.
     """
     measures: list[Measure] = []
     for number, table in numbered_tables(tables, "measure", mistakes):

@@ -1,7 +1,7 @@
-"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI.
+"""Tables of an experiment file that no part declares, among them scheduled changes. Keys carry units, attributes are
+SI.
 
-See `twin.kernel.settings`. Among them are [[change]], scheduled changes of controller parameters, such as a step of the
-force reference.
+See `twin.kernel.settings`. A [[change]] sets a controller parameter at a time, such as a step of the force reference.
 """
 
 import math
@@ -31,22 +31,22 @@ KIND_HELP = "as which the FMU is used; without it, co-simulation if it offers th
 METHOD_HELP = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
 SOLVER_STEP_HELP = "longest step of rk4; without it, one per step of the drive"
 MAX_TICKS = 1e12
-"""Three centuries at 10 ms, or a slip of the pen."""
+"""Maximum number of ticks, three centuries at 10 ms: more is a typing error."""
 FORCE_LOOP_PREFIX = "controller.force."
-"""Where the keys of the force loop begin."""
+"""Prefix of the force loop's keys."""
 SCHEDULED_KEYS = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
-"""What may not, where [controller.force] has a schedule of them."""
+"""Keys that may not change if [controller.force] has a schedule of them."""
 
 
 class ChangeableSetting(NamedTuple):
-    """A setting that may change while an experiment runs: its table, and its name there."""
+    """A setting that may change during a run: its table, and its name there."""
 
     table: type[Settings]
     name: str
 
 
 def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]:
-    """The table `model` at the dotted `path`, and all tables in it, by their paths."""
+    """Return the table `model` at the dotted `path`, and all tables nested in it, by path."""
     found = {path: model}
     for name, info in model.model_fields.items():
         inner = nested_model(info.annotation)
@@ -57,14 +57,14 @@ def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]
 
 @dataclass(frozen=True, eq=False)
 class DeclaredTables:
-    """The tables that an experiment may have, and what of them may change while it runs.
+    """The tables that an experiment may have, and the keys that may change during a run.
 
     Attributes:
-        needed: tables without which there is no experiment, by name, in the order of documents.
-        optional: the other tables.
-        changeable: by the key in the file.
+        needed: mandatory tables by name, in the order of documents.
+        optional: optional tables by name.
+        changeable: settings that may change, by key in the file.
         tasks: tables of [[task]], by their key `kind`.
-        tables: all of them.
+        tables: all tables.
     """
 
     needed: Mapping[str, type[Settings]]
@@ -77,7 +77,7 @@ class DeclaredTables:
         return {**self.needed, **self.optional}
 
     def third_party_model(self, role: str) -> type[Settings]:
-        """The table [role] where the part is third-party: of twin's own only what acts all the same is needed."""
+        """Return the model of [role] for a third-party part: only the retained keys stay mandatory."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)
@@ -87,7 +87,7 @@ class DeclaredTables:
         return create_model(model.__name__, __base__=model, **idle) if idle else model
 
     def model_keys(self) -> list[str]:
-        """The keys of [controller.model], which are the robot's own where it does not say otherwise."""
+        """Return the keys of [controller.model], whose missing values are the robot's."""
         model = nested_model(self.tables["controller"].model_fields["model"].annotation)
         return [] if model is None else toml_keys(model)
 
@@ -171,7 +171,7 @@ class Reference(Settings):
 
 
 class WayPoints(NamedTuple):
-    """What the controller follows: times (s, ascending), positions (m, frame B), and the shape they are of, or ""."""
+    """Waypoints that the controller follows: times (s, ascending), positions (m, frame B), and their shape, or ""."""
 
     t: tuple[float, ...]
     p: tuple[Triple, ...]
@@ -179,12 +179,12 @@ class WayPoints(NamedTuple):
 
 
 def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[str]) -> dict[int, Task]:
-    """The tasks of the array of tables [[task]] that are right, by their number, counted from 1.
+    """Return the valid tasks of the array of tables [[task]], by number, from 1.
 
     Args:
-        kinds: of tasks, by the key `kind` of their tables.
-        tables: what the file says; None if nothing.
-        mistakes: gets a sentence for each mistake, with the number of its task.
+        kinds: task models, by the key `kind` of their tables.
+        tables: array from the file; None if missing.
+        mistakes: list that receives an error message for each error, with the number of its task.
     """
     if tables is None:
         return {}
@@ -284,7 +284,7 @@ class UnpoweredDrive(Settings):
 
 
 def _check_parameter(value: Any) -> Any:
-    """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
+    """Validate a parameter value here, as pydantic would report an error for each possible type."""
     many = isinstance(value, (list, tuple))
     values = tuple(value) if many else (value,)
     kinds = {str if isinstance(v, str) else float if type(v) in (int, float) else None for v in values}
@@ -364,7 +364,7 @@ class Drive(Settings):
 
 
 def whole_ticks(time: float, tick: float) -> int | None:
-    """How many ticks (s) `time` (s) is; None if it is no whole number of them, up to rounding of the two, or more than
+    """Return `time` (s) as a number of ticks (s); None if it is not a whole number, up to rounding, or above
     `MAX_TICKS`."""
     if time / tick > MAX_TICKS:
         return None
@@ -382,13 +382,13 @@ class ChangeTable(Settings):
 
 @dataclass(frozen=True)
 class Change:
-    """A [[change]], checked.
+    """A checked [[change]].
 
     Attributes:
-        tick: from which on it holds.
-        key: of the experiment's file.
-        number: in the unit of the key.
-        value: in SI.
+        tick: first tick with the new value.
+        key: key in the experiment's file.
+        number: new value in the unit of the key.
+        value: new value in SI.
     """
 
     tick: int
@@ -398,13 +398,13 @@ class Change:
 
 
 def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> dict[str, float]:
-    """What may change in an experiment, with the value in its file, in the unit of the key.
+    """Return the current values of keys that may change in an experiment, in the unit of the key.
 
-    Nothing of the force loop where it never acts, and no reference where tasks bring their own.
+    Keys of an idle force loop are left out, and the reference if tasks bring their own.
 
     Args:
-        declared: what may be said in them.
-        tables: of the experiment, as `Experiment.values`.
+        declared: tables that an experiment may have.
+        tables: tables of the experiment, as `Experiment.values`.
     """
     found = {}
     for key in declared.changeable:
@@ -418,18 +418,18 @@ def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> di
 
 
 def changed_value(declared: DeclaredTables, key: str, number: object, tables: Mapping[str, Any]) -> float:
-    """`number`, given in the unit of the `key`, in SI.
+    """Convert `number`, in the unit of `key`, to SI, after validation.
 
     Args:
-        declared: has `key` among what is changeable.
-        number: whatever somebody has sent.
-        tables: of the experiment, as `Experiment.values`.
+        declared: tables with `key` among the changeable settings.
+        number: requested value, unvalidated.
+        tables: tables of the experiment, as `Experiment.values`.
 
     Raises:
-        InputRefused: the experiment's schema refuses it.
+        InputRefused: the value is invalid for the experiment's schema.
     """
     if number is None:
-        # the file may leave the reference out where no force loop acts; a running one needs it
+        # a file may omit the reference if no force loop acts; a running loop needs it
         raise InputRefused(f"{key}: no value; expected a number")
     table, attribute = declared.changeable[key]
     path, _, name = key.rpartition(".")
@@ -443,14 +443,14 @@ def changed_value(declared: DeclaredTables, key: str, number: object, tables: Ma
 def checked_changes(
     declared: DeclaredTables, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
 ) -> tuple[Change, ...]:
-    """The changes of the array of tables [[change]] that are right, the earliest first.
+    """Return the valid changes of the array of tables [[change]], earliest first.
 
     Args:
-        declared: what may be said in the tables.
-        tables: what the file says; () if nothing.
-        values: the tables of the experiment.
-        tick, duration: s.
-        mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
+        declared: tables that an experiment may have.
+        tables: array from the file; () if missing.
+        values: tables of the experiment.
+        tick, duration: duration of a tick and of the experiment (s).
+        mistakes: list that receives an error message for each error, with the number of its change, from 1.
     """
     changes: dict[tuple[int, str], Change] = {}
     for number, table in numbered_tables(tables, "change", mistakes):
