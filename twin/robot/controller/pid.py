@@ -1,6 +1,6 @@
-"""PID loops of the robot's computer: settings, gains over the stiffness, filters, and the discrete law.
+"""PID loops of the robot's computer: settings, scheduled gains, filters, and the discrete law.
 
-The integral is rectangular and stops at the limit; the derivative passes a low-pass of first order.
+The integral is rectangular and stops at the limit; the derivative has a first-order low-pass.
 """
 
 import math
@@ -15,9 +15,9 @@ from twin.kernel.cosim.port import record, record_of, states
 from twin.kernel.settings import Settings, Values, numbers, optional, setting, setting_fields
 
 MAX_STIFFNESS_RATIO = 3.0
-"""Largest ratio of stiffness of two neighbours in a schedule."""
+"""Maximum ratio of stiffness between neighbouring points of a schedule."""
 LOW_PASS_RECORD = record(corner="f8", h="f8", share="f8")
-"""The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
+"""Cache of a low-pass's share, with its arguments: an exponential takes as long as a loop."""
 
 
 class Processor(Settings):
@@ -40,17 +40,19 @@ class Processor(Settings):
 
 @njit(cache=True)
 def state_variable(damping, g, fast, slow, x):
-    """(low-passed `x`, its derivative over 2 pi f, its second over (2 pi f)^2, the two states after it).
+    """Step of a state-variable filter: low-passed `x`, its derivative over 2 pi f, its second over (2 pi f)^2, two new
+    states.
 
-    By the trapezoidal rule, so the derivatives are those of the output itself (Zavalishin 2012, The Art of VA Filter
+    It uses the trapezoidal rule, so the derivatives are exactly those of the output (Zavalishin 2012, The Art of VA
+    Filter
     Design, Ch. 4).
 
     Args:
         damping: 1/Q.
-        g: tan(pi f h), of the corner f (Hz) and the period h (s).
-        fast, slow: states after the call before; at rest 0 and the signal.
+        g: tan(pi f h), with the corner f (Hz) and the period h (s).
+        fast, slow: states after the previous call; at rest 0 and the signal.
     """
-    # a factor, which does not wait for x and is one for all stages of a filter
+    # a factor independent of x, shared by all stages of a filter
     high = (x - (damping + g) * fast - slow) * (1.0 / (1.0 + g * (damping + g)))
     band = g * high + fast
     low = g * band + slow
@@ -66,7 +68,7 @@ class ScheduledGains(Settings):
 
 
 def schedule_error(points: Sequence[ScheduledGains]) -> str:
-    """Why `points` are no schedule; "" if they are one, or none."""
+    """Return an error message for invalid schedule points; "" for a valid schedule, or an empty one."""
     if len(points) == 1:
         return "one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s"
     for number, (below, above) in enumerate(pairwise(points), start=2):
@@ -143,7 +145,7 @@ class Gains(Values, parts=(setting_fields(PositionLoop),)):
 
 
 def force_gains(table: ForceLoop) -> Gains:
-    """Those of the force loop."""
+    """Return the gains of the force loop."""
     return Gains(**numbers(table, into="gains"))
 
 
@@ -157,16 +159,16 @@ def loop_record(gains: Gains) -> tuple:
 
 @njit(cache=True)
 def low_pass_share(corner, h):
-    """How much of a new sample a first-order low-pass with `corner` (Hz) takes over per period `h` (s)."""
+    """Share of a new sample that a first-order low-pass with `corner` (Hz) takes over per period `h` (s)."""
     return 1.0 - math.exp(-2.0 * math.pi * corner * h) if corner > 0.0 else 1.0
 
 
 @njit(cache=True)
 def cached_share(cache, corner, h):
-    """`low_pass_share`, worked out where corner or period are not those of the call before.
+    """`low_pass_share`, recomputed only for a changed corner or period.
 
     Args:
-        cache: a record of `LOW_PASS_RECORD`; at first 0.
+        cache: a record of `LOW_PASS_RECORD`, initially 0.
     """
     if cache.corner != corner or cache.h != h:
         cache.corner, cache.h, cache.share = corner, h, low_pass_share(corner, h)
@@ -175,10 +177,11 @@ def cached_share(cache, corner, h):
 
 @njit(cache=True)
 def proposal(pid, e, h):
-    """(output, integral): what the loop would do for error `e`; `accept` keeps the integral.
+    """Return the output of the loop for error `e`, and the new integral, which `accept` stores.
 
-    The derivative acts on the error and starts at 0. A caller that limits the output accepts the integral only if it
-    was within its limit: conditional integration, so nothing winds up.
+    The derivative acts on the error and starts at 0. A caller with an output limit accepts the integral only within
+    that
+    limit, which prevents windup by conditional integration.
     """
     if pid.started and pid.kd != 0.0:
         rate = (e - pid.error) / h
@@ -191,11 +194,11 @@ def proposal(pid, e, h):
 
 @njit(cache=True)
 def accept(pid, integral):
-    """Keep the proposed integral."""
+    """Store the proposed integral."""
     pid.integral = integral
 
 
 @njit(cache=True)
 def reset_loop(pid):
-    """Forget every error so far."""
+    """Reset the state of the loop."""
     pid.integral, pid.derivative, pid.error, pid.started = 0.0, 0.0, 0.0, 0

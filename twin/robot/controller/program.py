@@ -1,9 +1,8 @@
-"""The four tasks of Sec. III.B as phases: approach, gentle descent, force build-up, hold, tap, circle or push, release.
+"""Tasks of Sec. III.B as tables of phases: approach, gentle descent, force build-up, hold, tap, circle or push,
+release.
 
-A program is a table of `Phase`s for the whole sequence. Each phase begins where the reference is, so tasks of any order
-follow one another without a jump.
-
-A task as data: a table of phases that the compiled machine walks through.
+A program is a table of `Phase`s for the whole sequence, which the compiled machine steps through. Each phase begins at
+the present reference, so tasks of any order follow one another without a jump.
 """
 
 import math
@@ -18,7 +17,7 @@ from twin.kernel.settings import Settings, Triple, setting
 
 
 class PhaseKind(IntEnum):
-    """What the robot is doing; the words are those of Sec. III.B."""
+    """Kind of a phase, in the words of Sec. III.B."""
 
     TRAVEL = 1
     DESCEND = 2
@@ -36,43 +35,44 @@ class PhaseKind(IntEnum):
 
     @property
     def phrase(self) -> str:
-        """For the time line: `build-up`."""
+        """Text for the time line: `build-up`."""
         return self.name.lower().replace("_", "-")
 
 
 class PhaseEnd(IntEnum):
-    """What ends a phase."""
+    """Condition that ends a phase."""
 
     ELAPSED = 0
-    """its motion has arrived and its duration is over."""
+    """Its motion has arrived and its duration is over."""
     FELT = 1
-    """the pressing force reaches `level`; if the motion arrives without it, `otherwise` follows."""
+    """The pressing force reaches `level`; if the motion arrives before, `otherwise` follows."""
     TURN = 2
-    """the platform will have reached the depth of the pre-defined force by the time a turn takes effect, or the force
-    will have reached `level` by then; if the motion arrives without either, `otherwise` follows."""
+    """By the time a reversal takes effect, the platform will be at the depth of the pre-defined force, or the force at
+    `level`; if the motion arrives before, `otherwise` follows."""
 
 
 class Phase(NamedTuple):
-    """One phase, SI. Its motion starts wherever the reference is, so a sequence of phases cannot jump.
+    """One phase, SI. Its motion starts at the present reference, so a sequence of phases cannot jump.
 
     Attributes:
-        kind: what it is.
-        task: which task it belongs to, counted from 1.
+        kind: kind of the phase.
+        task: number of its task, from 1.
         target: end of the straight line (m); NaN keeps a coordinate.
-        lift: if > 0, it ends so far (m) above the height at which a probe felt the pre-defined force.
-        speed: along the line (m/s).
-        ramp_in, ramp_out: time in which it gets there and back to rest (s).
-        radius, rate, turns: of a circle about the starting point (m, Hz, 1), with one turn more to spiral out to it and
-            one to spiral back; radius 0: a straight line.
+        lift: if > 0, end height (m) above the height at which a probe reached the pre-defined force.
+        speed: speed along the line (m/s).
+        ramp_in, ramp_out: acceleration and deceleration time (s).
+        radius, rate, turns: circle about the starting point (m, Hz, 1), with one more turn to spiral out to it and one
+            to
+            spiral back; radius 0 for a straight line.
         force_on: whether the force loop acts.
-        F_end: where its reference goes within `duration` (N).
-        duration: shortest time it takes (s).
-        period: it ends this long after the last tap began (s), if > 0.
-        until: what ends it.
-        level: force that does (N).
-        next, otherwise: index of the phase that follows, and of the one that does if `until` never comes, or if contact
-            is lost while the force loop acts.
-        again, times: `next` is taken after `times` passes, `again` before.
+        F_end: force reference reached within `duration` (N).
+        duration: minimum duration (s).
+        period: if > 0, the phase ends this long after the last tap began (s).
+        until: condition that ends it.
+        level: force of that condition (N).
+        next, otherwise: index of the next phase, and of the one that follows if `until` is never met, or if contact is
+            lost while the force loop acts.
+        again, times: `next` follows after `times` passes, `again` before.
     """
 
     kind: PhaseKind
@@ -173,16 +173,16 @@ class Push(TaskOnPoint):
 
 Task = Press | Tap | Roll | Push
 TASK_KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
-"""By the key `kind` of their tables."""
+"""Task tables by their key `kind`."""
 
 
 def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
-    """The phases of `tasks` in their order; the last phase holds for ever above the last point.
+    """Return the phases of `tasks` in order; the last phase stays above the last point for ever.
 
     Args:
-        approach: how all tasks come and go.
-        contact_force: pressing force that counts as touching (N).
-        tasks: see there.
+        approach: motion between tasks.
+        contact_force: pressing force that counts as contact (N).
+        tasks: tasks in order.
     """
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):
@@ -235,11 +235,11 @@ def _force_phases(approach: Approach, contact_force: float, task: Press | Roll |
 
 def _tap_phases(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
-    # a gentle touch first: where the force is reached is what the taps then aim at
+    # a gentle probe first: the taps aim at the height at which it reaches the force
     yield down._replace(speed=approach.descent, until=PhaseEnd.FELT)
     up = Phase(PhaseKind.RETRACT, number, lift=task.lift, speed=approach.speed, ramp_in=approach.ramp)
     yield up._replace(ramp_out=approach.ramp)
-    # a tap turns at once: a smooth turn would be a longer one
+    # a tap reverses at once: a smooth reversal would take longer
     yield down._replace(kind=PhaseKind.TAP, speed=task.speed, ramp_in=approach.ramp, until=PhaseEnd.TURN)
     yield up._replace(kind=PhaseKind.RISE, speed=task.speed, ramp_in=0.0, ramp_out=approach.ramp)
     # `again` is relative until the phases are linked
