@@ -64,7 +64,7 @@ class ComponentRow(NamedTuple):
 
     Attributes:
         name: name of the row, and of its component if there is only one.
-        parts: returns the constructors of its components, none if the experiment has none.
+        parts: returns the constructors of its components; empty if the experiment has no such component.
         inputs: candidate sources (row, port) by port; the first one whose row has components is used.
     """
 
@@ -242,9 +242,8 @@ def assemble(
     The robot starts at rest in static equilibrium at the first waypoint of its reference.
 
     Args:
-        substitutes: replacements by component name: a component with the same ports, or, for a part in
-            `ROLE_CONTRACTS`,
-            a Python class or an instance.
+        substitutes: replacements by component name: a component with the same ports, or, for a role of
+            `ROLE_CONTRACTS`, a Python class or an instance.
         maker: creates the drives. Drives that cannot share one process get their own in any case.
         alive: existing components of the experiment, by name, used instead of new ones.
 

@@ -57,7 +57,7 @@ from twin.robot.plant.surface_motion import Body, Motion, MotionKind
 from twin.robot.shaft import UnpoweredParameters, UnpoweredShaft
 
 SURFACE_FAULT_RISE = 0.02
-"""Time (s) in which a surface jumps or drops away as a fault."""
+"""Rise time (s) of a surface that jumps or drops away as a fault."""
 BREATHING_RATE = 0.25
 """Frequency (Hz) of breathing as a fault: 15 per minute."""
 JOINTS = 3
@@ -301,7 +301,7 @@ def monitor_belief(robot: Robot) -> MonitorBelief:
 
 
 def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
-    """Return the limits of [monitor]; `speed_limit` is that of the controller's commands (rad/s)."""
+    """Return the limits of [monitor]; `speed_limit` is the controller's command limit (rad/s)."""
     return Limits.from_tables(monitor, command_limit=monitor.command_limit or speed_limit)
 
 
@@ -353,7 +353,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     In position mode the force loop never starts.
 
     Args:
-        program: phases that replace those of the experiment's tasks; only for an experiment with tasks.
+        program: phases that replace the experiment's; only for an experiment with tasks.
     """
     c = experiment.controller
     force_on = c.mode == "force_position"

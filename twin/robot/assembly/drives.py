@@ -131,7 +131,7 @@ class DrivePlan:
 
     @property
     def outputs(self) -> tuple[Port, ...]:
-        """Contract outputs that the drive offers; those of twin's rotor first."""
+        """Contract outputs that the drive offers; outputs of twin's rotor come first."""
         own = (THETA_M_ROLE.port, OMEGA_M_ROLE.port) if self.table.rotor else ()
         return (*own, *(b.port for b in self.bindings if b.role.causality == "output"))
 

@@ -246,7 +246,7 @@ def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:
     stopped = CommandFault(name, span, 0.0, JOINTS)
     targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
     circuit.insert_before(stopped, targets, ends([stopped], "input", "omega_ref"))
-    # without a monitor there is no power signal
+    # power signals exist only with a monitor
     for line in power_lines(circuit):
         source = circuit.component(line[0], number, fault.target)
         port = next(port for port in source.outputs if port.name == line[1])

@@ -261,7 +261,7 @@ def _roles(
 
 
 def _flattened_name(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
-    """Return the variable for value `i` of `port`, by the ways in which tools flatten arrays; "" if there is none."""
+    """Return the variable for value `i` of `port`, by the usual ways of flattening arrays; "" if missing."""
     name, n = port.name, i + 1
     ways = [f"{name}[{n}]", f"{name}({n})", f"{name}_{n}", f"{name}{n}"]
     if port.size == 3:
