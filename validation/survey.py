@@ -263,7 +263,8 @@ def stated(file: Path) -> Stated:
 
 def page_text(facts: Mapping[str, Any]) -> str:
     """The page, Markdown."""
-    tried = f"Tried on {facts['platform']}: {count_text(len(facts['fmus']), 'FMU')}, each with the beginning of its SHA-256."
+    count = count_text(len(facts["fmus"]), "FMU")
+    tried = f"Tried on {facts['platform']}: {count}, each with the beginning of its SHA-256."
     lines = [HEAD, f"{tried} Held to results within {TOLERANCE_NOTE}.", ""]
     words = Counter(row["word"] for row in facts["fmus"])
     lines += [

@@ -166,7 +166,7 @@ def system_structure(root: Path, tmp_path: Path) -> Attack:
         package = read_package(archive(tmp_path / "x.ssp", changed, {"a.fmu": fmu}))
         flat = flatten(package.structure, "x.ssp")
         files = dict.fromkeys(fmu_sources(package, flat).values(), fmu)
-        return plan_system(package, flat, files, MasterChoice(scheme="jacobi")).late
+        return plan_system(package, flat, files, MasterChoice(scheme="jacobi")).delayed_connections
 
     attack(None)
     return attack

@@ -26,7 +26,7 @@ def tried(file: Path) -> References:
 def test_the_twin_gets_from_every_drive_what_another_importer_got(root: Path, drive: str):
     found = tried(root / "fmus" / drive / f"{drive}.fmu")
     (ramps,) = found.outcomes
-    assert ramps.word == "agrees" and dict(found.carried.unread).keys() == {"ramps.exp"}
+    assert ramps.word == "agrees" and dict(found.reference_files.unread).keys() == {"ramps.exp"}
     assert len(ramps.deviations) >= 2 and max(ramps.deviations.values()) < (COARSER if drive in STEPLESS else ROUNDING)
 
 

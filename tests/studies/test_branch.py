@@ -37,7 +37,7 @@ def test_a_branch_without_a_change_is_the_run_itself(pressing: Path, tmp_path: P
     experiment = branched_experiment(pressing)
     point = BranchPoint(experiment, pressing, 6200)
     assert point.how == "run again from the start"
-    run = execute(experiment, tmp_path / "branch", state=point.saved)
+    run = execute(experiment, tmp_path / "branch", state=point.branch_state)
     assert same_from(pressing, run.recording) == AT
 
 
@@ -45,7 +45,7 @@ def test_a_branch_without_a_change_is_the_run_itself(pressing: Path, tmp_path: P
 @pytest.mark.parametrize("kind", [kind for kind in FAULT_KINDS if kind != "drive_failure"])
 def test_a_fault_in_a_branch_is_that_fault_from_the_start(pressing: Path, tmp_path: Path, kind: str):
     experiment = branched_experiment(pressing, faults=[fault(kind)])
-    state = BranchPoint(branched_experiment(pressing), pressing, 6200).saved
+    state = BranchPoint(branched_experiment(pressing), pressing, 6200).branch_state
     branched = read(execute(experiment, tmp_path / "branch", state=state).recording)
     whole = read(execute(experiment, tmp_path / "whole").recording)
     for key in whole.fields():
@@ -60,7 +60,7 @@ def test_a_fault_in_a_branch_is_that_fault_from_the_start(pressing: Path, tmp_pa
 def test_a_gain_that_changes_at_a_branch_is_that_change_of_an_experiment(pressing: Path, tmp_path: Path):
     """[[change]] writes the same number into the same memory at the same tick."""
     key, value = "controller.force.ki_mm_per_N_s", 9.0
-    state = BranchPoint(branched_experiment(pressing), pressing, 6200).saved
+    state = BranchPoint(branched_experiment(pressing), pressing, 6200).branch_state
     branched = execute(branched_experiment(pressing, [f"{key}={value}"]), tmp_path / "branch", state=state)
     changed = twin.load("pressing", [f'change=[{{t_s = {AT}, key = "{key}", value = {value}}}]'])
     a, b = read(execute(changed, tmp_path / "whole").recording), read(branched.recording)
@@ -140,10 +140,10 @@ def test_a_run_without_a_state_branches_by_running_again(stateless: Path, tmp_pa
     base, other = branched_experiment(stateless), branched_experiment(stateless, [f"{key}={value}"])
     point = BranchPoint(base, stateless, 6200)
     with pytest.raises(InputRefused, match=r"this run has no state: modelica_dc\.fmu"):
-        print(point.saved)
+        print(point.branch_state)
     runs = []
     for number, experiment in enumerate((base, other)):
-        with point.handed_over(experiment) as state:
+        with point.hand_over(experiment) as state:
             runs.append(execute(experiment, tmp_path / f"{number}", state=state).recording)
     assert same_from(stateless, runs[0]) == AT
     changed = twin.load("pressing", [f'change=[{{t_s = {AT}, key = "{key}", value = {value}}}]'], "modelica_dc")

@@ -132,7 +132,12 @@ def run(
     limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG_RUN_DURATION)
     with RunPageWriter(report, as_json) as reported, TerminalDisplay(as_json) as display:
         run_recording_job(
-            LIVE_JOB if live else RUN_JOB, arguments, display, isolate, limits, reported.noting(display.hear)
+            LIVE_JOB if live else RUN_JOB,
+            arguments,
+            display,
+            isolate,
+            limits,
+            reported.collect_folders(display.on_note),
         )
 
 

@@ -65,7 +65,7 @@ class BranchOutcome:
         return {
             "branch": self.branch.name,
             "recording": str(self.run.recording),
-            "leaves_at": self.apart,
+            "leaves_at": self.departure,
             "peak": self.peak[0],
             "peak_time": self.peak[1],
             "end": outcome.end,
@@ -147,7 +147,7 @@ def branch(
         plan.append((replace(one, name=named), experiment))
     for number, (one, experiment) in enumerate(plan):
         say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
-        with point.handed_over(experiment) as state:
+        with point.hand_over(experiment) as state:
             done = execute(experiment, home / f"{number}", state=state)
         outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None))
     say("drawing", 1.0)

@@ -66,7 +66,7 @@ def pressing() -> Any:
 
     experiment = load_experiment(ROOT / "experiments" / "fig4_force_position.toml")
     points, _ = operating_points(experiment)
-    return Linearisation(experiment, points).at(next(point for point in points if point.in_contact))
+    return Linearisation(experiment, points).linear_point(next(point for point in points if point.in_contact))
 
 
 def opened(breaks: Sequence[str]) -> Any:

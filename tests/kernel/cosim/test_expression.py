@@ -38,7 +38,7 @@ def joined(parts: st.SearchStrategy) -> st.SearchStrategy:
 def test_an_expression_has_the_value_that_python_gives_it(pair, t: float):
     text, meaning = pair
     if len(text) <= MAX_LENGTH:
-        assert parse_expression(text, "x").at(t) == pytest.approx(meaning(t), rel=1e-12, abs=1e-12)
+        assert parse_expression(text, "x").value_at(t) == pytest.approx(meaning(t), rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_an_expression_has_the_value_that_python_gives_it(pair, t: float):
 )
 def test_steps_ramps_and_pulses_begin_and_end_at_their_ticks(text: str, values: dict[float, float]):
     found = parse_expression(text, "x")
-    assert {t: found.at(t) for t in values} == pytest.approx(values, abs=1e-15)
+    assert {t: found.value_at(t) for t in values} == pytest.approx(values, abs=1e-15)
 
 
 def test_where_there_is_no_value_it_is_nan():

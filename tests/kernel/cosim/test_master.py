@@ -53,7 +53,7 @@ def test_slices_join_without_gap_or_overlap(slice_ticks):
     graph = [Shape(sampled=True, period=1, outputs=1, sources=())]
     simulation = Simulation(System(components(graph), [], TICK), 20, slice_ticks)
     lengths: list[int] = []
-    while not simulation.finished:
+    while not simulation.is_over:
         assert simulation.next_tick == sum(lengths)
         lengths.append(len(simulation.advance()))
     assert sum(lengths) == 21

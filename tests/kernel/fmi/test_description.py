@@ -36,8 +36,8 @@ def refusal(path: Path) -> str:
 @pytest.mark.parametrize("name", DRIVES)
 def test_every_shipped_drive_fits_the_contract(root: Path, name: str):
     drive = described(root / "fmus" / name / f"{name}.fmu")
-    assert [v.name for v in drive.offered("input")] == ["omega_ref", "tau_load"]
-    assert [v.name for v in drive.offered("output")][:2] == ["theta_m", "omega_m"]
+    assert [v.name for v in drive.variables_of("input")] == ["omega_ref", "tau_load"]
+    assert [v.name for v in drive.variables_of("output")][:2] == ["theta_m", "omega_m"]
     assert drive.warnings() == []
     assert {"linux64", "win64", "darwin64"} <= set(drive.platforms)
 

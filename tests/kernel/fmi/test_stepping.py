@@ -15,7 +15,7 @@ def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: 
     component = plan.component("controller", 1e-3, 2, 10)
     try:
         stepping = Stepping(component.instance)
-        table = stepping._grouped(port_slots(ports), access)
+        table = stepping._group_table(port_slots(ports), access)
     finally:
         component.close()
     sizes = [int(row["bytes"]) for row in table for _ in ("buffer", "last")]

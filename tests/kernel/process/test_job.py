@@ -138,10 +138,10 @@ def test_a_process_that_computes_gets_older_on_its_processor():
         while process.processor_time < began + 0.05:
             pass
         # it is ready for a processor, whether it has one or not
-        assert not process.waits
+        assert not process.is_waiting
     with GuardedProcess("tests.kernel.process.jobs:sleep_within_a_call") as process:
         process.start({})
-        while process.box.call() is None or not process.waits:
+        while process.box.call() is None or not process.is_waiting:
             pass
     assert processor_time(process.pid) == math.inf
 

@@ -92,7 +92,7 @@ def test_what_looks_like_a_run_a_picture_or_a_sweep_begins_one(
     with start_expected_job():
         waiting = list(ahead._waiting.values())
         assert bool(waiting) == begins
-    assert all(process.ended for process in waiting)
+    assert all(process.has_exit_status for process in waiting)
 
 
 def test_on_one_core_nothing_begins_that_can_be_done_as_well_later(monkeypatch: pytest.MonkeyPatch):

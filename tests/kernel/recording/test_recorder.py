@@ -16,7 +16,7 @@ def test_blocks_are_the_same_however_the_run_was_sliced(length: int):
     block, blocks = RowBlock(SIZE, 3), []
     for first in range(0, len(rows), length):
         block.add(rows[first : first + length], [TickEvent(first, "INFO", str(k), "x") for k in (1, 2)])
-        if block.full:
+        if block.is_full:
             blocks.append((block.first, block.rows.copy(), [event.tick for event in block.events]))
             block.clear()
     assert [first for first, _, _ in blocks] == [0, SIZE]

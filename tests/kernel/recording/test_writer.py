@@ -140,7 +140,7 @@ def test_its_memory_grows_and_keeps_what_is_in_it(lengths: list[int]) -> None:
     pending = PendingMessages()
     records = [np.full((1, length), number, dtype=np.uint8) for number, length in enumerate(lengths)]
     for number, record in enumerate(records):
-        pending.put(number, np.array([number]), record)
+        pending.append_records(number, np.array([number]), record)
     assert pending.shapes == [BlockShape(number, 1, length) for number, length in enumerate(lengths)]
     assert pending.size == sum(lengths)
     assert merge_by_time(pending).content.tobytes() == b"".join(record.tobytes() for record in records)

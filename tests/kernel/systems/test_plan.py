@@ -175,14 +175,14 @@ def test_the_whole_way_is_its_parts_one_after_the_other(value: float, start: str
     whole = connection_map(parse_unit(start, UNITS), parts, parse_unit(end, UNITS), UNITS, "x")
     # roundings of sums whose terms may cancel: of the largest term there can be
     size = math.prod(abs(part.transformation.factor) * 80.0 + 1.0 for part in parts) * 1e4
-    assert whole.end(value) == pytest.approx(by_hand(value, start, parts, end), rel=1e-9, abs=1e-13 * size)
+    assert whole.apply(value) == pytest.approx(by_hand(value, start, parts, end), rel=1e-9, abs=1e-13 * size)
 
 
 @given(numbers)
 def test_a_way_on_which_nothing_happens_changes_no_bit(value: float):
     for one, other in (("inch", "inch"), ("", "m"), ("m", ""), ("", "")):
         led = connection_map(parse_unit(one, UNITS), [UnitStep(), UnitStep()], parse_unit(other, UNITS), UNITS, "x")
-        assert led == AffineMap() and led.end(value) == value
+        assert led == AffineMap() and led.apply(value) == value
 
 
 @pytest.mark.parametrize(

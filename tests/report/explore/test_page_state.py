@@ -36,7 +36,7 @@ def test_the_command_and_the_saved_file_do_what_the_state_does(
 ):
     monkeypatch.chdir(tmp_path)
     found = parse_state(FIG4, state)
-    values = found.loaded().values
+    values = found.load().values
     assert load_experiment("fig4_force_position", *options(found.command)).values == values
     path = save_experiment(found, "mine")
     assert load_experiment(path).values == values

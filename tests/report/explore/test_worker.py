@@ -214,7 +214,7 @@ def test_claims_are_those_of_the_papers_four_runs_with_the_state_laid_over_each(
     runs = [Fig4Run(run_in_memory(shipped(one, f"{GAIN}=3"))) for one in FIG4_EXPERIMENTS]
     score = fig4_score(Fig4Runs(runs[0], runs[1], imperfect=(runs[2], runs[3])))
     judged = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
-    assert {one.claim.text: (one.verdict, one.measured) for one in judged} == {
+    assert {one.claim.text: (one.verdict, one.measured_text) for one in judged} == {
         text: (row["verdict"], row["measured"]) for text, row in found.items()
     }
 

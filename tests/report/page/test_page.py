@@ -105,7 +105,7 @@ def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_p
         write_report([tmp_path], None, True, lambda what, share=None: told.append(what)).facts["page"]
     ).read_text()
     budget = accuracy_budget(experiment)
-    assert rows(page)["backlash"][2] == f"{budget.of('imperfection')[1].rms:.4f}"
+    assert rows(page)["backlash"][2] == f"{budget.contributions_of('imperfection')[1].rms:.4f}"
     assert rows(page)["as it is"][2] == f"{budget.as_is.rms:.4f}"
     assert told[:2] == [f"fig4_force_position: {name}, {n} of 27" for n, name in ((1, "as it is"), (2, "ideal"))]
 

@@ -20,7 +20,7 @@ def pid():
     process = ahead._waiting[DRAW_JOB]
     yield process.pid
     end_waiting()
-    assert process.ended
+    assert process.has_exit_status
 
 
 def test_who_waits_draws(pid: int):

@@ -235,7 +235,7 @@ def test_a_component_steps_as_it_is_annotated_else_once_a_call(tmp_path: Path, a
         u = np.zeros((6, width(part.inputs)))
         play(part, H * np.arange(6.0), np.full(6, H), u)
         variable = inside.instance.description.variables["steps"]
-        assert inside.instance.read([variable])[0] == steps
+        assert inside.instance.read_floats([variable])[0] == steps
     finally:
         part.close()
 

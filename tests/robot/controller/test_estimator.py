@@ -39,7 +39,7 @@ def angles(count):
 def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, deflected):
     count = counts(p_B, deflected)
     theta_m, theta_l = angles(count)
-    found = ComponentStepper(Estimator(BELIEF)).named(count)
+    found = ComponentStepper(Estimator(BELIEF)).outputs_by_port(count)
     at = position(GEOMETRY, theta_l)
     tau_l = load_torque(BELIEF.k_s, BELIEF.N, BELIEF.eta, deflection(theta_m, theta_l, BELIEF.N))
     # rounding, of torques below 1 N m and forces below 20 N
@@ -55,7 +55,7 @@ def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, deflected):
 @given(positions(), deflecteds)
 def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, deflected):
     count = counts(p_B, deflected)
-    found = ComponentStepper(Estimator(BELIEF, gravity_compensation=False)).named(count)
+    found = ComponentStepper(Estimator(BELIEF, gravity_compensation=False)).outputs_by_port(count)
     # Eq. 21-27; rounding of forces below 20 N
     expected = end_effector_force(GEOMETRY, found["theta_l"], found["tau_l"])
     np.testing.assert_allclose(found["F_ee_B"], expected, rtol=0, atol=1e-11)
@@ -63,7 +63,7 @@ def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, defle
 
 @given(positions())
 def test_position_is_known_to_a_joint_count(p_B):
-    found = ComponentStepper(Estimator(BELIEF)).named(counts(p_B, np.zeros(3)))
+    found = ComponentStepper(Estimator(BELIEF)).outputs_by_port(counts(p_B, np.zeros(3)))
     # half a count of 2 pi / 16384 on each joint; |J^-1| is below 0.1 m/rad in the working range
     assert np.abs(found["p_B"] - p_B).max() < 0.1 * np.sqrt(3.0) * np.pi / BELIEF.joint_counts
 

@@ -62,7 +62,7 @@ def test_a_kind_names_its_targets_and_says_why_it_is_detected_or_not(kind):
 @pytest.mark.parametrize("kind", FAULT_KINDS)
 def test_what_is_said_of_a_kind_is_said_of_magnitudes_that_the_matrix_has(kind):
     known = FAULT_KINDS[kind]
-    said = {known.seen.free, known.seen.contact, known.beyond} - {None, ANY_MAGNITUDE}
+    said = {known.threshold.free, known.threshold.contact, known.excess_from} - {None, ANY_MAGNITUDE}
     assert said <= set(known.magnitudes or ())
 
 

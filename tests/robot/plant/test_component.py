@@ -79,10 +79,12 @@ def test_in_a_ramp_the_motors_turn_and_the_surface_moves_within_the_step(substep
         return [] if rising is None else [*(rising * t), *rising]
 
     ramp = ComponentStepper(Plant(PARAMETERS, x, start, substeps, moving, ramp=True))
-    end = ramp.named(np.array([*(start + turned), *surface(0.0), *start]), 0.0, h)
+    end = ramp.outputs_by_port(np.array([*(start + turned), *surface(0.0), *start]), 0.0, h)
     held = ComponentStepper(Plant(PARAMETERS, x, start, 1, moving))
     for k in range(n):
-        short = held.named(np.array([*(start + (k + 0.5) / n * turned), *surface(k * h / n)]), k * h / n, h / n)
+        short = held.outputs_by_port(
+            np.array([*(start + (k + 0.5) / n * turned), *surface(k * h / n)]), k * h / n, h / n
+        )
     # a step of 5 ms is nearly 1 rad of the contact's mode, one of 1 ms a fifth of that: (1/5)^4 of the error
     tolerance = {1: 0.02, 5: 1e-4}[substeps]
     for name in ("v_B", "omega_l", "F_ee_B"):

@@ -71,7 +71,7 @@ def test_a_joint_that_is_pulled_by_less_than_its_friction_stays_where_it_is(shar
     more = share * TAU_C / (PARAMETERS.k_s * PARAMETERS.N * PARAMETERS.eta)
     step = ComponentStepper(Plant(RUBBED, x, theta_m))
     for _ in range(400):
-        y = step.named(theta_m + more, 0.0, 1e-3)
+        y = step.outputs_by_port(theta_m + more, 0.0, 1e-3)
     away = y["theta_l"] - joint_angles(GEOMETRY, x[:3])
     # within the angle that it yields by; without friction it would go ten times as far
     assert np.abs(away).max() < 2.0 * abs(share) * A + 1e-9

@@ -17,7 +17,7 @@ def test_sums_are_those_of_the_rows_in_their_order_to_the_last_bit(seed: int, co
     F_z, p_B, p_ref_B, on, F_z_ref = np.split(rows[:, columns].T, [1, 4, 7, 8])
     block = DeviationSums(40)
     touched = bool(seed % 2)
-    block.look(rows, columns, touched)
+    block.add_block(rows, columns, touched)
     assert (block.squares == np.cumsum(np.square(p_B - p_ref_B), axis=1)[:, -1]).all()
     pressed = np.logical_or.accumulate(F_z[0] < 0.0)
     controlled = (on[0] > 0.0) & (touched | pressed)

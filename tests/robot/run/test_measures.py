@@ -93,7 +93,7 @@ def test_a_held_force_has_the_numbers_that_were_computed_by_hand(
             # sums in another order round differently
             assert own == pytest.approx(value, rel=1e-9, abs=1e-12), key
     values = json.loads(recording.metadata["experiment"]["values"])
-    assert outcome_of(recording, HoldRequest.recorded(values)) == run.outcome
+    assert outcome_of(recording, HoldRequest.from_values(values)) == run.outcome
 
 
 @pytest.mark.parametrize(("experiment", "change"), SWINGS)
@@ -123,12 +123,12 @@ def test_the_stream_a_run_in_memory_a_recording_and_a_restored_state_give_the_sa
     one = loaded(root, experiment, change, "recording.state_every_s=3")
     whole = execute(one, tmp_path / "whole")
     assert all(whole.outcome.measures[key].value is not None for key in STATES[experiment, change, since])
-    assert outcome_of(run_in_memory(one), HoldRequest.of(one)) == whole.outcome
+    assert outcome_of(run_in_memory(one), HoldRequest.from_experiment(one)) == whole.outcome
     recording = read(whole.recording)
     values = json.loads(recording.metadata["experiment"]["values"])
-    assert outcome_of(recording, HoldRequest.recorded(values)) == whole.outcome
+    assert outcome_of(recording, HoldRequest.from_values(values)) == whole.outcome
     state = stored_state(whole.recording, since)
-    assert state is not None and state.saved.tick == round(1e3 * since)
+    assert state is not None and state.saved_state.tick == round(1e3 * since)
     assert execute(one, tmp_path / "rest", state=state).outcome == whole.outcome
 
 
@@ -189,7 +189,7 @@ class Rows:
     def __init__(self, F: np.ndarray, on: np.ndarray, R: np.ndarray):
         self.rows = np.column_stack([np.zeros((len(F), 2)), -F, on, R])
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         return end in ("plant.F_ee_B", "controller.triggered", "controller.F_z_ref")
 
     def columns(self, end: str) -> slice:

@@ -34,7 +34,7 @@ class TaskSystem:
     def __init__(self, *without: str):
         self._without = without
 
-    def has(self, name: str) -> bool:
+    def has_output(self, name: str) -> bool:
         return name in TASK_COLUMNS and name not in self._without
 
     def columns(self, name: str) -> slice:
@@ -110,7 +110,7 @@ class System:
     def columns(self, name: str) -> slice:
         return COLUMNS[name]
 
-    def has(self, name: str) -> bool:
+    def has_output(self, name: str) -> bool:
         return name in COLUMNS
 
 
@@ -134,10 +134,10 @@ def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_po
     rows = rows_of(force_position)
     tally = Tally(System(), REQUEST)
     for start in range(0, len(rows), size):
-        tally.take(start, rows[start : start + size], [])
+        tally.on_rows(start, rows[start : start + size], [])
     found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
     whole = Tally(System(), REQUEST)
-    whole.take(0, rows, [])
+    whole.on_rows(0, rows, [])
     assert found == whole.outcome
     # sums in another order round differently
     assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)

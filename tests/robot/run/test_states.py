@@ -121,7 +121,7 @@ def test_a_state_of_another_run_is_refused_with_what_differs(tmp_path: Path, par
     recording = made(tmp_path / "run")
     found = stored_state(recording, 0.5)
     assert found is not None
-    saved = found.saved
+    saved = found.saved_state
     other = {"files": {"drive_1": "other"}, "versions": {"numpy": "0.1"}}.get(part, "other")
     of = saved.about["of"] | {part: saved.about["of"][part] | other if isinstance(other, dict) else other}
     forged = SavedState(saved.tick, saved.pieces, saved.inside, saved.about | {"of": of})

@@ -28,10 +28,10 @@ EXPERIMENT = shipped()
 
 @pytest.mark.parametrize("effect", SMALL_EFFECTS, ids=lambda one: one.name)
 def test_an_effect_changes_the_plant_and_nothing_the_controller_believes(effect: Effect):
-    with_it = effect.of(EXPERIMENT, EXPERIMENT)
+    with_it = effect.apply_to(EXPERIMENT, EXPERIMENT)
     changed = {n for n in type(EXPERIMENT.plant).model_fields
                if getattr(EXPERIMENT.plant, n) != getattr(with_it.plant, n)}  # fmt: skip
-    assert changed == set(effect.values) and effect.in_force(with_it) and not effect.in_force(EXPERIMENT)
+    assert changed == set(effect.values) and effect.is_present(with_it) and not effect.is_present(EXPERIMENT)
     assert with_it.controller == EXPERIMENT.controller
     assert without_effects(with_it).plant == EXPERIMENT.plant
     assert effect.reason
@@ -45,7 +45,7 @@ def test_an_effect_that_an_experiment_has_stays_as_large_as_it_is_there():
 
 @pytest.mark.parametrize("name", EVERY_EXPERIMENT)
 def test_experiments_that_ship_have_none(name: str):
-    assert not any(effect.in_force(shipped(name)) for effect in SMALL_EFFECTS)
+    assert not any(effect.is_present(shipped(name)) for effect in SMALL_EFFECTS)
 
 
 def test_what_is_not_modelled_is_less_than_what_is_worth_modelling():
@@ -54,7 +54,7 @@ def test_what_is_not_modelled_is_less_than_what_is_worth_modelling():
 
 @pytest.mark.parametrize("uncertainty", UNCERTAINTIES, ids=lambda one: one.label)
 def test_only_the_controllers_belief_is_off(uncertainty: Uncertainty):
-    off = uncertainty.of(EXPERIMENT)
+    off = uncertainty.apply_to(EXPERIMENT)
     before, after = EXPERIMENT.controller.model, off.controller.model
     assert {n for n in type(before).model_fields if getattr(before, n) != getattr(after, n)} == set(uncertainty.names)
     assert off.plant == EXPERIMENT.plant and off.controller.force == EXPERIMENT.controller.force

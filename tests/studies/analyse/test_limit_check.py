@@ -75,18 +75,18 @@ def test_the_limits_of_the_default_drive_hold():
 @pytest.mark.slow
 def test_pmsm_foc_in_air_is_told_by_simulation_because_its_friction_brakes_small_swings_more():
     check = tried(fig4((), "pmsm_foc"), AIR).checks[0]
-    assert not check.holds and check.simulated is not None and check.predicted is not None
+    assert not check.holds and check.simulated_limit is not None and check.predicted is not None
     # 40 % too high, the unsafe side: 39.5 predicted, 28.4 simulated
-    assert check.simulated < 0.75 * check.predicted
+    assert check.simulated_limit < 0.75 * check.predicted
     assert "a perturbation of 1 mm persists there, one of 0.1 mm decays" in check.reason
     # and the limit that is told is one: just below it both nudges die out
-    assert lasting_nudges(fig4((), "pmsm_foc"), check.point, "position", 0.95 * check.simulated) == ()
+    assert lasting_nudges(fig4((), "pmsm_foc"), check.point, "position", 0.95 * check.simulated_limit) == ()
 
 
 @pytest.mark.slow
 def test_python_servo_in_air_holds_because_a_swing_that_stays_counts_as_one():
     check = tried(fig4((), "python_servo"), AIR).checks[0]
-    assert check.holds and check.simulated is None
+    assert check.holds and check.simulated_limit is None
 
 
 def test_stepper_in_air_holds_because_its_hum_is_no_swing_that_lasts():

@@ -64,11 +64,11 @@ def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):
 def test_waiting_for_the_computer_costs_gain(fig4):
     experiment = shipped("fig4_force_position", "controller.delay_ticks=20")
     points, _ = operating_points(experiment)
-    late = judge_point(Linearisation(experiment, points).at(points[2]))
+    late = judge_point(Linearisation(experiment, points).linear_point(points[2]))
     assert late.limits["force"] < 0.6 * fig4.points[2].limits["force"]
     # in a loop it is the same where it waits
     encoders = shipped("fig4_force_position", "plant.encoder_latency_ms=20")
-    assert judge_point(Linearisation(encoders, points).at(points[2])).limits == late.limits
+    assert judge_point(Linearisation(encoders, points).linear_point(points[2])).limits == late.limits
 
 
 def test_dry_friction_is_told_to_be_left_out(fig4):

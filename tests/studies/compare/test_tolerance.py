@@ -127,7 +127,7 @@ def test_whatever_is_above_all_values_by_more_than_the_tolerance_is_outside_by_t
     polygon: tuple[np.ndarray, np.ndarray], dt: float, tolerance: float, more: float
 ):
     t, values = polygon
-    tube = reach(t, values, t, dt).widened(tolerance)
+    tube = reach(t, values, t, dt).widen(tolerance)
     high, low = np.full(len(t), values.max() + tolerance + more), np.full(len(t), values.min() - tolerance - more)
     assert np.all(tube.excess(high) >= more - ROUND)
     assert np.all(tube.excess(low) <= -more + ROUND)

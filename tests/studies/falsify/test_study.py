@@ -22,7 +22,8 @@ BOUND = "always (|plant.F_ee_B| <= 18 N)"
 def asked(folder: Path, **options) -> Result:
     told: dict[str, Any] = {
         "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "reach": 0.0,
-        "runs": DEFAULT_RUNS, "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": ignore_progress,
+        "runs": DEFAULT_RUNS, "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder,
+        "say": ignore_progress,
     }  # fmt: skip
     return falsify(**told | options)
 
@@ -46,7 +47,7 @@ def answer(folder: Path) -> Result:
 def test_every_kind_that_the_matrix_shows_beyond_the_bound_is_found_in_a_third_of_its_runs(tmp_path: Path):
     answer = asked(tmp_path, runs=len(pressing()) * 2 // 3)
     found = {one["kind"] for one in answer.facts["found"] if one["share"] < 0.0}
-    assert found >= {row.kind for row in pressing() if not row.safe} == set(BROKEN)
+    assert found >= {row.kind for row in pressing() if not row.is_safe} == set(BROKEN)
     # the matrix makes two runs of each of its cases
     assert answer.facts["runs"] <= 2 * len(pressing()) / 3
     assert max(one["first_violating_run"] for one in answer.facts["found"] if one["share"] < 0.0) <= len(pressing()) / 3

@@ -113,7 +113,7 @@ SAID = [kind for kind, known in FAULT_KINDS.items() if known.threshold != NEVER_
 
 @pytest.mark.parametrize("kind", SAID)
 def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(kind):
-    said = [row for row in pressing() if row.kind == kind and row.detection_expected]
+    said = [row for row in pressing() if row.kind == kind and row.expects_detection]
     assert said and all(replace(row, watched=row.unwatched).fails for row in said)
 
 
@@ -128,15 +128,15 @@ def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(
     ],
 )
 def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(kind, check):
-    assert any(row.missed for row in matrix("pressing", kind, overrides=check.split()))
+    assert any(row.misses_detection for row in matrix("pressing", kind, overrides=check.split()))
 
 
 @pytest.mark.parametrize("kind", ["stiffness_change", "surface_jump", "belt_slip"])
 def test_a_broken_bound_that_was_not_said_fails_unless_an_ideal_monitor_breaks_it_too(kind, monkeypatch):
-    monkeypatch.setitem(FAULT_KINDS, kind, replace(FAULT_KINDS[kind], beyond=None))
-    broken = [row for row in pressing() if row.kind == kind and not row.safe]
+    monkeypatch.setitem(FAULT_KINDS, kind, replace(FAULT_KINDS[kind], excess_from=None))
+    broken = [row for row in pressing() if row.kind == kind and not row.is_safe]
     # the peak is over before the motors could have done anything
-    assert broken and all(row.unavoidable and not row.fails for row in broken)
+    assert broken and all(row.is_unavoidable and not row.fails for row in broken)
     assert all(replace(row, ideal=0.8 * row.watched.peak).fails for row in broken)
 
 

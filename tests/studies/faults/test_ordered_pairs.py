@@ -103,7 +103,7 @@ def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_
     )
     with Stage(pressing("back")) as stage:
         row = combination_row(stage, one, 5.5)
-    assert row.beyond is not keeps and unseen(row) is not keeps
+    assert row.exceeds_bound is not keeps and unseen(row) is not keeps
 
 
 @pytest.mark.parametrize("body", ["back", "shoulder"])

@@ -9,8 +9,8 @@ BEYOND = 18.1
 
 @pytest.mark.parametrize(("peak", "safe"), [(17.9, True), (BEYOND, False)])
 def test_safe_is_up_to_a_fifth_above_the_limit(peak, safe):
-    assert row(watched=felt(peak)).safe == safe
-    assert row(unwatched=felt(peak)).safe_unwatched == safe
+    assert row(watched=felt(peak)).is_safe == safe
+    assert row(unwatched=felt(peak)).is_safe_without_monitor == safe
 
 
 SEEN = felt(8.0, 0.0, "FOLLOW", 0.1)
@@ -20,7 +20,7 @@ SEEN = felt(8.0, 0.0, "FOLLOW", 0.1)
     ("kind", "magnitude"), [("drive_runaway", 0.5), ("encoder_bias", 2.0), ("surface_jump", 5.0), ("belt_slip", -30.0)]
 )
 def test_what_is_said_to_be_seen_and_is_not_fails_however_small_the_force(kind, magnitude):
-    assert row(kind, magnitude).missed and row(kind, magnitude).fails
+    assert row(kind, magnitude).misses_detection and row(kind, magnitude).fails
     assert not row(kind, magnitude, SEEN).fails
 
 
@@ -37,7 +37,7 @@ def test_what_is_not_said_to_be_seen_may_be_missed_but_stays_below_the_bound(kin
 @pytest.mark.parametrize(("kind", "below", "from_here"), [("encoder_drift", 0.5, 2.0), ("stiffness_change", 1.5, 3.0)])
 def test_only_from_the_magnitude_that_was_said_may_the_force_go_beyond_the_bound(kind, below, from_here):
     seen = felt(BEYOND, 0.1, "DEFLECTION", 0.2)
-    assert row(kind, below, seen).loose and row(kind, below, seen).fails
+    assert row(kind, below, seen).is_avoidable_excess and row(kind, below, seen).fails
     assert not row(kind, from_here, seen).fails
 
 

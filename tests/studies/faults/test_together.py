@@ -84,12 +84,12 @@ def test_encoders_that_drift_together_are_found_by_what_the_motors_feel(onset: f
 
 @pytest.mark.parametrize("body", ["scale", "back"])
 def test_no_common_cause_does_worse_than_an_ideal_monitor_allows(body: str):
-    assert [row for row in rows(body) if row.beyond] == []
+    assert [row for row in rows(body) if row.exceeds_bound] == []
 
 
 @pytest.mark.parametrize("body", ["scale", "back"])
 def test_what_is_expected_to_be_seen_of_common_causes_is(body: str):
-    assert [row.faults.name for row in rows(body) if row.missed] == []
+    assert [row.faults.name for row in rows(body) if row.misses_detection] == []
 
 
 def test_with_the_monitor_off_every_common_cause_that_it_sees_fails():
@@ -220,7 +220,7 @@ def test_rows_of_runs_that_share_their_past_are_those_of_runs_from_the_start(kin
 
     def facts(share: bool) -> list[dict[str, Any]]:
         with Stage(there.experiment, share=share) as runs:
-            return [combination_row(runs, one, onset).facts() for one in few]
+            return [combination_row(runs, one, onset).to_dict() for one in few]
 
     assert len(few) == 3 and facts(True) == facts(False)
 

@@ -135,8 +135,8 @@ def refused(log: Log, kind: type[TwinError] = LogError, height: float | None = N
 @pytest.mark.slow
 def test_what_cannot_be_told_apart_is_named_and_nothing_else_is():
     # that a belt without losses does not say how fast they turn over is no news
-    assert identification().alike == ()
-    (zeros,) = identification("calibration", NINE_PRESSES).alike
+    assert identification().inseparable == ()
+    (zeros,) = identification("calibration", NINE_PRESSES).inseparable
     assert {"zero of joint 1", "slope of the scale along x"} <= set(zeros)
     assert "viscous friction of a joint" not in zeros
 
@@ -310,7 +310,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty():
     repetitions = 200
     for _ in range(repetitions):
         found = fitted(windows_of_statics(x, rng, noise=np.radians(0.03)), height=-0.1012)
-        inside += [abs(found.x[i] - x[i]) <= found.half_width(found.one(i)) for i in told]
+        inside += [abs(found.x[i] - x[i]) <= found.half_width(found.direction(i)) for i in told]
     # 200 draws of 95 % scatter by 1.5 %
     np.testing.assert_allclose(inside[:-1] / repetitions, 0.95, atol=0.04)
     # the scale's stiffness does not feel the motors' noise, and is right every time
@@ -323,8 +323,8 @@ def test_few_stretches_have_intervals_that_hold_as_well():
     inside, repetitions = 0, 100
     for _ in range(repetitions):
         seen = windows_of_statics(x, rng, noise=np.radians(0.03))
-        found = fitted(seen.where(seen.cluster < 9), height=-0.1012)
-        inside += abs(found.x[BACKLASH] - x[BACKLASH]) <= found.half_width(found.one(BACKLASH))
+        found = fitted(seen.select(seen.cluster < 9), height=-0.1012)
+        inside += abs(found.x[BACKLASH] - x[BACKLASH]) <= found.half_width(found.direction(BACKLASH))
     # 100 draws of 95 % scatter by 2.2 %
     assert inside >= 0.90 * repetitions
 

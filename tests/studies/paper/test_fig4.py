@@ -135,7 +135,7 @@ def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):
     ],
 )
 def test_a_sabotaged_run_fails_the_claims_it_should(root: Path, tmp_path: Path, override: str, expected: set[str]):
-    assert expected <= set(sabotaged(root, tmp_path, override).failed)
+    assert expected <= set(sabotaged(root, tmp_path, override).failed_keys)
 
 
 def test_without_gravity_compensation_neither_reading_of_the_trigger_gives_the_papers_run(root: Path, tmp_path: Path):
@@ -169,7 +169,7 @@ def test_with_gravity_compensation_both_readings_of_the_trigger_are_one(runs: Fi
 
 @pytest.mark.slow
 def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
-    assert {"reference_returns", "true_force"} <= set(sabotaged(root, tmp_path, printed=True).failed)
+    assert {"reference_returns", "true_force"} <= set(sabotaged(root, tmp_path, printed=True).failed_keys)
 
 
 SIGNS = list(itertools.product((0.05, -0.05), repeat=6))

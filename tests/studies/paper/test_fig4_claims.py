@@ -107,8 +107,8 @@ def test_what_is_known_not_to_be_reproduced_fails_where_it_is_worse_than_its_rea
 ):
     verdicts = [judge_claim(BY_KEY[key], runs(**flaws)).verdict for flaws in (holds, missed, beyond)]
     assert verdicts == ["reproduced after all", "not reproduced", "fails"]
-    assert fig4_score(runs(**holds)).failed == fig4_score(runs(**missed)).failed == []
-    assert set(fig4_score(runs(**beyond)).failed) == {key} | also
+    assert fig4_score(runs(**holds)).failed_keys == fig4_score(runs(**missed)).failed_keys == []
+    assert set(fig4_score(runs(**beyond)).failed_keys) == {key} | also
 
 
 def test_every_claim_that_is_measured_and_known_to_be_missed_has_such_runs_and_a_reason():
@@ -121,8 +121,8 @@ def test_every_claim_that_is_measured_and_known_to_be_missed_has_such_runs_and_a
 
 @pytest.mark.parametrize(("key", "bound", "inside", "outside"), NEAR, ids=[f"{row[0]}-{row[1]}" for row in NEAR])
 def test_a_claim_holds_inside_its_bound_and_outside_fails_alone(key: str, bound: str, inside: dict, outside: dict):
-    assert set(fig4_score(runs(**inside)).failed) <= ALSO.get((key, bound), set())
-    assert set(fig4_score(runs(**outside)).failed) == {key} | ALSO.get((key, bound), set())
+    assert set(fig4_score(runs(**inside)).failed_keys) <= ALSO.get((key, bound), set())
+    assert set(fig4_score(runs(**outside)).failed_keys) == {key} | ALSO.get((key, bound), set())
     value, claim = judge_claim(BY_KEY[key], runs(**outside)).value, BY_KEY[key]
     assert value < claim.low if bound == "low" else value > claim.high
 
@@ -145,7 +145,7 @@ def test_without_a_sweep_every_claim_of_the_sweep_fails_and_none_says_nothing():
 
 @pytest.mark.parametrize("which", ["fp", "p"])
 def test_one_run_that_does_not_sweep_is_enough_to_fail(which: str):
-    assert set(fig4_score(runs(**{which: {"sweeps": False}})).failed) >= WHILE_SWEEPING - {
+    assert set(fig4_score(runs(**{which: {"sweeps": False}})).failed_keys) >= WHILE_SWEEPING - {
         "x_small",
         "friction_smaller_x",
     }
@@ -167,7 +167,7 @@ def test_a_fluctuation_is_seen_in_noise_an_eighth_of_its_size():
 
 @pytest.mark.parametrize("size", [0.0, 0.019])
 def test_no_fluctuation_fails_both_claims_of_it_and_no_other(size: float):
-    assert set(fig4_score(runs(fp={"fluctuation": (13.7, size)})).failed) == {"fluctuation", "fluctuation_small"}
+    assert set(fig4_score(runs(fp={"fluctuation": (13.7, size)})).failed_keys) == {"fluctuation", "fluctuation_small"}
 
 
 def test_a_drift_is_no_fluctuation():
@@ -237,7 +237,7 @@ def test_a_force_loop_that_is_on_at_once_or_never_fails_what_the_trigger_does(tr
     run = runs(fp={"trigger": trigger}) if trigger < 1.0 else runs()
     if trigger > 1.0:
         run.force_position.recording["controller.triggered"][:] = False
-    assert {"trigger_time", "position_jumps"} <= set(fig4_score(run).failed)
+    assert {"trigger_time", "position_jumps"} <= set(fig4_score(run).failed_keys)
 
 
 @pytest.mark.parametrize(("trigger", "faster"), [(5.6, 1.0), (0.1, np.nan), (T[-1] - 0.1, np.nan)])

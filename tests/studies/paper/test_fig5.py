@@ -159,7 +159,7 @@ BOUNDS = {
 
 @pytest.mark.parametrize("kind", BOUNDS)
 def test_no_bound_has_changed_unnoticed(kind: str):
-    assert [f"{claim.key} {claim.expected} {claim.unit}".rstrip() for claim in TASK_CLAIMS[kind]] == BOUNDS[kind]
+    assert [f"{claim.key} {claim.bounds_text} {claim.unit}".rstrip() for claim in TASK_CLAIMS[kind]] == BOUNDS[kind]
 
 
 DIGITS = {"mm/s": 1, "%": 1, "mm": 3, "N": 3, "": 2}
@@ -170,7 +170,7 @@ ODD_DIGITS = {"excess": 2, "tripped": 0, "missing": 0}
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit(kind: str):
     for claim in TASK_CLAIMS[kind]:
         # a number without end, of which the claim says how much is printed
-        digits = len(ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured.split()[0].partition(".")[2])
+        digits = len(ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured_text.split()[0].partition(".")[2])
         assert digits == ODD_DIGITS.get(claim.key, DIGITS[claim.unit]), claim.key
 
 

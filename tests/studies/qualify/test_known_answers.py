@@ -102,7 +102,7 @@ def test_quantised_and_stepping_drives_are_measured_or_say_why_not(done: Done):
 @pytest.mark.parametrize("drive", DRIVES)
 def test_every_drive_of_the_shelf_qualifies_and_answers_everything(done: Done, drive: str):
     judged = done(drive)
-    assert judged.failed == ()
+    assert judged.failed_checks == ()
     assert [check.name for check in judged.checks] == list(CHECK_MEANINGS)
     assert [measure.name for measure in judged.measures] == list(MEASURE_DEFINITIONS)
     for measure in judged.measures:

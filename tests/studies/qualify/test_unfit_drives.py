@@ -46,7 +46,7 @@ def test_a_command_in_the_wrong_unit_fails(velocity_servo: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("factor", [-1.0, 1.1])
 def test_a_reported_speed_that_is_not_the_rate_of_the_angle_fails(velocity_servo: Path, tmp_path: Path, factor: float):
-    assert checked(rescaled(velocity_servo, tmp_path, SPEED, factor)).failed == ("rate",)
+    assert checked(rescaled(velocity_servo, tmp_path, SPEED, factor)).failed_checks == ("rate",)
 
 
 def test_a_load_without_a_unit_that_is_a_thousand_times_off_is_doubted_until_the_mapping_gives_its_unit(

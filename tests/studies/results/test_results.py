@@ -112,7 +112,7 @@ def test_a_recording_has_no_path_of_the_drive_that_was_typed(own: tuple[Path, li
 
 @pytest.mark.parametrize("typed", [["mine", "--out", "/elsewhere"], ["--help"], ["mine", "--set"], [3], "mine", []])
 def test_a_forged_summary_adds_no_other_option_to_the_command(home: Path, typed: Any):
-    (run,) = [run for run in stored_runs(home / "results") if run.typed]
+    (run,) = [run for run in stored_runs(home / "results") if run.start_options]
     told_of = StoredRun(run.folder, run.recording, True)
     told_of.__dict__["summary"] = {"typed": typed}
     assert told_of.words == ["mine", "--drive", "pmsm_foc", "--set", "seed=3"]

@@ -55,7 +55,7 @@ def test_the_facts_of_a_run_have_its_origin_and_all_reactions():
 )
 def test_a_limit_is_one_of_force_pressure_or_time(key: str, reaction, value: float):
     one = line(run(reaction), of=hazard(key))
-    assert one.measured(reaction) == pytest.approx(value) and one.value == pytest.approx(value)
+    assert one.limited_value(reaction) == pytest.approx(value) and one.value == pytest.approx(value)
 
 
 def test_the_worst_run_is_that_of_the_largest_limited_quantity_and_of_equal_ones_of_the_largest_force():

@@ -128,7 +128,9 @@ def foretold(seed: int, *names: str, file: Path | None = None, settings: tuple[s
         believed, samples, run = of_a_fleet(name, seed, number, file, settings)
         start = float(np.random.default_rng([seed, number]).uniform(1.0, 1.5))
         with SessionBranches(believed, start=start) as ahead:
-            rows, _ = fed(twin_of(believed, model_of(believed), name, ahead=ahead.beside), as_said(samples), 5000)
+            rows, _ = fed(
+                twin_of(believed, model_of(believed), name, ahead=ahead.predicting_part), as_said(samples), 5000
+            )
         y = predicted(rows)
         t = run.time("plant")
         truth = np.column_stack([-run["plant.F_ee_B"][:, 2], run["plant.p_B"][:, 2]])
@@ -200,7 +202,7 @@ def test_a_prediction_from_the_pose_at_rest_is_none(monkeypatch: pytest.MonkeyPa
     def at_rest(self: Branching, *arguments: Any) -> RobotSnapshot:
         now = honest(self, *arguments)
         now.x[VELOCITY : VELOCITY + 3] = 0.0
-        begun = Pieces(self.law.pieces().values()).take()
+        begun = Pieces(self.law.pieces().values()).save()
         return now._replace(law=begun, omega_ref=np.zeros(3))
 
     monkeypatch.setattr(Branching, "present", at_rest)
@@ -215,11 +217,11 @@ def test_where_twins_clock_decides_when_a_surface_is_touched_there_is_no_band(na
     samples = as_said(samples_of(run_in_memory(robot, robot.controller_ticks)))
     samples = samples.rows(slice(4000))
     with SessionBranches(robot) as ahead:
-        rows, _ = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, 4000)
+        rows, _ = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.predicting_part), samples, 4000)
     y = predicted(rows)
     there = np.atleast_1d(np.isfinite(y["F_z_lower"]).all(axis=1))
     assert len(there) > 10 and np.all(np.isfinite(y["F_z"])) and not there.any()
-    assert why in ahead.foreseen.no_band and not ahead.foreseen.banded
+    assert why in ahead.score.no_band and not ahead.score.banded
 
 
 WHAT_IF = "controller.force.kp_mm_per_N=3"
@@ -266,7 +268,7 @@ def test_a_prediction_is_the_same_however_samples_are_cut_and_so_is_its_warning_
 @pytest.mark.parametrize("name", ["fig4_force_position", pytest.param("track_breathing", marks=pytest.mark.slow)])
 def test_a_branch_that_is_not_run_would_be_the_first_one_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch):
     believed, samples, _ = of_a_fleet(name, FRESH, 0)
-    honest, left_out, run = Branching.unlike, [0, 0], [0]
+    honest, left_out, run = Branching.differing_branches, [0, 0], [0]
 
     def checked(self: Branching, now: RobotSnapshot, wanted: Any) -> Any:
         kept = honest(self, now, wanted)
@@ -279,7 +281,7 @@ def test_a_branch_that_is_not_run_would_be_the_first_one_bit_for_bit(name: str, 
 
     monkeypatch.setattr(Branching, "unlike", checked)
     with SessionBranches(believed) as ahead:
-        fed(twin_of(believed, model_of(believed), name, ahead=ahead.beside), as_said(samples), 500)
+        fed(twin_of(believed, model_of(believed), name, ahead=ahead.predicting_part), as_said(samples), 500)
     # in free air, and in contact
     assert min(left_out) > 3 and run[0] > sum(left_out)
 

@@ -136,7 +136,7 @@ NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 @pytest.mark.parametrize("unknown", UNKNOWN)
 def test_joint_residuals_of_a_replay_alarm_on_every_healthy_robot_and_these_on_none(unknown):
     model = load_model(FIG4, SCALE_SETTINGS)
-    rounding = angle_rounding(model.aware)
+    rounding = angle_rounding(model.belief_with_dead_zone)
     for seed in range(8):
         settings = (UNKNOWN[unknown], *NOISY, f"seed={seed}")
         run = run_in_memory(load_experiment(FIG4, [*SCALE_SETTINGS, *settings]), EVERY)

@@ -199,10 +199,10 @@ def test_what_is_kept_does_not_grow(period: float, most: int):
     for k in range(3):
         t = np.asarray((40_000 * k + np.arange(40_000, dtype=float)) * period)
         ring.keep(t, np.tile(t[:, None], (1, 13)))
-    last = ring.since(0.0)
+    last = ring.samples_since(0.0)
     assert most - 1 <= len(last.t) <= most and np.all(np.diff(last.t) > 0)
     assert np.array_equal(last.t, last.u[:, 5]) and last.t[-1] == t[-1]
-    assert ring.since(t[-100]).t[0] == t[-100]
+    assert ring.samples_since(t[-100]).t[0] == t[-100]
 
 
 def test_samples_go_on_while_it_is_looked_for(monkeypatch: pytest.MonkeyPatch):

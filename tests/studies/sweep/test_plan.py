@@ -100,12 +100,12 @@ def test_a_draw_is_the_quantile_of_its_distribution(u: float):
     ]
     for table, distribution in quantiles:
         # two libraries' inverses of the normal distribution differ in the last digits
-        assert table.drawn(u) == pytest.approx(float(distribution.ppf(u)), rel=1e-9)
+        assert table.quantile(u) == pytest.approx(float(distribution.ppf(u)), rel=1e-9)
 
 
 @given(numbers, shares)
 def test_a_list_is_drawn_from_evenly(values: list[int], u: float):
-    assert vary(values=values).drawn(u) == values[int(u * len(values))]
+    assert vary(values=values).quantile(u) == values[int(u * len(values))]
 
 
 @given(st.floats(0.1, 10.0), st.floats(1.1, 100.0), st.integers(2, 9))

@@ -66,15 +66,15 @@ def test_each_column_is_what_the_rows_say_also_if_they_come_in_parts(first: list
     answers = [one["claims"].get("trigger_time", {}) for one in both]
     assert said(columns, "verdicts/trigger_time") == typed([answer.get("verdict") for answer in answers])
     assert said(columns, "values/trigger_time") == typed([answer.get("value") for answer in answers])
-    assert list(columns.words("has_metrics")) == [bool(one["metrics"]) for one in both]
+    assert list(columns.categorical("has_metrics")) == [bool(one["metrics"]) for one in both]
 
 
 @pytest.mark.slow
 @given(rows())
 def test_in_the_order_of_runs_every_row_keeps_its_values(some: list[Row]):
     columns, ordered = columns_of(some).by_run(), sorted(some, key=lambda one: one["run"])
-    assert [columns.run(n) for n in range(len(columns))] == [one["run"] for one in ordered]
-    assert list(columns.words("drive")) == [one["drive"] for one in ordered]
+    assert [columns.run_number(n) for n in range(len(columns))] == [one["run"] for one in ordered]
+    assert list(columns.categorical("drive")) == [one["drive"] for one in ordered]
 
 
 def test_words_are_counted_in_the_order_of_rows_and_those_that_no_row_has_any_more_are_not():

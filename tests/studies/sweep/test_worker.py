@@ -129,7 +129,7 @@ def test_the_same_curve_is_kept_in_the_same_bytes():
 
 @pytest.fixture(scope="module")
 def facts(root: Path) -> dict:
-    return trial(root / "experiments/fig4_force_position.toml", None, [], "fig4").facts
+    return trial(root / "experiments/fig4_force_position.toml", None, [], "fig4").row_fields
 
 
 def test_claims_measure_and_judge_as_on_recordings(facts: dict, force_position: Recording, position: Recording):

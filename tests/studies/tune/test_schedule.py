@@ -59,7 +59,7 @@ def test_on_each_point_the_gains_are_faster_than_one_set_and_the_force_is_held_b
         # the co-simulation with the drive itself, the estimator and the schedule in it
         assert point.ratio(0) < 0.7
     assert over_two.points[0].gains.force_ki > over_two.points[1].gains.force_ki
-    assert over_two.between[0].stable
+    assert over_two.midpoint_predictions[0].stable
 
 
 @pytest.mark.endurance
@@ -75,7 +75,7 @@ def test_a_schedule_that_is_worse_somewhere_is_told(over_two: GainSchedule):
         told = replace(over_two, points=points)
         (doubt,) = told.contradictions
         assert doubt.startswith("touch-down on 600 N/m with velocity_servo") and sentence in doubt
-        assert not told.met and lay_out(schedule_parts(told)).splitlines()[0].endswith(
+        assert not told.meets_goals and lay_out(schedule_parts(told)).splitlines()[0].endswith(
             "this is the best that was found"
         )
 
@@ -106,7 +106,8 @@ def test_a_schedule_is_no_single_stiffness(over_two: GainSchedule):
 
 
 @pytest.mark.parametrize(("asked", "said"), [
-    (lambda e: tune_gains([e], Goals()), "twin tune finds one set"), (stability, "twin analyse takes one set. For point 1"),
+    (lambda e: tune_gains([e], Goals()), "twin tune finds one set"),
+    (stability, "twin analyse takes one set. For point 1"),
 ])  # fmt: skip
 def test_where_a_schedule_is_in_force_those_who_know_one_set_say_so(asked, said):
     with pytest.raises(InputRefused, match=said):

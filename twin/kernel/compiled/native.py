@@ -69,15 +69,15 @@ class Native:
     def address(self) -> int:
         """Where the machine code is."""
         if not self.name:
-            return self._of_numba()
-        if not self.is_there:
+            return self._compile_with_numba()
+        if not self.has_code:
             while HOOKS.before_compiling:
                 HOOKS.before_compiling.pop()()
             with compiling(), store.object_lock(self.name):
-                code = b"" if self.is_there else self.emitted(machine.chosen_form())
+                code = b"" if self.has_code else self.emit_object(machine.chosen_form())
                 if code:
                     machine.store_object(self.name, code)
-        return machine.function_address(self.name) if self.is_there else self._of_numba()
+        return machine.function_address(self.name) if self.has_code else self._compile_with_numba()
 
     @property
     def has_code(self) -> bool:
@@ -92,12 +92,12 @@ class Native:
     @cached_property
     def c_function(self) -> Callable:
         """It, for Python, where addresses are numbers. The interpreter's lock is free meanwhile."""
-        return self._of_python(ctypes.CFUNCTYPE)
+        return self._ctypes_function(ctypes.CFUNCTYPE)
 
     @cached_property
     def c_function_with_gil(self) -> Callable:
         """The same, with the interpreter's lock: for what is over before another thread would have taken its turn."""
-        return self._of_python(ctypes.PYFUNCTYPE)
+        return self._ctypes_function(ctypes.PYFUNCTYPE)
 
     def _ctypes_function(self, make: Callable) -> Callable:
         if not (self.address and self.has_code):

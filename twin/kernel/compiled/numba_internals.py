@@ -23,7 +23,7 @@ class NumbaObject:
 
     @property
     def _numba_type_(self) -> Any:
-        return _target().typing_context.resolve_value_type(self.made)
+        return _target().typing_context.resolve_value_type(self.numba_object)
 
 
 def refresh() -> None:

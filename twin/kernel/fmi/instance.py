@@ -172,10 +172,10 @@ class Instance:
         try:
             yield
         except UnfitValue as problem:
-            raise ComponentFailed(f"{self.label} gets {problem}{self.when}") from None
+            raise ComponentFailed(f"{self.label} gets {problem}{self.start_phrase}") from None
         # FMPy's FMICallException, or an exception of ctypes for an argument
         except Exception as problem:
-            text = f"{problem} for {variable.name}{self.when}"
+            text = f"{problem} for {variable.name}{self.start_phrase}"
             raise ComponentFailed(f"{self.label} {text}{self._quoted_messages()}") from None
 
     def advance(self, t: float, h: float) -> None:

@@ -202,7 +202,7 @@ def _on_message_1(component: int | None, instance: bytes, status: int, category:
     # the one being made first: it may have got the address of one that is gone
     speaker = _instances_1.get(0) or _instances_1.get(component or 0)
     if speaker is not None:
-        speaker.hear(status, message)
+        speaker.on_message(status, message)
 
 
 @fmi2.fmi2CallbackLoggerTYPE
@@ -214,7 +214,7 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
     """
     speaker = _instances_2.get(environment or 0)
     if speaker is not None:
-        speaker.hear(status, message)
+        speaker.on_message(status, message)
 
 
 class Fmi2:

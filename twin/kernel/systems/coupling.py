@@ -94,13 +94,13 @@ def couple_system(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[Pre
             plan, folders, made, _start_signals(plan), solved, free=True
         )
         wires = [*plan.wires]
-        together = {**{one.name: one for one in plan.beside.components}, **components}
+        together = {**{one.name: one for one in plan.extras.components}, **components}
         columns: dict[str, tuple[str, int]] = {name: (name, 0) for name in components}
         for one in solved:
-            wires = one.put_together(together, wires, columns)
+            wires = one.merge_parts(together, wires, columns)
         ordered = list(together.values())
-        if plan.beside.order:
-            ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
+        if plan.extras.order:
+            ordered.sort(key=lambda component: plan.extras.order.index(component.name.partition("+")[0]))
         system = System(ordered, wires, plan.timing.tick, plan.scheme)
         system.first_tick = plan.timing.first
         yield PreparedSystem(plan, system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)

@@ -210,7 +210,7 @@ class Cosimulation:
     @property
     def t(self) -> float:
         """Where the system stands (s)."""
-        plan, _, simulation = self._run()
+        plan, _, simulation = self._running_parts()
         return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
 
     def get(self, name: str) -> float | np.ndarray:

@@ -96,10 +96,10 @@ class PageState:
         texts = []
         for key, value in self.values.items():
             if key == PACE_KEY:
-                value = tuple(t / value for t in value_at(self.unchanged.values, PACE_KEY))
+                value = tuple(t / value for t in value_at(self.base_experiment.values, PACE_KEY))
             texts.append(f"{key}={toml_value(value)}")
         if self.faults:
-            tables = map(_inline, (*self.unchanged.values.get("fault", ()), *self.faults))
+            tables = map(_inline, (*self.base_experiment.values.get("fault", ()), *self.faults))
             texts.append(f"fault=[{', '.join(tables)}]")
         return [*self.base.settings, *texts]
 

@@ -128,12 +128,12 @@ class ReportRun(PanelRun):
     @cached_property
     def outcome(self) -> Values:
         """Its measures by key; empty without a true force."""
-        return self._measured(self.recording)
+        return self._measure(self.recording)
 
     @cached_property
     def believed_outcome(self) -> Values:
         """Measures of the held force by the controller's own force."""
-        return self._measured(BelievedRun(self.recording)) if self.has("controller.F_z") else {}
+        return self._measure(BelievedRun(self.recording)) if self.has("controller.F_z") else {}
 
     def _measure(self, run: RunView) -> Values:
         if not self.has("plant.F_ee_B"):

@@ -396,7 +396,7 @@ class ThirdPartyPart:
     def sentence(self) -> str:
         """Description of the part for the reader of a run."""
         own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
-        zero = self.facts.get("zero")
+        zero = self.metadata.get("zero")
         lacking = f"; it does not give {', '.join(zero)}, taken as 0" if zero else ""
         return f"{self.role}: {self.label} (sha256 {self.sha256[:12]}); {own} did not run{lacking}"
 

@@ -97,7 +97,7 @@ class FaultKind:
     @property
     def detection(self) -> Detection:
         """Expected detection: always, at some magnitudes or in some places, or never."""
-        return "yes" if self.seen == ALWAYS_DETECTED else "no" if self.seen == NEVER_DETECTED else "if large"
+        return "yes" if self.threshold == ALWAYS_DETECTED else "no" if self.threshold == NEVER_DETECTED else "if large"
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
         """Whether the monitor is expected to detect a fault of this magnitude, one of `magnitudes`."""

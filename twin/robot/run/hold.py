@@ -117,7 +117,7 @@ class RowLayout(Protocol):
     def tick(self) -> float:
         """Time from row to row (s)."""
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         """Whether a row has the signal."""
 
     def columns(self, end: str) -> slice:
@@ -128,9 +128,9 @@ def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]
     """Return the columns (size,) of a signal, or of a third-party part's substitute; -1 if both are missing."""
     if name.startswith("drive."):
         each = [name.replace("drive", f"drive_{joint}", 1) for joint in (1, 2, 3)]
-        if all(map(layout.has, each)):
+        if all(map(layout.has_output, each)):
             return np.array([layout.columns(one).start for one in each])
-    found = next(filter(layout.has, (name, *SIGNAL_SUBSTITUTES.get(name, ()))), None)
+    found = next(filter(layout.has_output, (name, *SIGNAL_SUBSTITUTES.get(name, ()))), None)
     if found is None:
         return np.full(size, -1)
     columns = layout.columns(found)

@@ -109,7 +109,7 @@ class _Rows:
             width += values.shape[1]
         self.rows = np.hstack(blocks)
 
-    def has(self, end: str) -> bool:
+    def has_output(self, end: str) -> bool:
         return end in self._columns
 
     def columns(self, end: str) -> slice:

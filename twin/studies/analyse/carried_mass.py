@@ -52,7 +52,9 @@ class PassivityTrial:
         """Masses (kg) that were tried."""
         return STABLE_SHARE * self.mass, UNSTABLE_SHARE * self.mass
 
-    JSON_KEYS = "p_B=point.p_B mass tried=tried_masses growth_predicted=predicted growth_simulated=simulated confirmed=agrees"
+    JSON_KEYS = (
+        "p_B=point.p_B mass tried=tried_masses growth_predicted=predicted growth_simulated=simulated confirmed=agrees"
+    )
 
 
 def tried_mass(shared: Linearisation, points: list[OperatingPoint], most: float) -> PassivityTrial | None:

@@ -106,13 +106,13 @@ class Comparison:
     @property
     def least_coverage(self) -> tuple[str, float]:
         """The signal of which b covers least, and the share of a's time that it covers."""
-        shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.apart]
+        shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.disjoint]
         return min(shares, key=lambda share: share[1])
 
     @property
     def is_inside(self) -> bool:
         """Whether no signal leaves its tube."""
-        return not self.outside
+        return not self.outside_rows
 
     JSON_KEYS = "a b identical inside=is_inside covered=least_coverage.1 shift=shift.seconds rows only_a only_b notes"
 

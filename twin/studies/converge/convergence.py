@@ -96,7 +96,7 @@ class CouplingStudy:
     @property
     def judged_signal(self) -> Signal:
         """What the study is about: the force; the position in the air, where no coupling can be wrong about a force."""
-        return FORCE_SIGNAL if self.reference.pressed else POSITION_SIGNAL
+        return FORCE_SIGNAL if self.reference.is_pressing else POSITION_SIGNAL
 
 
 def convergence(

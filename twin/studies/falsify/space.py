@@ -337,9 +337,9 @@ class UnviolatedKinds:
     def json_values(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "not_violated": self.not_violated,
+            "not_violated": self.not_violated_kinds,
             # the name of 1.0
-            "kept": self.not_violated,
+            "kept": self.not_violated_kinds,
             "not_tried": [
                 {
                     "kind": kind,

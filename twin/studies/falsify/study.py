@@ -131,9 +131,9 @@ def falsify(
     job = Job(path, folder, "none", JobLimits(), "", TRIAL_JOB)
     with held_folder() as scratch, run_pool(job, processes or core_count()) as workers:
         judge = Judge(space, wanted, workers, path.resolve(), scratch, runs, say)
-        onsets = judge.healthy()
+        onsets = judge.run_healthy()
         search = Search(space, judge.shares, runs, onsets)
-        search.go()
+        search.spend_runs()
     order = {wrong: number for number, wrong in enumerate(search.tried, start=1)}
     ended = judge.ended
     found = [
@@ -145,7 +145,7 @@ def falsify(
     for one in violating:
         text = space.file(one.wrong, findable_path(path, folder), header(path.stem, one, wanted), judge.trip(one.wrong))
         write_text(folder / f"{one.wrong.kind}.toml", text)
-    holes = UnviolatedKinds.of(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
+    holes = UnviolatedKinds.from_search(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
     shown = out or RESULTS_FOLDER / path.stem
     result = falsify_result(path.stem, wanted, found, holes, space, len(search.tried), judge.seconds, shown)
     write_json(folder / RESULT_FILE, result.facts)

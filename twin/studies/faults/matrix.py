@@ -55,11 +55,11 @@ class FaultRow:
 
     @property
     def is_safe(self) -> bool:
-        return self.watched.peak <= self.bound
+        return self.watched.peak <= self.force_bound
 
     @property
     def is_safe_without_monitor(self) -> bool:
-        return self.unwatched.peak <= self.bound
+        return self.unwatched.peak <= self.force_bound
 
     @property
     def is_detected(self) -> bool:
@@ -90,28 +90,28 @@ class FaultRow:
     @property
     def misses_detection(self) -> bool:
         """Whether the monitor did not see what it was said to see."""
-        return self.detection_expected and not self.detected
+        return self.expects_detection and not self.is_detected
 
     @property
     def is_unavoidable(self) -> bool:
         """Whether the force went beyond the bound, was not said to, and had done so with an ideal monitor, too."""
         ideal = 0.0 if self.ideal is None else self.ideal
-        return not self.safe and not self.expected_beyond and self.watched.peak <= MAX_IDEAL_SHARE * ideal
+        return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
     @property
     def is_avoidable_excess(self) -> bool:
         """Whether the force went beyond the bound, was not said to, and could have been less."""
-        return not self.safe and not self.expected_beyond and not self.unavoidable
+        return not self.is_safe and not self.expects_excess and not self.is_unavoidable
 
     @property
     def fails(self) -> bool:
         """Whether the run did worse than was said before it."""
-        return self.missed or self.loose
+        return self.misses_detection or self.is_avoidable_excess
 
     @property
     def matches_statement(self) -> bool:
         """Whether the run did what was said, no worse and no better: what is never seen was not seen in time."""
-        return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.in_time)
+        return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: keys with units, and the judgements."""

@@ -120,13 +120,13 @@ def faults(
         rows: list[FaultRow] = []
         for row in matrix_rows(first, planned):
             rows.append(row)
-            append(json_text(row.facts()) + "\n")
+            append(json_text(row.to_dict()) + "\n")
             say(f"{len(rows)} of {total} cases", len(rows) / total)
         together: list[CombinationRow] = []
         for stage in stages:
             for found in combination_rows(stage, wanted, kinds):
                 together.append(found)
-                append(json_text(found.facts()) + "\n")
+                append(json_text(found.to_dict()) + "\n")
                 say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
     if not rows:
         result = combination_result(name, together, wanted)

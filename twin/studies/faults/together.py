@@ -160,17 +160,17 @@ class CombinationRow:
     @property
     def exceeds_bound(self) -> bool:
         """Whether it does not."""
-        return self.watched.peak > self.bound
+        return self.watched.peak > self.force_bound
 
     @property
     def misses_detection(self) -> bool:
         """Whether the monitor did not see what it was said to see."""
-        return self.detection_expected and not self.detected
+        return self.expects_detection and not self.is_detected
 
     @property
     def verdict(self) -> Literal["kept", "beyond", "missed"]:
         """Whether the force stayed below its bound, and what was said to be seen was seen."""
-        return "beyond" if self.beyond else "missed" if self.missed else "kept"
+        return "beyond" if self.exceeds_bound else "missed" if self.misses_detection else "kept"
 
     @property
     def fails(self) -> bool:

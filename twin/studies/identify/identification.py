@@ -74,7 +74,7 @@ class Identification:
     @property
     def loss(self) -> Estimate | None:
         """ln(eta) of losses that depend on direction; None: loading and unloading cannot be compared."""
-        axis, one = self.fit.one(LOSS), self.fit.unknowns[LOSS]
+        axis, one = self.fit.direction(LOSS), self.fit.unknowns[LOSS]
         if not self.fit.is_determined(axis, one.size):
             return None
         return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)

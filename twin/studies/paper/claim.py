@@ -86,7 +86,7 @@ class ClaimFinding:
     @property
     def bounds_text(self) -> str:
         """See `Claim.bounds_text`."""
-        return self.claim.expected
+        return self.claim.bounds_text
 
 
 def judge_claim(claim: Claim, runs: Any) -> ClaimFinding:

@@ -112,7 +112,7 @@ class Fig4Run:
     @cached_property
     def sweeps(self) -> bool:
         """Whether the platform moves along -y while it should."""
-        y = self.p_B[self.at(*SWEEP_WINDOW), 1]
+        y = self.p_B[self.controller_window(*SWEEP_WINDOW), 1]
         return bool(y[0] - y[-1] >= MIN_SWEEP)
 
     def controller_window(self, start: float, end: float) -> np.ndarray:

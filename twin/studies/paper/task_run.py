@@ -57,7 +57,7 @@ class TaskRun:
     def _window(self) -> slice:
         """The plant's samples in which this task was on."""
         on = (self.recording["controller.task"] == self.number) & (self.recording["controller.phase"] != PhaseKind.DONE)
-        ticks = np.flatnonzero(on[self._held])
+        ticks = np.flatnonzero(on[self._sample_indices])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
 
     def controller_series(self, name: str) -> response.Curve:
@@ -71,7 +71,7 @@ class TaskRun:
 
     @cached_property
     def phase(self) -> NDArray[np.int64]:
-        return self.commanded("phase").astype(np.int64)
+        return self.controller_series("phase").astype(np.int64)
 
     def phase_mask(self, kind: PhaseKind) -> Mask:
         """Samples of a phase."""
@@ -80,7 +80,7 @@ class TaskRun:
     @cached_property
     def full_turns(self) -> Mask:
         """Samples of the full circles: without the turn that spirals out and the one that spirals back."""
-        circling = self.during(PhaseKind.CIRCLE)
+        circling = self.phase_mask(PhaseKind.CIRCLE)
         assert self.task.kind == "roll"
         since = self.t - response.first_time(self.t, circling)
         turn = 1.0 / self.task.rate
@@ -89,7 +89,7 @@ class TaskRun:
     @cached_property
     def taps(self) -> list[slice]:
         """Samples of each tap, from its start to that of the next, or to the end of the task."""
-        tapping = self.during(PhaseKind.TAP)
+        tapping = self.phase_mask(PhaseKind.TAP)
         starts = np.flatnonzero(np.diff(tapping.astype(np.int8), prepend=0) > 0)
         return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
 

@@ -127,7 +127,7 @@ class MapCheck:
         """What the whole course says against the map, with the map to write; "" if nothing."""
         if not self._columns:
             return ""
-        return self._angles_mistake() or self._force_mistake()
+        return self._angles_error() or self._force_error()
 
     def _angles_error(self) -> str:
         span = self._high - self._low

@@ -56,14 +56,18 @@ class StoredRun:
     @cached_property
     def has_user_name(self) -> bool:
         """Whether its user has called its folder something, be it a time."""
-        if self.alone or not FOLDER_STAMP.fullmatch(self.folder.name) or (self.folder / NAMED_NOTE_FILE).exists():
+        if (
+            self.is_top_level
+            or not FOLDER_STAMP.fullmatch(self.folder.name)
+            or (self.folder / NAMED_NOTE_FILE).exists()
+        ):
             return True
         return self._recorded_name not in ("", self.folder.parent.name)
 
     @property
     def experiment(self) -> str:
         """By the name of the folder above; where the user has chosen that, as it is recorded."""
-        if not self.named:
+        if not self.has_user_name:
             return self.folder.parent.name
         return self._recorded_name or self.folder.name
 
@@ -101,7 +105,7 @@ class StoredRun:
     @property
     def words(self) -> list[str]:
         """Words behind `twin run` that repeat the run."""
-        return repeating_words(self.summary, self.experiment, self.typed)
+        return repeating_words(self.summary, self.experiment, self.start_options)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -120,7 +124,7 @@ class StoredRun:
     @property
     def other_files(self) -> list[Path]:
         """What else lies there."""
-        return sorted(set(self._files).difference(self.written))
+        return sorted(set(self._files).difference(self.own_files))
 
     @cached_property
     def _files(self) -> list[Path]:

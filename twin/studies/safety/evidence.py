@@ -126,7 +126,7 @@ class HazardLine:
         made = [run for run in self.runs if run.watched is not None]
         return max(
             made,
-            key=lambda run: (self.measured(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
+            key=lambda run: (self.limited_value(run.watched), run.watched.peak) if run.watched else (0.0, 0.0),
             default=None,
         )
 
@@ -134,12 +134,12 @@ class HazardLine:
     def value(self) -> float:
         """The limited quantity of the worst run; 0 without runs."""
         worst = self.worst
-        return self.measured(worst.watched) if worst and worst.watched else 0.0
+        return self.limited_value(worst.watched) if worst and worst.watched else 0.0
 
     @property
     def status(self) -> Status:
         """The judgement of the line; a single failed run makes the line fail."""
-        if self.failed or not (self.runs or self.distances):
+        if self.failed_runs or not (self.runs or self.distances):
             return "failed"
         violated = any(left < 0.0 for left in self.distances.values())
         if not violated and (self.worst is None or self.value <= self.hazard.limit):
@@ -149,7 +149,7 @@ class HazardLine:
     @property
     def search_count(self) -> int:
         """Number of runs of the search."""
-        return len(self._found("search"))
+        return len(self._runs_of("search"))
 
     def _runs_of(self, origin: Origin) -> list[EvidenceRun]:
         return [run for run in self.runs if run.watched is not None and run.found == origin]
@@ -157,22 +157,22 @@ class HazardLine:
     @property
     def grid_detection(self) -> tuple[int, int]:
         """(detected runs, runs) of the grid."""
-        return _detection_count(self._found("grid"))
+        return _detection_count(self._runs_of("grid"))
 
     @property
     def draw_detection(self) -> tuple[int, int]:
         """(detected runs, runs) of the random draws, which are independent of each other."""
-        return _detection_count(self._found("draw"))
+        return _detection_count(self._runs_of("draw"))
 
     @property
     def dangerous_count(self) -> tuple[int, int]:
         """(runs below the limit with the monitor, runs) of the draws that exceed it, or fail, without the monitor."""
         bad = [
             run
-            for run in self._found("draw")
-            if run.unwatched and (run.unwatched.failure or self.measured(run.unwatched) > self.hazard.limit)
+            for run in self._runs_of("draw")
+            if run.unwatched and (run.unwatched.failure or self.limited_value(run.unwatched) > self.hazard.limit)
         ]
-        return sum(bool(run.watched and self.measured(run.watched) <= self.hazard.limit) for run in bad), len(bad)
+        return sum(bool(run.watched and self.limited_value(run.watched) <= self.hazard.limit) for run in bad), len(bad)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the line for JSON, which `--against` compares."""

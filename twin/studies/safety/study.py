@@ -67,12 +67,14 @@ def safety(
             folder = out / table.path.stem
         lines, points = write_page(table, texts, folder, quick, say)
         all_lines += lines
-        facts["lines"] += [line.facts() for line in lines]
+        facts["lines"] += [line.to_dict() for line in lines]
         facts["sensitivity"] += [point._asdict() for point in points]
         of_table = f" {table.path.stem}" if len(tables) > 1 else ""
         files |= {f"page{of_table}": folder / PAGE_FILE, f"data{of_table}": folder / DATA_FILE}
         parts += ["", lines_table(lines), *failures(lines)]
-        write_json(folder.absolute() / DATA_FILE, {"lines": [line.facts() for line in lines], **_without_lines(facts)})
+        write_json(
+            folder.absolute() / DATA_FILE, {"lines": [line.to_dict() for line in lines], **_without_lines(facts)}
+        )
     facts["worse"] = list(regressions(before, facts["lines"])) if before is not None else []
     if before is not None:
         sentences = facts["worse"] or ["no line got worse"]

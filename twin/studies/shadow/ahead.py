@@ -201,7 +201,7 @@ class PredictionScore:
     @property
     def share(self) -> float:
         """Of the estimates that lay in the band."""
-        return self.within / self.banded if self.banded else math.nan
+        return self.in_band / self.banded if self.banded else math.nan
 
 
 @dataclass

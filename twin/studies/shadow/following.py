@@ -308,7 +308,7 @@ class AlarmWatch:
         """All so far, sentences."""
         if self.reidentifier is None:
             return []
-        accepted = self.reidentifier.accepted
+        accepted = self.reidentifier.adaptations
         ways = ((one, "accepted" if one in accepted else "not accepted") for one in self.reidentifier.proposals)
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
@@ -381,7 +381,7 @@ class Twin:
     @property
     def adaptations(self) -> Sequence[Adaptation]:
         """What it goes on with."""
-        return self._reidentifier.accepted if self._reidentifier else ()
+        return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
         """Go on with what `proposal` says: the filter, the plant model, predictions, and the alarm after

@@ -175,7 +175,7 @@ def shadow(
         if not why:
             assert limits is not None
             watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now), caution)
-        beside, viewer = ahead.beside if ahead else None, None
+        beside, viewer = ahead.predicting_part if ahead else None, None
         twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:
             server = live_server(
@@ -192,8 +192,8 @@ def shadow(
             notes.append(f"{caution}; the alarm finds springs 20 % softer, and no share is promised of the band")
         session.followed.notes += notes
         session.followed.no_alarm, session.followed.caution = why, caution
-        session.followed.ahead = ahead.foreseen if ahead else None
-        session.wait()
+        session.followed.ahead = ahead.score if ahead else None
+        session.wait_for_topics()
         claimed = claim_run_folder(out) if out else None
 
         def recording() -> Path:

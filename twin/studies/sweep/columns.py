@@ -56,7 +56,7 @@ class CategoricalColumn:
     def counts(self) -> dict[Any, int]:
         """How many rows have each word that some row has, in the order of rows."""
         codes, first, counts = np.unique(self.codes, return_index=True, return_counts=True)
-        return {self.words[codes[n]]: int(counts[n]) for n in np.argsort(first)}
+        return {self.categories[codes[n]]: int(counts[n]) for n in np.argsort(first)}
 
 
 Column = Numbers | CategoricalColumn

@@ -86,7 +86,7 @@ class GainSchedule:
         """What the co-simulation does not confirm, and where the gains between two points are not stable."""
         doubts = [
             f"between the points, {prediction.corner.name}: unstable"
-            for prediction in self.between
+            for prediction in self.midpoint_predictions
             if not prediction.stable
         ]
         for point in self.points:

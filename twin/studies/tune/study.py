@@ -80,15 +80,15 @@ def tune(
     over = design_schedule(done) if schedule else None
     files = [str(folder / name) for name in (GAINS_FILE, PICTURE_FILE, FACTS_FILE)]
     again = shlex.join(["twin", "run", str(folder / GAINS_FILE), *options])
-    facts = done.facts() | {"files": files, "again": again}
+    facts = done.to_dict() | {"files": files, "again": again}
     lines, (first, *parts) = fragment(done, file, folder, options), tuning_parts(done)
     if over is not None:
         lines += schedule_lines(over, done.experiments[0].controller.tissue is not None)
         parts += ["", *schedule_parts(over), ""]
-        facts["schedule"] = over.facts()
+        facts["schedule"] = over.to_dict()
     write_text(home / GAINS_FILE, lines)
     draw_tuning(done, home / PICTURE_FILE)
     write_json(home / FACTS_FILE, facts)
-    met = done.met and (over is None or over.met)
+    met = done.meets_goals and (over is None or over.meets_goals)
     shown = {file: file for file in files}
     return Result(first, [*parts, f"next  {again}", ""], facts, shown, label=0, exit_code=0 if met else 1)

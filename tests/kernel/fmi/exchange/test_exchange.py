@@ -70,7 +70,7 @@ def test_a_recording_tells_kind_solver_and_tolerance(root: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("fmi", [2, 3])
 def test_the_bench_qualifies_a_motor_and_finds_reset_and_state_bit_for_bit(motor: Planner, fmi: int):
-    facts = qualify_drive(motor(fmi, i_max=0.5).table).facts()
+    facts = qualify_drive(motor(fmi, i_max=0.5).table).to_dict()
     assert facts["qualified"] and facts["fmus"][0]["solver"] == "cvode"
     assert {name: facts["checks"][name]["verdict"] for name in ("repeats", "reset", "state")} == {
         "repeats": "ok", "reset": "ok", "state": "ok",
@@ -101,7 +101,7 @@ def test_parts_have_solvers_of_their_own(root: Path, exchange_folder: Path):
 @pytest.mark.parametrize("solver", ["cvode", "rk4"])
 def test_the_equations_of_a_model_are_what_is_called(motor: Planner, solver: str):
     component = drive("drive_1", motor(solver=solver), 1e-3, 0.0, 0.0)
-    assert isinstance(component, FmuComponent) and component.called == "its equations of model exchange"
+    assert isinstance(component, FmuComponent) and component.step_call == "its equations of model exchange"
     component.close()
     component.close()
 

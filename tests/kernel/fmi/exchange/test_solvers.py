@@ -98,7 +98,7 @@ def test_an_fmu_that_asks_for_an_event_after_a_step_gets_it(motor: Planner, fmi:
         wires = [(f"signals.{port.name}", f"drive_1.{port.name}") for port in component.inputs]
         try:
             Simulation(System([signals, component], wires, TICK), 10).run()
-            return float(component.instance.read([component.instance.description.variables["updates"]])[0])
+            return float(component.instance.read_floats([component.instance.description.variables["updates"]])[0])
         finally:
             component.close()
 

@@ -188,7 +188,7 @@ def test_random_numbers_come_back_to_the_last_bit(tmp_path: Path):
 
 @pytest.mark.parametrize("cell", ["1e308", "-1e101", "nan", "inf", "9" * 400])
 def test_a_number_that_no_quantity_has_is_none(tmp_path: Path, cell: str):
-    wrong = table(tmp_path, f"t_s,F_N\n0,1\n1,{cell}\n2,3\n").mistakes("F_N")
+    wrong = table(tmp_path, f"t_s,F_N\n0,1\n1,{cell}\n2,3\n").wrong_fields("F_N")
     assert wrong is not None and (wrong.count, wrong.line, wrong.text) == (1, 3, cell)
 
 

@@ -67,7 +67,7 @@ def test_a_joint_that_is_not_named_is_left_out_and_told_until_it_is():
 )
 def test_what_does_not_fit_is_told_with_what_is_there(maps: list[str], kind: str, message: Any, parts: tuple[str, ...]):
     with pytest.raises(LogError) as refused:
-        reader(maps, kind).read(packed(message, kind), 1)
+        reader(maps, kind).read_message(packed(message, kind), 1)
     assert all(part.replace("'a'", "a") in str(refused.value) for part in parts)
 
 

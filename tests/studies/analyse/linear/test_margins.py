@@ -138,7 +138,7 @@ def disk_integrators(K: np.ndarray) -> control.StateSpace:
 def pressing() -> LinearPoint:
     points, _ = operating_points(shipped())
     shared = Linearisation(shipped(), points)
-    return shared.at(next(point for point in points if point.in_contact))
+    return shared.linear_point(next(point for point in points if point.in_contact))
 
 
 def with_factors(loops: control.StateSpace, gains: dict[str, float], breaks: tuple[str, ...], f: np.ndarray) -> float:

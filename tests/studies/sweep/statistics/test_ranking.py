@@ -191,7 +191,7 @@ def test_a_run_is_on_the_front_if_and_only_if_no_other_beats_it(pairs: list[tupl
     }
     columns = columns_of(rows)
     front = pareto_front(columns, "y", "z")
-    assert {columns.run(row) for row in front} == set(range(1, len(pairs) + 1)) - beaten
+    assert {columns.run_number(row) for row in front} == set(range(1, len(pairs) + 1)) - beaten
     assert (np.diff(value(columns, "y")[front]) >= 0.0).all()
 
 

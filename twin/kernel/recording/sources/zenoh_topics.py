@@ -53,7 +53,7 @@ class ZenohSource:
 
     @property
     def drop_count(self) -> int:
-        return self._ring.dropped
+        return self._ring.drop_count
 
     def topic_types(self) -> Mapping[str, str]:
         from twin.kernel.recording.sources.ros_types import ros_name

@@ -42,9 +42,9 @@ def value(columns: Columns, metric: str) -> Numbers:
     """The number of each run, (n,), a metric or what a claim measured; nan if it has none, because it failed or no
     force was controlled, or it never happened."""
     name = f"metrics/{metric}"
-    found = columns.numbers(name) if name in columns.of else np.full(len(columns), np.nan)
-    if f"verdicts/{metric}" in columns.of:
-        judged = columns.words(f"verdicts/{metric}").are(lambda verdict: verdict is not None)
+    found = columns.numbers(name) if name in columns.by_name else np.full(len(columns), np.nan)
+    if f"verdicts/{metric}" in columns.by_name:
+        judged = columns.categorical(f"verdicts/{metric}").mask(lambda verdict: verdict is not None)
         found = np.where(judged, columns.numbers(f"values/{metric}"), found)
     return round_metrics(found)
 
@@ -92,7 +92,7 @@ def _first_available(columns: Columns, metrics: Sequence[str]) -> str:
 @cache_per_columns
 def metrics_in(columns: Columns) -> list[str]:
     """Names of all metrics that some run has a number for, those of every sweep first."""
-    there = {name: ~np.isnan(columns.numbers(column)) for name, column in columns.under("metrics").items()}
+    there = {name: ~np.isnan(columns.numbers(column)) for name, column in columns.names_in_group("metrics").items()}
     found = sorted((name for name, has in there.items() if has.any()), key=lambda name: int(there[name].argmax()))
     return [name for name in METRICS if name in found] + [name for name in found if name not in METRICS]
 
@@ -128,8 +128,8 @@ def ranked_rows(columns: Columns, metric: str) -> Positions:
     """Rows of runs that did not trip and keep the sweep's limits and have the metric, least first; ties in the order of
     rows."""
     numbers = rank_value(columns, metric)
-    fit = columns.words("status").are(lambda status: status == "done")
-    fit &= columns.words("within_limits").are(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
+    fit = columns.categorical("status").mask(lambda status: status == "done")
+    fit &= columns.categorical("within_limits").mask(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
     (rows,) = fit.nonzero()
     return rows[np.argsort(numbers[rows], kind="stable")]
 
@@ -468,7 +468,7 @@ class Likelihood:
 @cache_per_columns
 def likelihoods(columns: Columns) -> list[Likelihood]:
     """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
-    judged = columns.under("verdicts")
+    judged = columns.names_in_group("verdicts")
     if not judged:
         return []
     # takes a while to import, and few sweeps judge claims
@@ -478,8 +478,8 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
     for claim in (*FIG4_CLAIMS, *QUALITY_CLAIMS):
         if claim.key not in judged:
             continue
-        verdicts = columns.words(f"verdicts/{claim.key}")
-        numbers = columns.numbers(f"values/{claim.key}")[verdicts.are(lambda verdict: verdict is not None)]
+        verdicts = columns.categorical(f"verdicts/{claim.key}")
+        numbers = columns.numbers(f"values/{claim.key}")[verdicts.mask(lambda verdict: verdict is not None)]
         if not len(numbers):
             continue
         holds, fails = (
