@@ -56,8 +56,8 @@ from twin.robot.plant.joints import (
 
 ZERO_TRIPLE = (0.0, 0.0, 0.0)
 LONGEST_GAP = 0.1
-"""Maximum gap in samples of the motor angles (s) that a line may bridge: several periods of the springs' slowest free
-motion, 75 rad/s."""
+"""Maximum gap between samples of the motor angles (s) for linear interpolation: several periods of the springs' slowest
+free motion, 75 rad/s."""
 UNIT_SHARES = (1.0, 1.0, 1.0)
 CONDITION_SETTINGS = {
     "k_s_share": setting(
@@ -74,11 +74,11 @@ CONDITION_SETTINGS = {
         help="how far the belt has slipped: deflection lost, motor side",
     ),
 }
-"""Of each joint; in the beginning it is as it was built."""
+"""Condition of each joint; by default as built."""
 STATE_SIZE = 8
 """The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
 INITIAL_ANCHORS = np.full((3, ANCHOR_SIZE), np.nan)
-"""Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
+"""Initial anchors: NaN, i.e. no reference angle, no stiction."""
 
 
 class Robot(Model):
@@ -168,16 +168,18 @@ class TrueRobot(Robot):
 class PlantParameters(
     Values,
     parts=(setting_fields(TrueRobot), setting_fields(Contact), CONDITION_SETTINGS),
-    # the oldest ones; whatever a table has besides follows
+    # the oldest fields first; all others follow
     first="""a b l_a l_b m_a m_b m_p I_r b_j k_s N eta backlash eta_rate z_s tilt K damping mu sigma_0 sigma_1 tilt_x
     shape radius law exponent reference_depth stiffening damper touch_depth k_s_share backlash_added b_j_added slip""",
 ):
-    """The robot and what it presses on, as they really are (not as the controller believes), SI.
+    """True parameters of robot and surface, SI (as opposed to the controller's belief).
 
     Every number of [plant] and [contact] by its name there, but for `z_s`, the height, `K`, the stiffness, `mu`, the
-    friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and
-    `contact.py`), and the CONDITION of each joint. What a table may leave out is a robot without that
-    effect: `eta_rate` 0, the paper's constant efficiency, and hard stops at infinity.
+    friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and `contact.py`),
+    and
+    the condition of each joint. Optional values default to a robot without the effect: `eta_rate` 0, the paper's
+    constant
+    efficiency, and hard stops at infinity.
     """
 
 
@@ -194,22 +196,22 @@ def spring_deflection(parameters, leg, theta_m, theta_l):
 
 @njit(cache=True, forceinline=True)
 def spring_stiffness(parameters, leg):
-    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
+    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times its remaining share."""
     return parameters.k_s * parameters.k_s_share[leg]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def series_share(parameters, leg):
-    """What a belt in series leaves of the stiffness of the spring of `leg` (1).
+    """Share of the stiffness of the spring of `leg` that remains with a belt in series (1).
 
-    A belt without mass that yields by c per torque on the joint leaves 1/k = 1/k_s + N^2 c on the motor's side.
+    A massless belt that yields by c per torque on the joint gives 1/k = 1/k_s + N^2 c on the motor's side.
     """
     return 1.0 / (1.0 + spring_stiffness(parameters, leg) * parameters.N * parameters.N * parameters.belt_compliance)
 
 
 @njit(cache=True, forceinline=True)
 def has_effects(parameters):
-    """Whether the robot has any of the small effects that turn its joints; if not, nothing need be looked at again."""
+    """Whether the robot has any of the small effects on its joints; if not, their evaluation can be skipped."""
     p = parameters
     springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
     joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)
@@ -218,8 +220,10 @@ def has_effects(parameters):
 
 @njit(cache=True)
 def loaded_deflection(parameters, anchors, leg, theta_m, theta_l):
-    """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
-    stop, have hysteresis and be in series with a belt that yields."""
+    """Deflection (rad, motor side) of an ideal spring with the torque of the spring of `leg`.
+
+    The real spring may be at its stop, have hysteresis and be in series with an elastic belt.
+    """
     d = stop_deflection(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
     if parameters.spring_hysteresis > 0.0:
         d = hysteresis_deflection(parameters, anchors, leg, d)
@@ -235,7 +239,7 @@ def _push(parameters, anchors, leg, theta_l):
 
 @njit(cache=True, forceinline=True)
 def head_sees(parameters, s_B):
-    """Where a surface that is displaced by the triple `s_B` (m) is for a platform that would touch in O_P."""
+    """Displacement of the surface relative to the head, for a surface displaced by the triple `s_B` (m)."""
     head = parameters.head
     return s_B[0] - head[0], s_B[1] - head[1], s_B[2] - head[2]
 
@@ -252,7 +256,8 @@ def settle_friction(parameters, x, theta_m, anchors):
 
 @njit(cache=True, forceinline=True)
 def joint_torque(parameters, leg, d, omega_l):
-    """tau_l (N m) that the spring of `leg` at deflection `d` puts on the joint (Eq. 20), efficiency as configured."""
+    """Torque tau_l (N m) of the spring of `leg` on the joint at deflection `d` (Eq. 20), with constant or directed
+    efficiency."""
     k_s = spring_stiffness(parameters, leg)
     if parameters.eta_rate > 0.0:
         return directed_load_torque(k_s, parameters.N, parameters.eta, d, omega_l, parameters.eta_rate)
@@ -263,7 +268,7 @@ def joint_torque(parameters, leg, d, omega_l):
 def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special):
     """Torque (N m) on the joint of `leg` by its spring, damping, dry friction and stops, and the weight of its arm.
 
-    theta_l, omega_l, k_r, k_z are those of all legs, `compiled.lanes`; the rest as in `acceleration`.
+    theta_l, omega_l, k_r, k_z are `compiled.lanes` over all legs; the other arguments as in `acceleration`.
     """
     angle, speed, hangs = theta_l[leg], omega_l[leg], arm_weight(parameters)
     if special:
@@ -280,8 +285,8 @@ def _lane_sum(start, lanes):
     return start + lanes[0] + lanes[1] + lanes[2]
 
 
-# numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
-# calls by address is lost
+# NumPy division: a robot without mass must give infinity, because an exception is lost in compiled code that the master
+# calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _solve_symmetric(a, b, c, d, e, f, x, y, z):
     """Solve [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
@@ -297,22 +302,22 @@ def _solve_symmetric(a, b, c, d, e, f, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, special=True):
-    """What the platform and the bristles do next: dv/dt (m/s^2) and dz_b/dt (m/s), two tuples.
+    """Acceleration dv/dt (m/s^2) of the platform and rate dz_b/dt (m/s) of the bristle, two tuples.
 
-    Outside the workspace, where there are no joint angles, both are NaN.
+    Both are NaN outside the workspace, where there are no joint angles.
 
     Args:
         parameters: `PlantParameters`, or a record of them.
         p, v: position (m) and velocity (m/s) of the platform, triples.
         z_b: bristle deflection (m), a pair.
         theta_m: motor angles (rad), a triple.
-        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface as the head sees it (`head_sees`), triples; it
-            does not turn.
+        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface relative to the head (`head_sees`), triples; it
+            does not rotate.
         apex: see `touch`.
-        anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `contact.py`.
-        special: False where `has_effects` is, which is asked once and not in each evaluation.
+        anchors: reference angles of the joints, see `angle_near`, and of dry friction, see `joints.py`.
+        special: result of `has_effects`, evaluated once per step rather than here.
     """
-    # the platform as the surface sees it
+    # motion of the platform relative to the surface
     rx, ry, rz = p[0] - s_B[0], p[1] - s_B[1], p[2] - s_B[2]
     ux, uy, uz = v[0] - v_s_B[0], v[1] - v_s_B[1], v[2] - v_s_B[2]
     contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
@@ -322,7 +327,8 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
-    """dv/dt (m/s^2), a triple, of a platform that exerts the force `F_ee_B` (N), a triple, on whatever it is.
+    """Acceleration dv/dt (m/s^2), a triple, of a platform that exerts the force `F_ee_B` (N), a triple, on its
+    environment.
 
     The other arguments as in `acceleration`.
     """
@@ -350,7 +356,7 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
     f_w = j_w * tau
     fx, fy = _lane_sum(fx, C * f_r - S * f_w), _lane_sum(fy, S * f_r + C * f_w)
     fz = _lane_sum(fz, j_z * tau + sixth * (k_r * kappa + k_z * square))
-    # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
+    # I_a/2 J_i + m_b/6 d_i; M contains its product with J_i, and the transpose
     a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
     jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
     ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
@@ -366,13 +372,14 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """dx/dt into `dx`, for the state `x` (8,) of STATES, without dry friction; else as `acceleration`."""
+    """Compute dx/dt into `dx`, for the state `x` (8,), see `STATE_SIZE`, without dry friction; else as `acceleration`.
+    Compute dx/dt into `dx`, for the state `x` (8,), see `STATE_SIZE`, without dry friction; else as `acceleration`."""
     derivative_near(parameters, x, theta_m, s_B, v_s_B, INITIAL_ANCHORS, dx)
 
 
 @njit(cache=True)
 def derivative_near(parameters, x, theta_m, s_B, v_s_B, anchors, dx):
-    """As `derivative`, with dry friction that holds where `anchors` say."""
+    """Compute dx/dt into `dx` as `derivative` does, with dry friction at the given `anchors`."""
     p, v, z_b, s_B = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7]), head_sees(parameters, s_B)
     dx[0], dx[1], dx[2] = v
     dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), anchors)
