@@ -39,7 +39,7 @@ AXIS = np.array([[-s for s in LEG_SIN], LEG_COS, (0.0, 0.0, 0.0)]).T
 The short sides of the parallelogram, at A_i and at P_i, stay parallel to it.
 """
 MAX_SERIES_SINE = 1.0 / 64.0
-"""Sine of the largest turn from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
+"""Maximum sine of the rotation from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
 NO_ANCHOR = np.full((3, 3), np.nan)
 """Anchors that no pose is near."""
 
@@ -218,7 +218,7 @@ def links(geometry, u, w, z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
-    """How a joint moves with the platform, in the leg's own frame: ``(j_r, j_w, j_z, omega_l, kappa)``.
+    """Motion of a joint with the platform, in the leg's own frame: ``(j_r, j_w, j_z, omega_l, kappa)``.
 
     (j_r, j_w, j_z) = s / (s . d) is the row of J = d theta_l / d p in rad/m, omega_l the joint's speed in rad/s, and
     kappa its acceleration in rad/s^2 while the platform moves at constant velocity, (dJ/dt) v. The second time
@@ -227,8 +227,8 @@ def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
         (v - d omega) . (v - d omega) - (s . d') omega^2 - (s . d) kappa = 0.
 
     Args:
-        geometry, k_r, k_z, r, w, h, q: of :func:`leg_vectors`; of three legs they are `compiled.lanes`, and so are
-        v_r, v_w, v_z: velocity of the platform in m/s.
+        geometry, k_r, k_z, r, w, h, q: see :func:`leg_vectors`; `compiled.lanes` for three legs at once.
+        v_r, v_w, v_z: velocity of the platform in m/s, likewise.
     """
     share = 1.0 / geometry.l_a / q
     j_r, j_w, j_z = r * share, w * share, h * share
@@ -245,7 +245,7 @@ def angle_near(anchors, leg, k_r, k_z):
     Args:
         anchors: an angle of each leg, and its cosine and sine divided by l_a, (3, 3); see :func:`move_anchor`.
         leg: 0, 1 or 2.
-        k_r, k_z: of :func:`leg_vectors`.
+        k_r, k_z: knee position in m, see :func:`leg_vectors`.
     """
     turned = _turn_sine(anchors[leg, 1], anchors[leg, 2], k_r, k_z)
     if not abs(turned) < MAX_SERIES_SINE:

@@ -1,10 +1,8 @@
-"""The workspace: which poses the robot can stand in.
+"""Workspace of the robot: reach, angles of the ball joints, and collisions of rods and links.
 
-What limits a delta besides its reach: how far its ball joints bend, and its rods and links that meet.
-
-The two rods of a pair turn freely about the axis that their ball joints share; what a ball joint's socket limits is how
-far the rod leans out of the plane across that axis, asin(w/l_b) with w the sideways part of A_iP_i. Rods and links are
-round bars between the joints; the rods of a pair stand half their spacing to either side of A_iP_i.
+The two rods of a pair turn freely about the common axis of their ball joints; the socket limits the inclination of the
+rod from the plane across that axis, asin(w/l_b) with w the sideways part of A_iP_i. Rods and links are round bars
+between the joints; the rods of a pair are half their spacing to either side of A_iP_i.
 """
 
 from typing import NamedTuple
@@ -18,7 +16,7 @@ from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton, triples
 from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle
 
 BARS_PER_LEG = 3
-"""Of a leg: its link and the two rods of its pair."""
+"""Bars of a leg: its link and the two rods of its pair."""
 
 
 @njit(cache=True)
@@ -62,7 +60,7 @@ def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
 
 
 class Bars(NamedTuple):
-    """Sizes of the bars of a leg (m): diameters, and from the middle of one rod of a pair to that of the other."""
+    """Sizes of the bars of a leg (m): diameters, and the distance between the middles of the two rods of a pair."""
 
     link_diameter: float
     rod_diameter: float
@@ -70,7 +68,7 @@ class Bars(NamedTuple):
 
 
 def ball_joint_angles(geometry: Geometry, p_B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far the ball joints of each leg bend (rad, >= 0), the same at both ends of its rods, shape (..., 3).
+    """Inclination in the ball joints of each leg (rad, >= 0), equal at both ends of its rods, shape (..., 3).
 
     Args:
         geometry: lengths of Fig. 2.
