@@ -67,22 +67,26 @@ JOINT_PLAY = 1e-3
 class EnergyTank(Settings):
     """[controller.energy_tank]: a store of energy, out of which comes what the robot gives to what it touches."""
 
-    size: float = setting("J", gt=0, examples=[0.15], help="energy that may go into what is touched")
+    size: float = setting("J", gt=0, examples=[0.15], help="energy that the touched body may receive")
     horizon: float = setting(
         "ms",
         default=100.0,
         gt=0,
-        help="how long it has to last whatever happens: longer than delays and the drives' lag",
+        help="time that it must last in any case: longer than delays and the drives' lag",
     )
-    touch: float = setting("N", default=0.3, gt=0, help="estimated force from which on something is touched")
+    touch: float = setting("N", default=0.3, gt=0, help="estimated force that counts as contact")
     release: float | None = optional(
-        "s", gt=0, example=0.5, absent=math.inf, help="after so long without touch it is full again; without it never"
+        "s",
+        gt=0,
+        example=0.5,
+        absent=math.inf,
+        help="time without contact after which it is refilled; without it never",
     )
     bias: float = setting(
         "N m",
         default=4e-3,
         ge=0,
-        help="how far the estimated torque of a joint may be off: charged along its way while touched",
+        help="bound for errors of a joint's estimated torque, charged along its travel during contact",
     )
 
 
@@ -90,7 +94,7 @@ class Tank(
     Values,
     parts=(
         setting_fields(EnergyTank),
-        {"late": setting("s", help="how old the newest message of the encoders may be")},
+        {"late": setting("s", help="maximum age of the encoders' newest message")},
         setting_fields(Model, "k_s", "N", "eta"),
     ),
 ):

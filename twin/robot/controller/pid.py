@@ -26,15 +26,15 @@ class Processor(Settings):
     mode: Literal["force_position", "position"] = setting(help="force and position, or position alone")
     period: float = setting("ms", gt=0, help="time between two commands")
     delay_ticks: int = setting(default=0, ge=0, le=1000, help="computation delay")
-    bus_delay_ticks: int = setting(default=0, ge=0, le=1000, help="delay of the bus to the drives, behind the monitor")
+    bus_delay_ticks: int = setting(default=0, ge=0, le=1000, help="delay of the bus from the monitor to the drives")
     speed_limit: float = setting("rad/s", gt=0, field="omega_max", help="largest motor speed it commands")
-    gravity_compensation: bool = setting(help="take the robot's own weight out of the estimated force")
+    gravity_compensation: bool = setting(help="whether the estimated force excludes the robot's own weight")
     dead_zone: float = setting(
         "deg",
         default=0.0,
         ge=0,
         field="backlash",
-        help="believed half width of the backlash, which the estimator takes off; 0: the paper's estimator",
+        help="believed half width of the backlash, which the estimator subtracts; 0: the paper's estimator",
     )
 
 
@@ -62,7 +62,7 @@ def state_variable(damping, g, fast, slow, x):
 class ScheduledGains(Settings):
     """[[controller.force.schedule]]: gains of the force loop on a tissue of one stiffness."""
 
-    stiffness: float = setting("N/m", gt=0, le=20_000, examples=[300.0], help="of the tissue")
+    stiffness: float = setting("N/m", gt=0, le=20_000, examples=[300.0], help="stiffness of the tissue")
     kp: float = setting("mm/N", gt=0, le=1000, examples=[2.0], help="shift of the z reference per force error")
     ki: float = setting("mm/(N s)", gt=0, le=10_000, examples=[40.0], help="integral gain")
 
@@ -76,7 +76,7 @@ def schedule_error(points: Sequence[ScheduledGains]) -> str:
             order = f"point {number} is at {above.stiffness:g} N/m, after {below.stiffness:g}"
             return f"{order}; expected the softest first"
         if above.stiffness > MAX_STIFFNESS_RATIO * below.stiffness:
-            gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m, in which no set of gains holds"
+            gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m without valid gains"
             return f"{gap}; expected points at most {MAX_STIFFNESS_RATIO:g}-fold apart"
     return ""
 
@@ -102,7 +102,7 @@ class ForceLoop(Settings):
         "N", ge=0, example=0.6, field="trigger_force", absent=math.inf, help="pressing force that starts the force loop"
     )
     trigger_time: float | None = optional(
-        "s", ge=0, example=6.0, absent=math.inf, help="when the force loop starts, whatever the force"
+        "s", ge=0, example=6.0, absent=math.inf, help="time at which the force loop starts at any force"
     )
     kp: float = setting(
         "mm/N", ge=0, le=1000, into="gains", tunable=True, help="shift of the z reference per force error"

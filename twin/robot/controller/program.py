@@ -110,9 +110,9 @@ class Approach(Settings):
     height: float = setting("mm", help="z at which the robot travels between tasks")
     floor: float = setting("mm", help="z below which it never searches for contact")
     speed: float = setting("mm/s", gt=0, help="speed of travelling")
-    descent: float = setting("mm/s", gt=0, help="speed of going down until it touches")
-    ramp: float = setting("ms", gt=0, help="time in which a speed changes")
-    release: float = setting("s", gt=0, help="time in which the force is taken back")
+    descent: float = setting("mm/s", gt=0, help="speed of the descent until contact")
+    ramp: float = setting("ms", gt=0, help="time of a change of speed")
+    release: float = setting("s", gt=0, help="time in which the force is released")
 
     @model_validator(mode="after")
     def _floor_is_below(self) -> "Approach":
@@ -124,7 +124,7 @@ class Approach(Settings):
 class TaskOnPoint(Settings):
     """What every task has."""
 
-    point: Point = setting("mm", help="where (x, y)")
+    point: Point = setting("mm", help="position (x, y)")
     force: float = setting("N", gt=0, help="pressing force")
 
 
@@ -132,17 +132,17 @@ class Press(TaskOnPoint):
     """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
 
     kind: Literal["press"]
-    build_up: float = setting("s", gt=0, help="time in which the force grows")
-    hold: float = setting("s", gt=0, help="time for which it is held")
+    build_up: float = setting("s", gt=0, help="rise time of the force")
+    hold: float = setting("s", gt=0, help="time at full force")
 
 
 class Tap(TaskOnPoint):
     """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
 
     kind: Literal["tap"]
-    speed: float = setting("mm/s", gt=0, help="speed of going down and up")
+    speed: float = setting("mm/s", gt=0, help="speed down and up")
     lift: float = setting("mm", gt=0, help="height above the surface between two taps")
-    period: float = setting("s", gt=0, help="from tap to tap")
+    period: float = setting("s", gt=0, help="time from tap to tap")
     times: int = setting(ge=1, help="number of taps")
 
 
@@ -150,7 +150,7 @@ class Roll(TaskOnPoint):
     """[[task]] kind = "roll": a small circle under a constant force."""
 
     kind: Literal["roll"]
-    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    build_up: float = setting("s", gt=0, help="rise time of the force")
     radius: float = setting("mm", gt=0, help="radius of the circle")
     rate: float = setting("Hz", gt=0, help="turns per time")
     turns: float = setting(ge=1, help="number of turns")
@@ -160,8 +160,8 @@ class Push(TaskOnPoint):
     """[[task]] kind = "push": along a line under a constant force."""
 
     kind: Literal["push"]
-    build_up: float = setting("s", gt=0, help="time in which the force grows")
-    to: Point = setting("mm", help="where the line ends (x, y)")
+    build_up: float = setting("s", gt=0, help="rise time of the force")
+    to: Point = setting("mm", help="end of the line (x, y)")
     speed: float = setting("mm/s", gt=0, help="speed along the line")
 
     @model_validator(mode="after")

@@ -83,11 +83,11 @@ class Touch(Settings):
     """[controller.touch]: how the controller feels contact in a task."""
 
     contact: float = setting(
-        "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as touching"
+        "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as contact"
     )
-    patience: float = setting("ms", gt=0, help="how long contact may be lost while pressing")
+    patience: float = setting("ms", gt=0, help="maximum time without contact while pressing")
     turn: float = setting(
-        "ms", ge=0, le=100, field="t_turn", help="how long before its lowest point the first tap turns round"
+        "ms", ge=0, le=100, field="t_turn", help="time from the reversal of the first tap to its lowest point"
     )
     learning: float = setting(ge=0, le=1, help="share of a tap's depth error that the next one corrects")
     force_learning: float = setting(

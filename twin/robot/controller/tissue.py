@@ -54,18 +54,18 @@ class Tissue(Settings):
     """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
 
     frequency: float = setting(
-        "Hz", default=5.0, ge=0.5, help="middle of the band that is looked at, and of the dither"
+        "Hz", default=5.0, ge=0.5, help="middle of the evaluated band, and frequency of the dither"
     )
-    window: float = setting("s", default=0.5, gt=0, le=100, help="how long what was seen is remembered")
+    window: float = setting("s", default=0.5, gt=0, le=100, help="time constant of forgetting")
     dither: float = setting(
         "N",
         default=0.15,
         ge=0,
         le=2,
-        help="amplitude of the force that moves the tissue where nothing else does; 0: none",
+        help="force amplitude of the dither, in the absence of other motion; 0: none",
     )
     tolerance: float = setting(
-        default=0.3, gt=0, le=1, help="standard error over stiffness from which on it is not trusted"
+        default=0.3, gt=0, le=1, help="maximum standard error over stiffness of a trusted estimate"
     )
 
 
@@ -76,12 +76,12 @@ class Sensing(
         {
             "enough": FieldSource(Tissue, "tolerance", times=DITHER_END_SHARE),
             "doubtful": FieldSource(Tissue, "tolerance", times=DITHER_START_SHARE),
-            "contact": setting("N", help="pressing force below which nothing is learnt"),
-            "mass": setting("kg", help="of the platform"),
-            "inertia": setting("kg m2", help="of what turns with a joint"),
-            "joint_spring": setting("N m/rad", help="torque on a joint per angle of it with the motors held"),
-            "angle_rounding": setting("rad", help="rms of what rounding makes of a joint's angle"),
-            "torque_rounding": setting("N m", help="rms of what rounding makes of a joint's torque"),
+            "contact": setting("N", help="minimum pressing force for learning"),
+            "mass": setting("kg", help="mass of the platform"),
+            "inertia": setting("kg m2", help="inertia that turns with a joint"),
+            "joint_spring": setting("N m/rad", help="torque on a joint per joint angle with the motors held"),
+            "angle_rounding": setting("rad", help="rms of the rounding error of a joint's angle"),
+            "torque_rounding": setting("N m", help="rms of the rounding error of a joint's torque"),
         },
     ),
 ):

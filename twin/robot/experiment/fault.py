@@ -381,10 +381,10 @@ class FaultTable(Settings):
     """The keys that every kind has; without `duration_s` the fault stays, without `target` it hits the kind's first."""
 
     kind: str
-    target: str | None = setting(default=None, help="what breaks; without it the kind's first")
-    onset: float = setting("s", ge=0, help="when it begins")
-    duration: float | None = optional("s", gt=0, example=2.0, help="how long it lasts; without it to the end")
-    seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
+    target: str | None = setting(default=None, help="target; without it the kind's first")
+    onset: float = setting("s", ge=0, help="time at which it begins")
+    duration: float | None = optional("s", gt=0, example=2.0, help="duration; without it to the end")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of its random numbers")
 
 
 @cache
@@ -395,7 +395,7 @@ def fault_table_model(known: FaultKind) -> type[FaultTable]:
         own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
     if known.has_share:
         # more than every second sample would no longer be single ones
-        own["share"] = (float, setting(gt=0, le=0.5, help="of the samples that it hits"))
+        own["share"] = (float, setting(gt=0, le=0.5, help="share of the samples that it hits"))
     if known.mechanism == "parameter":
         own["ramp"] = (float | None, setting("s", default=None, gt=0, help="time in which it grows"))
     return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)

@@ -43,8 +43,8 @@ def experiment_json_schema(declared: DeclaredTables) -> Node:
     joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINT_TABLES}
     drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}
     changed = {"enum": list(declared.changeable), "description": "What changes."}
-    changes = "What of the controller changes on the way."
-    extends = {"type": "string", "description": "A file whose values hold wherever this one says nothing."}
+    changes = "Scheduled changes of the controller."
+    extends = {"type": "string", "description": "File with values for all keys that this one does not set."}
     return {
         "$schema": SCHEMA_DIALECT,
         "title": "Experiment of twin",
@@ -57,11 +57,11 @@ def experiment_json_schema(declared: DeclaredTables) -> Node:
             "drive": drive,
             "task": _array(
                 _by_kind(declared.tasks, defined),
-                "What the robot does, one task after the other; instead of [reference].",
+                "Tasks of the robot, one after the other; instead of [reference].",
             ),
             "fault": _array(_faults(defined), "What breaks."),
             "change": _array([_array_item(ChangeTable, {"key": changed}, defined)], changes),
-            "measure": _array(_by_kind(MEASURES, defined), "What twin check measures."),
+            "measure": _array(_by_kind(MEASURES, defined), "Measures of twin check."),
         },
         "$defs": defined,
     }

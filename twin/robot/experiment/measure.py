@@ -283,9 +283,9 @@ class _FormulaReader:
 class Window(Settings):
     """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
 
-    name: str = setting(examples=["z"], help="what its numbers are called by: small letters, digits, _")
-    begin: float = setting("s", default=0.0, ge=0, help="from when on")
-    until: float | None = optional("s", gt=0, example=3.5, help="until when; without it the end")
+    name: str = setting(examples=["z"], help="prefix of its numbers: small letters, digits, _")
+    begin: float = setting("s", default=0.0, ge=0, help="start")
+    until: float | None = optional("s", gt=0, example=3.5, help="end; without it the end of the run")
 
     @field_validator("name")
     @classmethod
@@ -318,7 +318,7 @@ class ReferenceMeasure(SignalMeasure):
     reference: str = setting(
         examples=["controller.p_ref_B[2]"],
         json_schema_extra=_SIGNAL_SCHEMA,
-        help="the signal that it should be, likewise",
+        help="reference signal, likewise",
     )
 
 
@@ -338,7 +338,7 @@ class Lag(ReferenceMeasure):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = setting("s", default=2.0, gt=0, help="the most that it may lag; at most half the window")
+    longest: float = setting("s", default=2.0, gt=0, help="maximum lag; at most half the window")
 
 
 class SpreadMeasure(SignalMeasure):
@@ -351,9 +351,7 @@ class Oscillation(SignalMeasure):
     """[[measure]] kind = "oscillation": the strongest sine in a signal."""
 
     kind: Literal["oscillation"]
-    lowest: float = setting(
-        "Hz", default=1.0, gt=0, help="slower motion is no oscillation; four periods of it fit the window"
-    )
+    lowest: float = setting("Hz", default=1.0, gt=0, help="minimum frequency; four periods of it must fit the window")
 
 
 class Onset(SignalMeasure):
@@ -379,7 +377,7 @@ class RequirementMeasure(Window):
 
     kind: Literal["requirement"]
     formula: str = setting(
-        examples=["always (|plant.F_ee_B| <= 18 N)"], help="what has to hold; docs/falsify.md has the words"
+        examples=["always (|plant.F_ee_B| <= 18 N)"], help="condition to satisfy; docs/falsify.md has the words"
     )
 
     @field_validator("formula")

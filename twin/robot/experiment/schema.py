@@ -26,9 +26,11 @@ from twin.robot.experiment.mistakes import (
 from twin.robot.experiment.source import REFERENCE_SHAPES, RETAINED_KEYS, value_at
 
 PARAMETERS_HELP = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
-TOLERANCE_HELP = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
-KIND_HELP = "as which the FMU is used; without it, co-simulation if it offers that"
-METHOD_HELP = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+TOLERANCE_HELP = (
+    "relative tolerance of the solver, the FMU's or twin's for model exchange; without it, the FMU's default"
+)
+KIND_HELP = "kind of FMU; without it, co-simulation if available"
+METHOD_HELP = "solver for model exchange: cvode keeps the tolerance, rk4 has a fixed step; without it, cvode"
 SOLVER_STEP_HELP = "longest step of rk4; without it, one per step of the drive"
 MAX_TICKS = 1e12
 """Maximum number of ticks, three centuries at 10 ms: more is a typing error."""
@@ -98,31 +100,31 @@ Task = TypeVar("Task", bound=Settings)
 class Circle(Settings):
     """[reference.circle]: level circles, counter-clockwise seen from above, at constant speed from `start_s` on."""
 
-    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="of the circle in frame B")
-    radius: float = setting("mm", gt=0, examples=[15.0], help="of the circle, which begins at +x")
+    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle in frame B")
+    radius: float = setting("mm", gt=0, examples=[15.0], help="radius of the circle, which begins at +x")
     rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per time")
     turns: float = setting(gt=0, examples=[1.0], help="number of turns")
-    start: float = setting("s", default=0.0, ge=0, help="how long it rests before")
+    start: float = setting("s", default=0.0, ge=0, help="time at rest before the motion")
 
 
 class Chirp(Settings):
     """[reference.chirp]: a sine along one axis whose frequency grows linearly with time."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="about which it swings, in frame B")
-    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B along which it swings")
-    amplitude: float = setting("mm", gt=0, examples=[2.0], help="of the sine")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the motion, in frame B")
+    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B of the motion")
+    amplitude: float = setting("mm", gt=0, examples=[2.0], help="amplitude of the sine")
     begin: float = setting("Hz", gt=0, examples=[0.1], help="frequency at the beginning")
     end: float = setting("Hz", gt=0, examples=[2.0], help="frequency at the end")
-    duration: float = setting("s", gt=0, examples=[10.0], help="of the sweep")
-    start: float = setting("s", default=0.0, ge=0, help="how long it rests before")
+    duration: float = setting("s", gt=0, examples=[10.0], help="duration of the sweep")
+    start: float = setting("s", default=0.0, ge=0, help="time at rest before the motion")
 
 
 class JointStep(Settings):
     """[reference.joint_step]: a step of the platform after which one joint alone has another angle."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="where the platform is before")
-    joint: Literal[1, 2, 3] = setting(examples=[1], help="which moves")
-    step: float = setting("deg", examples=[2.0], help="by how much; positive lowers the platform")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position")
+    joint: Literal[1, 2, 3] = setting(examples=[1], help="joint that moves")
+    step: float = setting("deg", examples=[2.0], help="change of the joint's angle; positive lowers the platform")
     start: float = setting("s", gt=0, examples=[0.5], help="when")
 
     @field_validator("step")
@@ -137,13 +139,13 @@ class Reference(Settings):
     """[reference]: way points, straight lines at constant speed between them; or one shape."""
 
     t: tuple[float, ...] | None = optional(
-        "s", min_length=1, example=[0.0, 2.0], help="times of the way points, ascending"
+        "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, ascending"
     )
     p: tuple[Triple, ...] | None = optional(
         "mm",
         min_length=1,
         example=[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]],
-        help="positions (x, y, z) of the way points in frame B",
+        help="positions (x, y, z) of the waypoints in frame B",
     )
     circle: Circle | None = None
     chirp: Chirp | None = None
@@ -204,9 +206,9 @@ class Cosim(Settings):
         help="whether plant and drives see each other's newest values, or all those of the tick before"
     )
     inputs: Literal["hold", "linear"] = setting(
-        default="hold", help="whether they see values of one end of the step, or a line between both ends"
+        default="hold", help="whether inputs are constant over the step, or linear between its ends"
     )
-    iterations: int = setting(default=1, ge=1, le=100, help="how often plant and drives make each step")
+    iterations: int = setting(default=1, ge=1, le=100, help="number of passes of plant and drives over each step")
 
 
 class RecordingSettings(Settings):
@@ -218,9 +220,7 @@ class RecordingSettings(Settings):
     states: tuple[float, ...] = setting(
         "s", default=(), examples=[[5.0, 10.0]], help="times at which the state is saved, for twin run --from"
     )
-    state_every: float | None = setting(
-        "s", default=None, gt=0, examples=[10.0], help="save the state as often as this"
-    )
+    state_every: float | None = setting("s", default=None, gt=0, examples=[10.0], help="interval between saved states")
 
     @field_validator("states")
     @classmethod
@@ -245,13 +245,17 @@ class PositionCommand(Settings):
     period: float | None = optional(
         "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
     )
-    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest angle that it takes")
-    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest angle that it takes")
+    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest accepted angle")
+    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest accepted angle")
     wrap_from: float | None = optional(
-        "deg", field="wrap", absent=math.inf, example=-180.0, help="it counts its angle from here over one turn only"
+        "deg",
+        field="wrap",
+        absent=math.inf,
+        example=-180.0,
+        help="start of the single turn over which its angle is counted",
     )
     lead: float | None = optional(
-        "deg", absent=math.inf, gt=0, example=20.0, help="most by which the command is ahead of the robot's motor shaft"
+        "deg", absent=math.inf, gt=0, example=20.0, help="maximum lead of the command before the robot's motor shaft"
     )
 
     @model_validator(mode="after")
@@ -274,8 +278,8 @@ class UnpoweredDrive(Settings):
     Without this table a drive without power does what its FMU does: it stops, or, with a role `enable`, it coasts.
     """
 
-    holding: float = setting("N m", ge=0, examples=[0.02], help="torque up to which gears and bearings hold the shaft")
-    brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="torque of a brake, on top")
+    holding: float = setting("N m", ge=0, examples=[0.02], help="maximum holding torque of gears and bearings")
+    brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="additional torque of a brake")
     brake_line: Literal["power", "own"] = setting(
         default="power", help="the brake closes with the power, or once no force is left that it would hold"
     )
@@ -325,7 +329,7 @@ class Drive(Settings):
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
         default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
     )
-    sign: Literal[1, -1] = setting(default=1, help="-1: the FMU counts the other way round")
+    sign: Literal[1, -1] = setting(default=1, help="-1: the FMU has the opposite direction")
     gear_ratio: float = setting(default=1.0, gt=0, help="turns of the FMU's shaft per turn of the motor shaft")
     substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the FMU per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
@@ -339,7 +343,7 @@ class Drive(Settings):
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
     unpowered: UnpoweredDrive | None = None
-    parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
+    parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive with several parts")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
 
     @model_validator(mode="after")
@@ -375,8 +379,8 @@ def whole_ticks(time: float, tick: float) -> int | None:
 class ChangeTable(Settings):
     """[[change]]: a value of [controller] that changes while the experiment runs."""
 
-    t: float = setting("s", gt=0, examples=[8.0], help="when it changes")
-    key: str = setting(examples=["controller.force.reference_N"], help="what changes")
+    t: float = setting("s", gt=0, examples=[8.0], help="time of the change")
+    key: str = setting(examples=["controller.force.reference_N"], help="key that changes")
     value: float = setting(examples=[6.0], help="its new value, in the unit of the key")
 
 

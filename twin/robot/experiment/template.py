@@ -42,15 +42,15 @@ EXAMPLE_MEASURE = {
     "begin_s": 10.0,
     "until_s": 18.7,
 }
-MODEL_COMMENT = "What the controller believes where it differs from [robot]: any key of it."
+MODEL_COMMENT = "The controller's belief where it differs from [robot]: any key of it."
 TASKS_COMMENT = (
     "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
 )
 THIRD_PARTY_COMMENT = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
-FAULT_COMMENT = "What breaks: docs/faults_reference.md has every kind."
-CHANGE_COMMENT = "What of the controller changes on the way."
-MEASURE_COMMENT = "What twin check measures: docs/regression.md has every kind."
-PLANT_COMMENT = "What is true where it differs from [robot]: any key of it. The controller does not know."
+FAULT_COMMENT = "Faults: docs/faults_reference.md has every kind."
+CHANGE_COMMENT = "Scheduled changes of the controller."
+MEASURE_COMMENT = "Measures of twin check: docs/regression.md has every kind."
+PLANT_COMMENT = "The true robot where it differs from [robot]: any key of it. The controller does not know it."
 
 Table = Mapping[str, Any]
 
@@ -83,7 +83,7 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
         "# A key's unit is in its name. Lines with # are not set; they show the default, or an example where there is",
         '# none. Any value may be { value = 5.0, source = "where it comes from" }.',
         "",
-        "# the file whose values hold wherever this one says nothing",
+        "# file with values for all keys that this one does not set",
         f'extends = "{ROBOT_FILE}"',
         *page.keys("", TopLevelKeys, own.values, page.origins("")),
     ]

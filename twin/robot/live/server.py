@@ -322,7 +322,7 @@ class Broadcast:
         client = Client(connection, knows is True, self._channels, self._tuning, self._on_subscription, self._on_change)
         greeting = list(self._greeting)
         if knows is False:
-            greeting.append(live.status(live.Level.WARNING, "the token is not that of this run: watching only"))
+            greeting.append(live.status(live.Level.WARNING, "the token belongs to another run: watching only"))
         self._clients.add(client)
         try:
             await client.serve(greeting)

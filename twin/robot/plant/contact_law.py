@@ -86,7 +86,7 @@ class Contact(Settings):
         kind: for people; a law or shape is not tied to it.
     """
 
-    body: str | None = optional(example="back", help="a file of bodies/ that fills in what this table does not say")
+    body: str | None = optional(example="back", help="a file of bodies/ with values for missing keys of this table")
     kind: Literal["scale", "skin"] = setting(into=None, help="for people")
     height: float = setting("mm", field="z_s", help="z of the surface's highest point, or of the plane at x = y = 0")
     tilt: float = setting("deg", gt=-45, lt=45, help="tilt about y")
@@ -96,7 +96,7 @@ class Contact(Settings):
         default="plane", help="shape of the surface"
     )
     stiffness: float = setting(
-        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; the laws say at which depth"
+        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; its depth depends on the law"
     )
     damping: float | None = optional(
         "s/m",
@@ -105,13 +105,15 @@ class Contact(Settings):
         example=3.0,
         help="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
     )
-    exponent: float | None = optional(absent=1.0, ge=1, le=5, example=1.5, help="Hunt-Crossley: force over depth")
+    exponent: float | None = optional(
+        absent=1.0, ge=1, le=5, example=1.5, help="Hunt-Crossley: exponent of force over depth"
+    )
     reference_depth: float | None = optional(
         "mm", absent=1e-3, gt=0, example=4.0, help="Hunt-Crossley with an exponent: depth at which the stiffness holds"
     )
     damper: float | None = optional("N s/m", absent=0.0, ge=0, example=10.0, help="Kelvin-Voigt: viscous damper")
     touch_depth: float | None = optional(
-        "mm", absent=1e-3, gt=0, example=1.0, help="Kelvin-Voigt: depth over which damper and spring take hold"
+        "mm", absent=1e-3, gt=0, example=1.0, help="Kelvin-Voigt: depth over which the damper fades in"
     )
     stiffening: float | None = optional(
         "1/mm", absent=0.0, gt=0, example=0.2, help="exponential: relative growth of the stiffness per depth"

@@ -63,15 +63,17 @@ CONDITION_SETTINGS = {
     "k_s_share": setting(
         default=UNIT_SHARES,
         broken_by=("spring_softened", "spring_broken"),
-        help="what is left of k_s in the spring; 0: broken",
+        help="remaining share of k_s; 0: broken",
     ),
-    "backlash_added": setting("rad", default=ZERO_TRIPLE, broken_by=("backlash_growth",), help="on top of backlash"),
-    "b_j_added": setting("N m s/rad", default=ZERO_TRIPLE, broken_by=("joint_friction",), help="on top of b_j"),
+    "backlash_added": setting("rad", default=ZERO_TRIPLE, broken_by=("backlash_growth",), help="additional backlash"),
+    "b_j_added": setting(
+        "N m s/rad", default=ZERO_TRIPLE, broken_by=("joint_friction",), help="additional viscous friction"
+    ),
     "slip": setting(
         "rad",
         default=ZERO_TRIPLE,
         broken_by=("belt_slip",),
-        help="how far the belt has slipped: deflection lost, motor side",
+        help="slip of the belt: lost deflection, motor side",
     ),
 }
 """Condition of each joint; by default as built."""
@@ -88,7 +90,7 @@ class Robot(Model):
     I_r: float = setting("kg m2", ge=0, help="inertia of pulley and encoder about the joint axis")
     b_j: float = setting("N m s/rad", ge=0, help="viscous friction of a joint")
     backlash: float = setting("deg", ge=0, help="half width of the dead zone, motor side")
-    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta turns from driven to driving; 0: it does not")
+    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta changes from driven to driving; 0: constant")
     motor_noise: float = setting(
         "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the motor encoders' noise"
     )
@@ -99,58 +101,58 @@ class Robot(Model):
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="how much each motor encoder reads too much at most, once a turn",
+        help="amplitude of each motor encoder's error, one period per turn",
     )
     motor_eccentric_at: Triple = setting(
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="motor angle from which on that error grows, a quarter of a turn before it is most",
+        help="motor angle of that error's rising zero crossing, a quarter turn before its maximum",
     )
     joint_eccentricity: Triple = setting(
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="how much each joint encoder reads too much at most, once a turn",
+        help="amplitude of each joint encoder's error, one period per turn",
     )
     joint_eccentric_at: Triple = setting(
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="joint angle from which on that error grows, a quarter of a turn before it is most",
+        help="joint angle of that error's rising zero crossing, a quarter turn before its maximum",
     )
-    encoder_latency: float = setting(
-        "ms", into=None, default=0.0, ge=0, le=1000, help="how old a count is when it is read"
-    )
+    encoder_latency: float = setting("ms", into=None, default=0.0, ge=0, le=1000, help="age of a count when it is read")
     belt_compliance: float = setting(
-        "rad/(N m)", default=0.0, ge=0, help="how far a joint turns by its belt alone, in series with the spring"
+        "rad/(N m)", default=0.0, ge=0, help="joint angle per torque of the belt, in series with the spring"
     )
     joint_friction: float = setting("N m", default=0.0, ge=0, help="dry friction of a joint")
     joint_presliding: float = setting(
-        "deg", default=0.05, gt=0, help="how far a joint yields before its dry friction slides"
+        "deg", default=0.05, gt=0, help="elastic angle of a joint before its dry friction slides"
     )
     spring_hysteresis: float = setting(
-        default=0.0, ge=0, le=0.5, help="share of a spring's torque that its own dry friction adds and takes"
+        default=0.0, ge=0, le=0.5, help="dry friction of a spring as a share of its torque"
     )
     spring_stop: float | None = optional(
-        "deg", absent=math.inf, gt=0, example=15.0, help="deflection at which a spring meets its hard stop, motor side"
+        "deg", absent=math.inf, gt=0, example=15.0, help="deflection of a spring at its hard stop, motor side"
     )
     joint_lower: float | None = optional("deg", absent=-math.inf, example=-60.0, help="hard stop of a joint, upwards")
     joint_upper: float | None = optional("deg", absent=math.inf, example=90.0, help="hard stop of a joint, downwards")
     stop: float = setting("N m/rad", default=100.0, gt=0, help="stiffness of hard stops")
     mounting_tilt: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y")
     mounting_tilt_x: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x")
-    head: Triple = setting("mm", default=ZERO_TRIPLE, help="where the head touches, seen from O_P")
+    head: Triple = setting("mm", default=ZERO_TRIPLE, help="contact point of the head relative to O_P")
     ball_joint_limit: float | None = optional(
-        "deg", into=None, gt=0, example=30.0, help="how far a rod may lean in its ball joints; without it, any"
+        "deg", into=None, gt=0, example=30.0, help="maximum inclination of a rod in its ball joints; without it, any"
     )
     link_diameter: float | None = optional(
-        "mm", into=None, gt=0, example=9.0, help="of the proximal links, which may not meet other legs"
+        "mm", into=None, gt=0, example=9.0, help="diameter of the proximal links, which must not touch other legs"
     )
     rod_diameter: float | None = optional(
-        "mm", into=None, gt=0, example=4.0, help="of the distal rods, which may not meet other legs"
+        "mm", into=None, gt=0, example=4.0, help="diameter of the distal rods, which must not touch other legs"
     )
-    rod_spacing: float | None = optional("mm", into=None, gt=0, example=24.0, help="between the two rods of a pair")
+    rod_spacing: float | None = optional(
+        "mm", into=None, gt=0, example=24.0, help="distance between the two rods of a pair"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> "Robot":

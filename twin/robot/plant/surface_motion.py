@@ -58,11 +58,9 @@ class Motion(NamedTuple):
 class Breathing(Settings):
     """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
 
-    amplitude: float = setting(
-        "mm", field="displacement", ge=0, examples=[1.0], help="half the way from breath to breath"
-    )
+    amplitude: float = setting("mm", field="displacement", ge=0, examples=[1.0], help="half the height of a breath")
     rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
-    start: float = setting("s", field="onset", default=0.0, ge=0, help="first breath")
+    start: float = setting("s", field="onset", default=0.0, ge=0, help="start of the first breath")
     end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="last breath")
 
     @property
@@ -74,10 +72,10 @@ class Breathing(Settings):
 class Shift(Settings):
     """[contact.shift]: the person moves once; if an end is given, back again from then on."""
 
-    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
-    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="when it moves")
-    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
-    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="when it moves back")
+    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="displacement (x, y, z)")
+    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="start of the motion")
+    rise: float = setting("s", gt=0, examples=[0.5], help="duration of the motion")
+    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="start of the return")
 
     @property
     def motion(self) -> Motion:

@@ -18,7 +18,7 @@ from twin.robot.faults import FaultComponent
 FIXED_KEYS = {
     "cosim": "steps and scheme hold for the whole run",
     "controller.period_ms": "calls of the controller are counted from the start",
-    "drive": "what a drive holds inside fits no other one; run the experiment again with it",
+    "drive": "a drive's internal state fits no other drive; run the experiment again with it",
     "duration_s": "FMUs know when the run ends",
     "seed": "random numbers were drawn before",
     "recording": "it belongs to the whole run",

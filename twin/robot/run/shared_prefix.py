@@ -149,7 +149,7 @@ class SharedPrefix:
         done = simulate(self._assembly, last, [keeper, *observers]).require_success()
         self._simulation = done.simulation
         if not reproduces(self._simulation, self._states[len(self._states) // 2 :]):
-            self.lacking = "from a state that was kept, a component goes on to other numbers"
+            self.lacking = "a component does not reproduce its numbers from a saved state"
 
     def _parts(self, experiment: Experiment, assembly: Assembly) -> Mapping[str, list[Component]]:
         """Return the components of `assembly` by row, with the stateless surface of `experiment`."""
