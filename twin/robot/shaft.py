@@ -49,7 +49,7 @@ class DriveLaw(IntEnum):
     DRIVE_FAILURE = 4
 
 
-# plain integers: what compiled code compares with
+# plain integers, for comparisons in compiled code
 _RUNAWAY_LAW, _FREEWHEEL_LAW, _DEAD_LAW, _JAM_LAW, _FAILURE_LAW = (int(law) for law in DriveLaw)
 
 

@@ -101,7 +101,8 @@ COMPONENT_ROWS = (
     ),
     _row(
         "tank", build.tanks,
-        omega_ref=COMMAND_SOURCES[4:], p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
+        omega_ref=COMMAND_SOURCES[4:],
+        p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
         sample="encoder.sample",
     ),
     _row("delay", build.delays, omega_ref=COMMAND_SOURCES[3:]),
@@ -111,13 +112,18 @@ COMPONENT_ROWS = (
     ),
     _row(
         "bus", build.buses,
-        omega_ref=COMMAND_SOURCES[1:], power=POWER_SOURCES[1:], drive_power=DRIVE_POWER_SOURCES[1:], brake=BRAKE_SOURCES[1:],
+        omega_ref=COMMAND_SOURCES[1:], power=POWER_SOURCES[1:], drive_power=DRIVE_POWER_SOURCES[1:],
+        brake=BRAKE_SOURCES[1:],
     ),
     _row("scale", build.scale, F_ee_B="plant.F_ee_B"),
-    _row("drive", joint_drives, omega_ref=COMMAND_SOURCES, tau_load="plant.tau_load", enable=(*DRIVE_POWER_SOURCES, *POWER_SOURCES)),
+    _row(
+        "drive", joint_drives,
+        omega_ref=COMMAND_SOURCES, tau_load="plant.tau_load", enable=(*DRIVE_POWER_SOURCES, *POWER_SOURCES),
+    ),
     _row(
         "shaft", build.unpowered_shafts,
-        theta_m="drive.theta_m", tau_load="plant.tau_load", power=(*DRIVE_POWER_SOURCES, *POWER_SOURCES), brake=BRAKE_SOURCES,
+        theta_m="drive.theta_m", tau_load="plant.tau_load", power=(*DRIVE_POWER_SOURCES, *POWER_SOURCES),
+        brake=BRAKE_SOURCES,
     ),
     _row("plant", build.plant, theta_m=SHAFT_SOURCES, theta_m_start=SHAFT_SOURCES, s_B="body.s_B", v_s_B="body.v_s_B"),
 )  # fmt: skip

@@ -26,7 +26,7 @@ REST_SPEED = 1e-3
 
 
 class Damping(Settings):
-    """[controller.damping]: how the motors give way to swings of the springs' torque."""
+    """[controller.damping]: yielding of the motors to swings of the springs' torque."""
 
     gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")
     corner: float = setting("Hz", gt=0, help="swings slower than this are not damped")
@@ -57,7 +57,7 @@ def damp(damper, torque_per_spring, tau_l, h, lead):
 
 
 class FeedForward(Settings):
-    """[controller.feed_forward]: what the controller believes of the drives' lag and the friction under the head."""
+    """[controller.feed_forward]: believed lag of the drives and friction under the head."""
 
     lag: float = setting("ms", ge=0, help="believed lag of the drives")
     friction: float = setting(ge=0, field="mu", help="believed friction under the head")

@@ -53,19 +53,19 @@ TANK_OUTPUTS = (
     Port("given", 1, "J", "energy given to what was touched, to motion and joints, less what came back, as believed"),
 )
 COASTING_SHARE = 1.0 / 3.0
-"""Assumed time for which motors still follow the previous command, as a share of the horizon."""
+"""Time constant of motors that still follow previous commands, as a share of the horizon."""
 LARGEST_SAMPLE = 2.0**53
 """Bound of the message counter: beyond it, a double does not represent every integer."""
 UNNUMBERED_STATUS = 2
 """Step status for a message without a number."""
 RETURN_GAIN = 0.5
-"""Gain, times the horizon, of each of the two loops (1/s) by which an overdrawn tank moves the robot."""
+"""Gain, times the horizon, of the two loops (1/s) that move the robot when the tank is overdrawn."""
 JOINT_PLAY = 1e-3
 """Travel (rad) at each reversal of a joint that is not charged, as rounding causes smaller ones."""
 
 
 class EnergyTank(Settings):
-    """[controller.energy_tank]: a store of energy, out of which comes what the robot gives to what it touches."""
+    """[controller.energy_tank]: a store of the energy that the robot gives to its environment."""
 
     size: float = setting("J", gt=0, examples=[0.15], help="energy that the touched body may receive")
     horizon: float = setting(
@@ -162,7 +162,7 @@ def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
 
 @njit(cache=True)
 def _lift(omega_ref, F, touch):
-    """Common upward speed (rad/s, <= 0) of all motors if none pulls at the environment: the body below receives no
+    """Common upward speed (rad/s, <= 0) of all motors if none pulls at the environment; it gives the body below no
     energy."""
     return min(max(omega_ref[0], omega_ref[1], omega_ref[2]), 0.0) if F[2] < touch else 0.0
 

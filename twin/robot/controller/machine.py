@@ -30,7 +30,7 @@ MACHINE_RECORD = record(
 """State of the machine, SI.
 
 index, passes: phase, and number of passes of a loop's end. entered, total: start time and duration of the phase.
-length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
+length, start, end: line of the phase. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
 contact_force: threshold of contact. lost, patience: time without contact, and the tolerated time.
 tapped: start time of the last tap.
 touching, z_before, F_before, z_felt: whether contact was detected since the descent began, height and force at the

@@ -43,7 +43,7 @@ def state_variable(damping, g, fast, slow, x):
     """Step of a state-variable filter: low-passed `x`, its derivative over 2 pi f, its second over (2 pi f)^2, two new
     states.
 
-    It uses the trapezoidal rule, so the derivatives are exactly those of the output (Zavalishin 2012, The Art of VA
+    It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of VA
     Filter
     Design, Ch. 4).
 
@@ -93,7 +93,7 @@ class PositionLoop(Settings):
 
 
 class ForceLoop(Settings):
-    """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
+    """[controller.force]: PID from force error (N) to a shift of the z reference (m), and its trigger."""
 
     reference: float | None = optional(
         "N", gt=0, le=50, example=5.0, field="F_z_ref", absent=0.0, tunable=True, help="pressing force to hold"

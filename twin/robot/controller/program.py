@@ -58,7 +58,7 @@ class Phase(NamedTuple):
         kind: kind of the phase.
         task: number of its task, from 1.
         target: end of the straight line (m); NaN keeps a coordinate.
-        lift: if > 0, end height (m) above the height at which a probe reached the pre-defined force.
+        lift: if > 0, end height (m) above the height of a probe at the pre-defined force.
         speed: speed along the line (m/s).
         ramp_in, ramp_out: acceleration and deceleration time (s).
         radius, rate, turns: circle about the starting point (m, Hz, 1), with one more turn to spiral out to it and one
@@ -105,7 +105,7 @@ Point = tuple[float, float]
 
 
 class Approach(Settings):
-    """[approach]: how all tasks come and go."""
+    """[approach]: motion of all tasks to and from the body."""
 
     height: float = setting("mm", help="z at which the robot travels between tasks")
     floor: float = setting("mm", help="z below which it never searches for contact")
@@ -122,14 +122,14 @@ class Approach(Settings):
 
 
 class TaskOnPoint(Settings):
-    """What every task has."""
+    """Keys common to all tasks."""
 
     point: Point = setting("mm", help="position (x, y)")
     force: float = setting("N", gt=0, help="pressing force")
 
 
 class Press(TaskOnPoint):
-    """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
+    """[[task]] kind = "press": force on one point, which grows, is held, and is released."""
 
     kind: Literal["press"]
     build_up: float = setting("s", gt=0, help="rise time of the force")
@@ -137,7 +137,7 @@ class Press(TaskOnPoint):
 
 
 class Tap(TaskOnPoint):
-    """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
+    """[[task]] kind = "tap": repeated fast strokes down to the force and up again."""
 
     kind: Literal["tap"]
     speed: float = setting("mm/s", gt=0, help="speed down and up")
@@ -235,7 +235,7 @@ def _force_phases(approach: Approach, contact_force: float, task: Press | Roll |
 
 def _tap_phases(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
-    # a gentle probe first: the taps aim at the height at which it reaches the force
+    # a gentle probe first: its height at the pre-defined force is the aim of the taps
     yield down._replace(speed=approach.descent, until=PhaseEnd.FELT)
     up = Phase(PhaseKind.RETRACT, number, lift=task.lift, speed=approach.speed, ramp_in=approach.ramp)
     yield up._replace(ramp_out=approach.ramp)

@@ -1,7 +1,7 @@
 """Scheduling of the force loop's gains by the estimated stiffness, without bumps.
 
 Between two points of the table 1/gain is linear in the stiffness, because a loop's largest stable gain falls with the
-stiffness. If the estimate is poor, the gains return to those of the experiment's file, the safe set. Both the stiffness
+stiffness. If the estimate is poor, the gains return to the experiment's own, the safe set. Both the stiffness
 of the lookup and the table's share in the gains are rate-limited; but if the estimate contradicts the force, the safe
 set is restored in the same call. A change of kp shifts the integral by its effect on the error, so that the output
 stays (Åström and Hägglund 2006, Advanced PID Control, Sec. 9.4).
@@ -85,7 +85,7 @@ def schedule_gains(m, table, tissue, pid, h):
         m.at = min(max(tissue.k, at * (1.0 - step)), at * (1.0 + step))
     m.share = min(max(1.0 if trusted else 0.0, m.share - step), m.share + step)
     if tissue.std >= tissue.k:
-        # nothing is known, so even the rate limit would keep wrong gains
+        # not even the error of these gains is known: the safe set at once
         m.share = 0.0
     kp, ki = m.kp, m.ki
     if m.share > 0.0:

@@ -6,7 +6,7 @@ the joints. Height and force pass the same low-pass, whose derivatives of the he
     F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
 
 with b from the motion through the air, where F is 0. The probe measures the stiffness, and the indentation from contact
-to the requested force. A tap reverses that far below the height at which it detects the surface; the excess of its
+to the requested force. A tap reverses that far below the detected surface; the excess of its
 largest F over the requested one, divided by the stiffness, is its depth error.
 """
 
@@ -29,7 +29,7 @@ AIR_CLEARANCE = 2e-3
 MIN_AIR_VELOCITY = 0.02
 """Minimum speed (m/s) for estimating friction in the air."""
 UNREACHED_HEIGHT = 1e-4
-"""Minimum height (m) above its planned reversal at which a tap counts as ended early by its force."""
+"""Minimum height (m) of a tap's lowest point above its planned reversal for a tap that was ended early by its force."""
 
 TAPS_RECORD = record(
     share="f8",

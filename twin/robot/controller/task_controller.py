@@ -80,7 +80,7 @@ ADAPTIVE_TASK_MEMORY = with_adaptive(TASK_MEMORY)
 
 
 class Touch(Settings):
-    """[controller.touch]: how the controller feels contact in a task."""
+    """[controller.touch]: detection of contact in a task, and learning of taps."""
 
     contact: float = setting(
         "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as contact"

@@ -29,14 +29,14 @@ BAND_STAGES = 2
 SETTLING_TIME_CONSTANTS = 3.0
 """Time constants of a stage, Q/(pi f), until the filters' transient at the start of contact has decayed."""
 EXCITATION_RATIO = 10.0
-"""Minimum ratio of the band-passed height's rms to that of its rounding noise, for motion to count."""
+"""Minimum ratio of the band-passed height's rms to the rms of its rounding noise, for motion to count."""
 DRIFT_RATE = 0.03
 """Relative change of the stiffness per second (1/s) that is assumed possible while the height moves without learning.
 Relative change of the stiffness per second (1/s) that is assumed possible while the height moves without learning."""
 MISFIT_RATIO = 3.0
 """Minimum ratio of the residual force to the standard error's effect that invalidates the estimate."""
 COUNT_NOISE_RATIO = math.sqrt(12.0)
-"""One count divided by the rms of its rounding. Occasional changes of less than one count are no misfit."""
+"""One count divided by the rms of its rounding, as occasional changes of less than one count are not a misfit."""
 DITHER_GROWTH = 2.0
 """Growth of the dither's amplitude per swing, from one that produces the requested force on rigid ground: if the tissue
 has become stiff unnoticed, the first swings reveal it at small forces."""
@@ -45,13 +45,13 @@ STIFFENING_SHARE = 0.7
 MIN_STIFFNESS, MAX_STIFFNESS = 50.0, 20000.0
 """Bounds of k_hat (N/m): softer than any body, and stiffer than these springs can distinguish from rigid."""
 DITHER_END_SHARE, DITHER_START_SHARE = 0.4, 0.7
-"""Shares of the tolerance at which the dither ends, and restarts: before the estimate becomes untrusted."""
+"""Shares of the tolerance that end and restart the dither, before the estimate becomes untrusted."""
 STAGE_RECORD = record(fast="f8", slow="f8")
 PRODUCTS_RECORD = record(zz="f8", zv="f8", vv="f8", zF="f8", vF="f8", FF="f8")
 
 
 class Tissue(Settings):
-    """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
+    """[controller.tissue]: estimation of the tissue's stiffness while pressing."""
 
     frequency: float = setting(
         "Hz", default=5.0, ge=0.5, help="middle of the evaluated band, and frequency of the dither"
@@ -85,8 +85,11 @@ class Sensing(
         },
     ),
 ):
-    """Parameters of the tissue estimate, SI; `enough` and `doubtful` are standard errors over k_hat at which the dither
-    ends and restarts."""
+    """Parameters of the tissue estimate, SI.
+
+    `enough` and `doubtful` are standard errors over k_hat: the dither ends below the first and restarts above the
+    second.
+    """
 
 
 TISSUE_RECORD = record_of(
@@ -265,16 +268,16 @@ def _update_means(recent, share, z_f, v_f, F_f):
 
 @njit(cache=True)
 def _is_consistent(m):
-    """Whether the residual F_f + k z_f + c v_f is no larger than the uncertainty of the estimate."""
+    """Whether the residual F_f + k z_f + c v_f is within the uncertainty of the estimate."""
     recent, k, c = m.recent, m.k, m.c * m.omega
     crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
     left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv
     explained = MISFIT_RATIO * m.std
-    # with little motion, rounding is no noise but a single count now and then, of broad spectrum
+    # with little motion, rounding is not noise but a single count now and then, of broad spectrum
     rounding = COUNT_NOISE_RATIO * COUNT_NOISE_RATIO * m.in_band
     if m.falling and m.off > math.sqrt(rounding) * m.F_noise and -recent.zF > 2.0 * k * recent.zz:
-        # motion through many counts, whose rounding is noise, and more than one of them too fast: fed forward with less
-        # than half of the true stiffness, which is worse than no feed-forward
+        # the force falls through many counts, so rounding is noise, and by more than one count too fast: it is fed
+        # forward with less than half of the true stiffness, which is worse than none
         explained, rounding = max(explained, k), m.in_band
     return left <= explained * explained * (recent.zz + recent.vv) + rounding * m.F_noise * m.F_noise
 

@@ -27,7 +27,7 @@ class Role(NamedTuple):
         required: whether a drive must have it.
         synonyms: suppliers' names for it, used to propose a mapping.
         mechanical: effect of sign and gear ratio: 1 for an angle or speed (the FMU's shaft turns `gear_ratio` times as
-            far), -1 for a torque (divided by it), 0 for none.
+            far), -1 for a torque (divided by it), 0 without effect.
     """
 
     port: Port

@@ -232,7 +232,7 @@ def split_unit(text: str) -> tuple[str, str]:
 def with_units(
     file: str, variables: Mapping[str, Variable], mappings: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Variable], list[dict[str, Any]]]:
-    """Add the units in `mappings` to variables whose FMU declares none; return the mappings without units.
+    """Add the units in `mappings` to variables whose FMU declares no unit; return the mappings without units.
 
     A complete variable name such as `x[2]` is not split. A mapping has a name, or several, by role.
 

@@ -164,7 +164,7 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
         fill_from_body(source, folder)
     except InputRefused as problem:
         mistakes.append(str(problem))
-        # values missing without the body are no further errors
+        # values missing without the body are not reported as further errors
         values = {**values, "contact": None}
     by_name, stand_ins = _check_tables(declared, values, folder, mistakes)
     tasks = checked_tasks(declared.tasks, source.values.get("task"), mistakes)

@@ -73,14 +73,14 @@ class FaultKind:
         mechanism: implementation of the fault.
         targets: possible targets; the first one is the default.
         meaning: effect, in one line.
-        threshold: magnitude from which the safety monitor is expected to detect it, from the encoders' counts, the
+        threshold: smallest magnitude that the safety monitor is expected to detect, from the encoders' counts, the
             counter of their messages and the controller's command.
-        reason: symptom that the monitor detects, or why there is no such symptom.
+        reason: symptom that the monitor detects, or the reason for its absence.
         unit: unit of the magnitude in its TOML key ("share" and "factor" are pure numbers); None without a magnitude.
         magnitudes: small, medium and large, in that unit, for matrices of faults.
         bounds: bounds of the magnitude in that unit, named as in pydantic.
         has_share: whether a second number, `share`, sets the share of samples that it hits.
-        excess_from: magnitude from which the force is expected to exceed the monitor's limit; None if it never does.
+        excess_from: smallest magnitude expected to raise the force above the monitor's limit; None if there is none.
     """
 
     mechanism: Mechanism
@@ -135,7 +135,8 @@ _ENCODER_KINDS = {
         "deg", (0.1, 0.5, 2.0),
     ),
     "encoder_drift": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0, 2.0),
+        "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0,
+        2.0),
         f"{_SAME_ENCODER}, and the force loop corrects what it believes; motors that lose speed under load show the "
         "force, behind others only the limits of deflection, depth or workspace end it",
         "deg_per_s", (0.1, 0.5, 2.0), excess_from=2.0,
@@ -146,7 +147,8 @@ _ENCODER_KINDS = {
         "deg", (0.2, 0.5, 2.0), POSITIVE_BOUNDS,
     ),
     "encoder_dropout_hold": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random, the last good count is repeated", DetectionThreshold(1.0, 1.0),
+        "counts", _ENCODER_TARGETS, "samples are lost at random, the last good count is repeated",
+        DetectionThreshold(1.0, 1.0),
         "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
         "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
@@ -156,7 +158,8 @@ _ENCODER_KINDS = {
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_dropout_nan": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED, "a count that is no number",
+        "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED,
+        "a count that is no number",
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_stuck": FaultKind(
@@ -164,15 +167,18 @@ _ENCODER_KINDS = {
         "the count stands still although the command moves the shaft; at rest there is nothing to see",
     ),
     "encoder_glitch": FaultKind(
-        "counts", _ENCODER_TARGETS, "a share of the samples, single ones at random, is off by an angle", DetectionThreshold(5.0, 5.0), _DEFLECTION_JUMP,
+        "counts", _ENCODER_TARGETS, "a share of the samples, single ones at random, is off by an angle",
+        DetectionThreshold(5.0, 5.0), _DEFLECTION_JUMP,
         "deg", (0.5, 5.0, 90.0), has_share=True,
     ),
     "encoder_flip": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count has the other sign", ALWAYS_DETECTED, f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
+        "counts", _ENCODER_TARGETS, "the count has the other sign", ALWAYS_DETECTED,
+        f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
     ),
     "encoder_swap": FaultKind(
         "counts", _ENCODER_TARGETS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", NEVER_DETECTED,
-        f"in a symmetric pose nothing jumps, and the matrix may well hit one; where the two angles differ, {_DEFLECTION_JUMP}",
+        f"in a symmetric pose nothing jumps, and the matrix may well hit one;"
+        f" where the two angles differ, {_DEFLECTION_JUMP}",
     ),
 }  # fmt: skip
 
@@ -183,12 +189,14 @@ _MESSAGE_KINDS = {
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "sample_jitter": FaultKind(
-        "message", ("encoder",), "messages arrive after a random time up to the magnitude", DetectionThreshold(10.0, 10.0),
+        "message", ("encoder",), "messages arrive after a random time up to the magnitude", DetectionThreshold(10.0,
+        10.0),
         "the counter stands still and then jumps",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "sample_loss": FaultKind(
-        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", DetectionThreshold(0.2, 0.2),
+        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", DetectionThreshold(0.2,
+        0.2),
         "the counter stands still",
         "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
@@ -205,7 +213,8 @@ _MESSAGE_KINDS = {
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
     "command_lost": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed", NEVER_DETECTED,
+        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed",
+        NEVER_DETECTED,
         "the robot stands still, or moves more slowly than asked",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
@@ -213,7 +222,8 @@ _MESSAGE_KINDS = {
 
 _PARAMETER_KINDS = {
     "spring_softened": FaultKind(
-        "parameter", _JOINT_TARGETS, "the spring of the joint has this factor of its stiffness", NEVER_DETECTED, _BELIEVED_SPRING,
+        "parameter", _JOINT_TARGETS, "the spring of the joint has this factor of its stiffness", NEVER_DETECTED,
+        _BELIEVED_SPRING,
         "factor", (0.9, 0.7, 0.4), POSITIVE_BOUNDS,
     ),
     "spring_broken": FaultKind(
@@ -228,7 +238,8 @@ _PARAMETER_KINDS = {
         "factor", (1.5, 3.0, 10.0), POSITIVE_BOUNDS, excess_from=3.0,
     ),
     "backlash_growth": FaultKind(
-        "parameter", _JOINT_TARGETS, "the half width of the dead zone grows by this angle of the motor shaft", NEVER_DETECTED,
+        "parameter", _JOINT_TARGETS, "the half width of the dead zone grows by this angle of the motor shaft",
+        NEVER_DETECTED,
         "the estimator takes the way through the dead zone for deflection",
         "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
     ),
@@ -239,25 +250,29 @@ _PARAMETER_KINDS = {
         "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 0.8},
     ),
     "belt_slip": FaultKind(
-        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft and stays there", DetectionThreshold(-10.0, -30.0),
+        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft and stays there",
+        DetectionThreshold(-10.0, -30.0),
         f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
         f"{_SAME_ENCODER}",
         # a negative slip deflects the spring: the platform presses harder
         "deg", (-2.0, -10.0, -30.0), excess_from=-30.0,
     ),
     "belief_k_s": FaultKind(
-        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER_DETECTED, _NO_TRUE_FORCE,
+        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER_DETECTED,
+        _NO_TRUE_FORCE,
         "factor", (1.05, 1.2, 1.5), POSITIVE_BOUNDS,
     ),
     "belief_eta": FaultKind(
-        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER_DETECTED, _NO_TRUE_FORCE,
+        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER_DETECTED,
+        _NO_TRUE_FORCE,
         "factor", (0.95, 0.85, 0.7), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip
 
 _DRIVE_KINDS = {
     "drive_runaway": FaultKind(
-        "drive", _DRIVE_TARGETS, "the shaft turns at this speed whatever is commanded, until the power goes", ALWAYS_DETECTED,
+        "drive", _DRIVE_TARGETS, "the shaft turns at this speed whatever is commanded, until the power goes",
+        ALWAYS_DETECTED,
         f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
         "rad_per_s", (0.5, 2.0, 8.0),
     ),
@@ -275,7 +290,8 @@ _DRIVE_KINDS = {
         f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
     ),
     "drive_failure": FaultKind(
-        "drive", _DRIVE_TARGETS, "the drive's step fails and ends the run", ALWAYS_DETECTED, "the run ends and names the fault",
+        "drive", _DRIVE_TARGETS, "the drive's step fails and ends the run", ALWAYS_DETECTED,
+        "the run ends and names the fault",
     ),
     "drive_saturation": FaultKind(
         "command", _DRIVE_TARGETS, "the drive runs no faster than this", DetectionThreshold(0.3, 0.3),
@@ -295,7 +311,8 @@ _DRIVE_KINDS = {
 
 _BODY_KINDS = {
     "surface_jump": FaultKind(
-        "body", ("contact",), "the surface jumps up by this much", DetectionThreshold(10.0, 5.0), "force and force rate jump",
+        "body", ("contact",), "the surface jumps up by this much", DetectionThreshold(10.0, 5.0),
+        "force and force rate jump",
         "mm", (2.0, 5.0, 10.0), excess_from=10.0,
     ),
     "contact_loss": FaultKind(
@@ -378,7 +395,8 @@ class Fault:
 
 
 class FaultTable(Settings):
-    """The keys that every kind has; without `duration_s` the fault stays, without `target` it hits the kind's first."""
+    """Keys common to all kinds; without `duration_s` the fault is permanent, without `target` it hits the kind's first.
+    Keys common to all kinds; without `duration_s` the fault is permanent, without `target` it hits the kind's first."""
 
     kind: str
     target: str | None = setting(default=None, help="target; without it the kind's first")

@@ -138,7 +138,7 @@ def _without_null(node: Node) -> Node:
     node = kinds[0] if len(kinds) == 1 else node
     entries = node.get("prefixItems", ())
     if entries and all(entry == entries[0] for entry in entries):
-        # older dialects, to which many editors are limited, know this but not prefixItems
+        # many editors are limited to older dialects, which know this but not prefixItems
         node = {**{key: node[key] for key in node if key != "prefixItems"}, "items": _without_null(entries[0])}
     if "items" in node:
         node = {**node, "items": _without_null(node["items"])}

@@ -281,11 +281,11 @@ class _FormulaReader:
 
 
 class Window(Settings):
-    """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
+    """Keys common to all [[measure]] tables: a name and a time interval; without `until_s` to the end."""
 
     name: str = setting(examples=["z"], help="prefix of its numbers: small letters, digits, _")
-    begin: float = setting("s", default=0.0, ge=0, help="start")
-    until: float | None = optional("s", gt=0, example=3.5, help="end; without it the end of the run")
+    begin: float = setting("s", default=0.0, ge=0, help="beginning of its window")
+    until: float | None = optional("s", gt=0, example=3.5, help="end of its window; without it the end of the run")
 
     @field_validator("name")
     @classmethod
@@ -323,19 +323,19 @@ class ReferenceMeasure(SignalMeasure):
 
 
 class Step(ReferenceMeasure):
-    """[[measure]] kind = "step": the answer of a signal to a step of its reference at `begin_s`."""
+    """[[measure]] kind = "step": response of a signal to a step of its reference at `begin_s`."""
 
     kind: Literal["step"]
 
 
 class Tracking(ReferenceMeasure):
-    """[[measure]] kind = "tracking": how far a signal is from its reference."""
+    """[[measure]] kind = "tracking": deviation of a signal from its reference."""
 
     kind: Literal["tracking"]
 
 
 class Lag(ReferenceMeasure):
-    """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
+    """[[measure]] kind = "lag": delay of a signal behind its reference, which has to move."""
 
     kind: Literal["lag"]
     longest: float = setting("s", default=2.0, gt=0, help="maximum lag; at most half the window")
@@ -348,32 +348,32 @@ class SpreadMeasure(SignalMeasure):
 
 
 class Oscillation(SignalMeasure):
-    """[[measure]] kind = "oscillation": the strongest sine in a signal."""
+    """[[measure]] kind = "oscillation": strongest sine in a signal."""
 
     kind: Literal["oscillation"]
     lowest: float = setting("Hz", default=1.0, gt=0, help="minimum frequency; four periods of it must fit the window")
 
 
 class Onset(SignalMeasure):
-    """[[measure]] kind = "onset": when a signal that is true or false first is true."""
+    """[[measure]] kind = "onset": earliest time of a boolean signal being true."""
 
     kind: Literal["onset"]
 
 
 class Path(Window):
-    """[[measure]] kind = "path": how far the true platform is from the reference's path, whenever it was due there."""
+    """[[measure]] kind = "path": distance of the true platform from the reference's path, regardless of timing."""
 
     kind: Literal["path"]
 
 
 class Effort(Window):
-    """[[measure]] kind = "effort": how far the motors were sent, and the work of their shafts."""
+    """[[measure]] kind = "effort": total motion of the motors by their commands, and work of their shafts."""
 
     kind: Literal["effort"]
 
 
 class RequirementMeasure(Window):
-    """[[measure]] kind = "requirement": how far the run is from violating a formula."""
+    """[[measure]] kind = "requirement": robustness of a formula, its distance from violation."""
 
     kind: Literal["requirement"]
     formula: str = setting(

@@ -186,7 +186,7 @@ def _error_message(detail: Any, model: type[BaseModel], table: str) -> str:
 
 
 def _nested_keys(key: str, owner: type[BaseModel]) -> str:
-    """Suggest keys of the subtable for a misplaced one: `'force.reference_N'` for force_N; "" if none match."""
+    """Suggest keys of the subtable for a misplaced one: `'force.reference_N'` for force_N; "" without a match."""
     table, _, unit = key.rpartition("_")
     model = next(
         (nested_model(f.annotation) for name, f in owner.model_fields.items() if table == (f.alias or name)), None

@@ -98,7 +98,8 @@ Task = TypeVar("Task", bound=Settings)
 
 
 class Circle(Settings):
-    """[reference.circle]: level circles, counter-clockwise seen from above, at constant speed from `start_s` on."""
+    """[reference.circle]: horizontal circles, counter-clockwise seen from above, at constant speed from `start_s` on.
+    [reference.circle]: horizontal circles, counter-clockwise seen from above, at constant speed from `start_s` on."""
 
     centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle in frame B")
     radius: float = setting("mm", gt=0, examples=[15.0], help="radius of the circle, which begins at +x")
@@ -120,7 +121,7 @@ class Chirp(Settings):
 
 
 class JointStep(Settings):
-    """[reference.joint_step]: a step of the platform after which one joint alone has another angle."""
+    """[reference.joint_step]: a step of the platform that changes the angle of a single joint."""
 
     point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position")
     joint: Literal[1, 2, 3] = setting(examples=[1], help="joint that moves")
@@ -136,7 +137,7 @@ class JointStep(Settings):
 
 
 class Reference(Settings):
-    """[reference]: way points, straight lines at constant speed between them; or one shape."""
+    """[reference]: waypoints, straight lines at constant speed between them; or one shape."""
 
     t: tuple[float, ...] | None = optional(
         "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, ascending"
@@ -199,7 +200,7 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
 
 
 class Cosim(Settings):
-    """[cosim]: how the components are stepped."""
+    """[cosim]: stepping of the components."""
 
     tick: float = setting("ms", gt=0, help="step in which the components exchange their values")
     scheme: Literal["gauss_seidel", "jacobi"] = setting(
@@ -212,7 +213,7 @@ class Cosim(Settings):
 
 
 class RecordingSettings(Settings):
-    """[recording]: how often the plant, the drives and whatever else has values every tick are recorded."""
+    """[recording]: recording rate of the plant, the drives and all other signals with a value every tick."""
 
     rate: Literal["tick", "controller"] = setting(
         default="tick", help="every tick, or once per period of the controller: half the file"
@@ -231,7 +232,7 @@ class RecordingSettings(Settings):
 
 
 class VelocityLoop(Settings):
-    """[drive.velocity_loop]: our discrete PI before a drive that takes no speed. Gains in the command's SI unit."""
+    """[drive.velocity_loop]: twin's discrete PI for a drive without a speed command. Gains in the command's SI unit."""
 
     kp: float = setting(ge=0, examples=[0.08], help="gain, command per rad/s")
     ki: float = setting(default=0.0, ge=0, help="integral gain, command per rad")
@@ -240,7 +241,7 @@ class VelocityLoop(Settings):
 
 
 class PositionCommand(Settings):
-    """[drive.position_command]: how a servo takes a position; angles as the servo counts its own."""
+    """[drive.position_command]: command of a servo by position; angles in the servo's own convention."""
 
     period: float | None = optional(
         "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
@@ -266,16 +267,16 @@ class PositionCommand(Settings):
 
 
 class Rotor(Settings):
-    """[drive.rotor]: a shaft of ours behind an FMU that gives a torque, felt at the robot's motor shaft."""
+    """[drive.rotor]: a shaft simulated by twin, for an FMU that outputs a torque; values at the robot's motor shaft."""
 
     J: float = setting("kg m2", gt=0, examples=[1e-4], help="inertia")
     b: float = setting("N m s/rad", default=0.0, ge=0, help="viscous friction")
 
 
 class UnpoweredDrive(Settings):
-    """[drive.unpowered]: the motor shaft once a safety monitor has cut the power; each drive then has its own line.
+    """[drive.unpowered]: the motor shaft after a safety monitor has cut the power, with one line per drive.
 
-    Without this table a drive without power does what its FMU does: it stops, or, with a role `enable`, it coasts.
+    Without this table the FMU of an unpowered drive decides: it stops, or, with a role `enable`, it coasts.
     """
 
     holding: float = setting("N m", ge=0, examples=[0.02], help="maximum holding torque of gears and bearings")
@@ -307,7 +308,7 @@ Method = Literal["cvode", "rk4"]
 
 
 class DrivePart(Settings):
-    """[drive.parts.NAME]: one FMU of a drive that is made of several."""
+    """[drive.parts.NAME]: one FMU of a drive with several parts."""
 
     fmu: str = setting(help="an .fmu file")
     sha256: str | None = optional(example="00000000...", help="refuse any other file")
@@ -377,7 +378,7 @@ def whole_ticks(time: float, tick: float) -> int | None:
 
 
 class ChangeTable(Settings):
-    """[[change]]: a value of [controller] that changes while the experiment runs."""
+    """[[change]]: a scheduled change of a value of [controller]."""
 
     t: float = setting("s", gt=0, examples=[8.0], help="time of the change")
     key: str = setting(examples=["controller.force.reference_N"], help="key that changes")

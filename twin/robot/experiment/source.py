@@ -139,7 +139,7 @@ class Source:
         """
         for name, table in tables.items():
             for rule in rules_for(name, table, by_key):
-                # another drive has other parameters: none of the previous ones may stay
+                # another drive has other parameters, so all previous ones are removed
                 self.remove(name, rule.retained)
         self.merge(tables, origin)
 

@@ -41,7 +41,7 @@ class CommonCause(NamedTuple):
         kind: kind of the catalogue.
         target: one of its groups, or a target shared by all parts.
         why: plausible physical cause.
-        threshold: magnitude from which the monitor is expected to detect it, stated before any run.
+        threshold: smallest magnitude that the monitor is expected to detect, stated before any run.
     """
 
     kind: str

@@ -104,7 +104,7 @@ class Client:
         try:
             for message in greeting:
                 await self._connection.send(message)
-            # each answer is awaited, so a viewer that stops reading is no longer served
+            # each answer is awaited, so serving stops for a viewer that stops reading
             async for frame in self._connection:
                 for answer in self._answers(frame):
                     await self._connection.send(answer)

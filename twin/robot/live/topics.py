@@ -34,7 +34,7 @@ class SceneSource(Protocol):
 
 
 class Topics:
-    """Channels of a run and their messages; names, schemas and units equal those of the recording.
+    """Channels of a run and their messages; with the names, schemas and units of the recording.
 
     Args:
         streams, scene, tick: see `twin.robot.run.viewer.Viewer.begin`.

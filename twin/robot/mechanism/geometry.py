@@ -105,7 +105,7 @@ def distal_link(geometry, leg, cos_theta, sin_theta, x, y, z):
 
 
 class Model(Settings):
-    """What both the robot's maker and its controller know of a robot: Fig. 2, Eq. 18-20, the encoders."""
+    """Robot properties known to both maker and controller: Fig. 2, Eq. 18-20, the encoders."""
 
     a: float = setting("mm", gt=0, help="radius of the base triangle, Fig. 2")
     b: float = setting("mm", gt=0, help="radius of the platform triangle, Fig. 2")

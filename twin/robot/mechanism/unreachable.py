@@ -9,7 +9,7 @@ class Unreachable(InputRefused, ValueError):
     Attributes:
         leg: 1, 2 or 3, the leg that cannot follow; 0 if it is not a single leg.
         pose: requested platform position (m) or joint angles (rad).
-        excess: distance by which it is out of reach, in m (always positive).
+        excess: distance from reach, in m (always positive).
     """
 
     def __init__(self, message: str, leg: int, pose: tuple[float, ...], excess: float):

@@ -77,7 +77,7 @@ KEYS_BY_LAW: dict[Law, LawKeys] = {
 
 
 class Contact(Settings):
-    """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
+    """[contact]: a surface, its reaction to pressing and rubbing, and its motion.
 
     Which law the stiffness and the keys of `KEYS_BY_LAW` belong to: see `twin/robot/plant/contact_law.py`.
 

@@ -84,7 +84,7 @@ INITIAL_ANCHORS = np.full((3, ANCHOR_SIZE), np.nan)
 
 
 class Robot(Model):
-    """[robot]: a robot as it is, with what its controller does not model."""
+    """[robot]: a robot, including effects that its controller does not model."""
 
     name: str = setting(help="for people")
     I_r: float = setting("kg m2", ge=0, help="inertia of pulley and encoder about the joint axis")
@@ -162,7 +162,7 @@ class Robot(Model):
 
 
 class TrueRobot(Robot):
-    """[plant]: [robot], where the real one differs from it; and how finely it is integrated."""
+    """[plant]: the true robot where it differs from [robot], and its integration."""
 
     substeps: int = setting(into=None, ge=1, le=1000, help="Runge-Kutta steps per tick")
 
@@ -306,7 +306,7 @@ def _solve_symmetric(a, b, c, d, e, f, x, y, z):
 def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, special=True):
     """Acceleration dv/dt (m/s^2) of the platform and rate dz_b/dt (m/s) of the bristle, two tuples.
 
-    Both are NaN outside the workspace, where there are no joint angles.
+    Both are NaN outside the workspace, for lack of joint angles.
 
     Args:
         parameters: `PlantParameters`, or a record of them.

@@ -56,7 +56,7 @@ class Motion(NamedTuple):
 
 
 class Breathing(Settings):
-    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
+    """[contact.breathing]: the surface rises by twice the amplitude and falls with every breath."""
 
     amplitude: float = setting("mm", field="displacement", ge=0, examples=[1.0], help="half the height of a breath")
     rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
@@ -70,7 +70,7 @@ class Breathing(Settings):
 
 
 class Shift(Settings):
-    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
+    """[contact.shift]: the person moves once, and back again if an end is given."""
 
     by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="displacement (x, y, z)")
     start: float = setting("s", field="onset", ge=0, examples=[5.0], help="start of the motion")

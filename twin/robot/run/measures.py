@@ -15,6 +15,39 @@ if TYPE_CHECKING:
     # the process that supervises a run prints measures without loading NumPy
     from twin.robot.run.hold import HoldSums
 
+FORCE_FLOOR = 0.05
+"""Smallest force difference that counts (N): a step of the paper's scale."""
+LENGTH_FLOOR = 2.5e-5
+"""Smallest length difference that counts (m): one count of a joint encoder, at the platform."""
+TIME_FLOOR = 0.05
+"""Smallest difference of settling times that counts (s)."""
+EFFORT_SHARE = 0.05
+"""Smallest relative difference of current, torque, work and energy that counts."""
+LEAST_CHATTER = 0.05
+"""Minimum amplitude (N) that is reported as chatter."""
+LARGE_OVERSHOOT = 0.05
+"""Overshoot, as a share of the reference, above which the headline reports it."""
+NOT_FOR_TASKS = "not defined for tasks"
+"""Reason for the missing settling time of a run with tasks, whose force follows a ramp."""
+NO_FORCE_LOOP = "no force loop"
+"""Reason for missing force measures of a run in position mode."""
+HELD_INTERVAL = "while a force is held"
+RUN_INTERVAL = "the run, until the safety monitor trips"
+WHOLE_INTERVAL = "the whole run"
+NO_OUTPUT = "no output of these drives"
+HEADLINE_KEYS = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
+"""Measures printed first."""
+SECOND_KEYS = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
+"""Measures printed after the headline."""
+FORCE_KEYS = (
+    *HEADLINE_KEYS, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
+    "end",
+)  # fmt: skip
+"""Measures computable from a force and its reference alone."""
+_HOLD_KEYS = (*HEADLINE_KEYS, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
+              "hold_overshoot_force", "hold_begin", "hold_end", "holds",
+              "felt_stiffness")  # fmt: skip
+
 
 def fixed_point(value: float, digits: int, sign: str = "") -> str:
     """Format `value` with `digits` decimals, without a minus sign if it rounds to zero."""
@@ -133,28 +166,6 @@ class MeasureRow:
         return abs(one - other) > max(self.floor, self.share * max(abs(one), abs(other)))
 
 
-FORCE_FLOOR = 0.05
-"""Smallest force difference that counts (N): a step of the paper's scale."""
-LENGTH_FLOOR = 2.5e-5
-"""Smallest length difference that counts (m): one count of a joint encoder, at the platform."""
-TIME_FLOOR = 0.05
-"""Smallest difference of settling times that counts (s)."""
-EFFORT_SHARE = 0.05
-"""Smallest relative difference of current, torque, work and energy that counts."""
-LEAST_CHATTER = 0.05
-"""Minimum amplitude (N) that is reported as chatter."""
-LARGE_OVERSHOOT = 0.05
-"""Overshoot, as a share of the reference, above which the headline reports it."""
-NOT_FOR_TASKS = "not defined for tasks"
-"""Reason for the missing settling time of a run with tasks, whose force follows a ramp."""
-NO_FORCE_LOOP = "no force loop"
-"""Reason for missing force measures of a run in position mode."""
-HELD_INTERVAL = "while a force is held"
-RUN_INTERVAL = "the run, until the safety monitor trips"
-WHOLE_INTERVAL = "the whole run"
-NO_OUTPUT = "no output of these drives"
-
-
 def _overshoot(hold: "HoldSums", run: RunOutcome) -> Value:
     if hold.request.forces:
         return max((one.overshoot for one in hold.tasks if one.overshoot is not None), default=None)
@@ -218,26 +229,30 @@ MEASURE_ROWS = (
     MeasureRow("held_lateral_error", "lateral error while held", MM,
                "rms distance of the true position from the reference in x and y", HELD_INTERVAL, _rms("lateral"), 2,
                LENGTH_FLOOR),
-    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD_INTERVAL, _rms("z"),
-               3, LENGTH_FLOOR),
-    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque, share=EFFORT_SHARE),
+    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one",
+               HELD_INTERVAL, _rms("z"), 3, LENGTH_FLOOR),
+    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque,
+               share=EFFORT_SHARE),
     MeasureRow("current", "largest current", A, "largest current of any drive", RUN_INTERVAL,
                lambda hold, run: _reported_value(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
-    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN_INTERVAL,
-               lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
-    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN_INTERVAL, lambda hold, run: hold["energy"],
-               2, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive",
+               RUN_INTERVAL, lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN_INTERVAL,
+               lambda hold, run: hold["energy"], 2, share=EFFORT_SHARE, missing=NO_OUTPUT),
     MeasureRow("hold_mean_error", "mean force error while held", N,
                "mean of the true pressing force minus its reference", HELD_INTERVAL, _mean("error"), floor=FORCE_FLOOR),
     MeasureRow("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
                "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
-    MeasureRow("hold_begin", "held from", S, "first held tick", HELD_INTERVAL, lambda hold, run: hold["first"] * hold["dt"]),
-    MeasureRow("hold_end", "held until", S, "last held tick", HELD_INTERVAL, lambda hold, run: hold["last"] * hold["dt"]),
+    MeasureRow("hold_begin", "held from", S, "first held tick", HELD_INTERVAL,
+               lambda hold, run: hold["first"] * hold["dt"]),
+    MeasureRow("hold_end", "held until", S, "last held tick", HELD_INTERVAL,
+               lambda hold, run: hold["last"] * hold["dt"]),
     MeasureRow("holds", "holds", COUNT, "number of times that a force is held without a break", HELD_INTERVAL,
                lambda hold, run: hold.holds, 0),
     MeasureRow("felt_stiffness", "stiffness felt", N_PER_M,
-               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD_INTERVAL,
-               lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
+               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J",
+               HELD_INTERVAL, lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE,
+               missing="the robot is not known"),
     MeasureRow("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
                "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
                missing="no touch with the force loop on"),
@@ -250,25 +265,13 @@ MEASURE_ROWS = (
     MeasureRow("lateral_error", "lateral error", MM,
                "rms distance of the true position from the pre-defined reference in x and y", WHOLE_INTERVAL,
                lambda hold, run: run.lateral_error, 2, LENGTH_FLOOR),
-    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE_INTERVAL,
-               lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
-    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE_INTERVAL,
-               lambda hold, run: run.early_trigger, missing="the force loop is never on"),
+    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included",
+               WHOLE_INTERVAL, lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
+    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air",
+               WHOLE_INTERVAL, lambda hold, run: run.early_trigger, missing="the force loop is never on"),
 )  # fmt: skip
 """Every measure, in display order."""
 ROWS_BY_KEY = {measure.key: measure for measure in MEASURE_ROWS}
-HEADLINE_KEYS = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
-"""Measures printed first."""
-SECOND_KEYS = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
-"""Measures printed after the headline."""
-FORCE_KEYS = (
-    *HEADLINE_KEYS, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
-    "end",
-)  # fmt: skip
-"""Measures computable from a force and its reference alone."""
-_HOLD_KEYS = (*HEADLINE_KEYS, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
-              "hold_overshoot_force", "hold_begin", "hold_end", "holds",
-              "felt_stiffness")  # fmt: skip
 
 
 def compute_measures(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:

@@ -16,14 +16,14 @@ class MonitorWork(Observer):
     """Finds the first tick with an effect of the monitor on the robot.
 
     The monitor is idle while its output command equals its input bit for bit and the power stays on. If nothing else
-    reads more of it than command and power, all other signals then equal those of a run without it, by induction over
+    reads more of it than command and power, all other signals then equal a run without it, by induction over
     ticks. A drive with an enable input is called differently if there is a monitor, so there the tick is 0.
 
     Args:
         past: observer of the run whose state this run continues.
 
     Attributes:
-        first: first tick of a possible difference to the run without monitor; infinity if there is none.
+        first: first tick of a possible difference to the run without monitor; infinity without one.
     """
 
     def __init__(self, past: "MonitorWork | None" = None):

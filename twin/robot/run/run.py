@@ -48,6 +48,18 @@ from twin.robot.run.viewer import Pace, Punctuality, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
+NO_STATE_DEPENDS_ON = ("recording", "title")
+"""Keys of an experiment that do not affect a saved state."""
+MAX_POLE_STEP = 2.7
+"""Maximum |pole| times step for stable classical Runge-Kutta: 2.78 on the real axis, 2.83 on the imaginary one."""
+DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
+"""Steps of the numerical derivatives: m, m/s, and m of the bristle."""
+PRESSED_DEPTH = 1e-3
+"""Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
+SLICE_TICKS = BLOCK_TICKS
+SUMMARY_FILE = "summary.json"
+Report = Callable[[int, int], None]
+
 
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
     """Return the metadata that records a run's origin; independent of time, place and user."""
@@ -103,10 +115,6 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
     }
 
 
-NO_STATE_DEPENDS_ON = ("recording", "title")
-"""Keys of an experiment that do not affect a saved state."""
-
-
 def _identity_parts(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], dict[str, str], dict[str, Any]]:
     """Return package versions, SHA-256 of each part's file, and experiment values that identify a run."""
     values = json.loads(provenance["experiment"]["values"])
@@ -140,14 +148,6 @@ def _without_folder(key: str, value: Any) -> Any:
     return Path(value).name if key in FILE_KEYS else value
 
 
-MAX_POLE_STEP = 2.7
-"""Maximum |pole| times step for stable classical Runge-Kutta: 2.78 on the real axis, 2.83 on the imaginary one."""
-DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
-"""Steps of the numerical derivatives: m, m/s, and m of the bristle."""
-PRESSED_DEPTH = 1e-3
-"""Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
-
-
 def fast_pole_remedy(experiment: Experiment) -> str:
     """Return a remedy for the plant's fastest pole as a sentence; "" if the integrator is stable."""
     step = experiment.cosim.tick / experiment.plant.substeps
@@ -160,8 +160,8 @@ def fast_pole_remedy(experiment: Experiment) -> str:
     remedy = f"set [plant] substeps = {needed}, or " if needed <= 1000 else ""
     return (
         f"The plant's fastest pole is about {pole:.2g} 1/s, and steps of {1e6 * step:g} us ([cosim] tick_ms / [plant] "
-        f"substeps) follow at most {MAX_POLE_STEP / step:.2g} 1/s: {remedy}look for a stiffness or damping that is too large "
-        "or a mass that is too small."
+        f"substeps) follow at most {MAX_POLE_STEP / step:.2g} 1/s: {remedy}look for a stiffness or damping that is too "
+        "large or a mass that is too small."
     )
 
 
@@ -192,12 +192,6 @@ def _fastest_eigenvalue(parameters: PlantParameters, x: np.ndarray, theta_m: np.
     if not np.isfinite(jacobian).all():
         return np.inf
     return float(np.abs(np.linalg.eigvals(jacobian)).max())
-
-
-SLICE_TICKS = BLOCK_TICKS
-SUMMARY_FILE = "summary.json"
-
-Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ class Trace(Observer):
         return self.held(key)[:: self._stride(self._signal(key).period)]
 
     def held(self, key: str) -> NDArray:
-        """Return the zero-order-held values of `topic.field` at the times `t`, shaped as those of `[]`.
+        """Return the zero-order-held values of `topic.field` at the times `t`, shaped as by `[]`.
 
         Raises:
             UnknownSeries: the signal was not kept.

@@ -20,7 +20,7 @@ class Tuning(Observer):
     `values`, `request` and `close` may be called from any thread.
 
     Attributes:
-        first: event text of the first change by hand; "" if there was none.
+        first: event text of the first change by hand; "" without one.
     """
 
     lasting = ("first", "_values")

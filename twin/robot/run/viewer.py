@@ -42,7 +42,7 @@ class Viewer(Protocol):
 
 
 class ViewerObserver(Observer):
-    """An observer that passes a run to `viewer`; the arguments are those of `Viewer.begin`."""
+    """An observer that passes a run to `viewer`, with the arguments of `Viewer.begin`."""
 
     def __init__(self, viewer: Viewer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
         self._viewer, self._streams, self._scene, self._tuning = viewer, streams, scene, tuning

@@ -89,7 +89,8 @@ def _robot_contradictions(monitor: Monitor, belief: MonitorBelief, sample_period
         if getattr(monitor, key) < MIN_RESOLUTION_RATIO * resolved:
             mistakes.append(
                 f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is below the resolution of the "
-                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least {MIN_RESOLUTION_RATIO:g} times that"
+                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least "
+                f"{MIN_RESOLUTION_RATIO:g} times that"
             )
     return mistakes
 
