@@ -51,6 +51,8 @@ AXES = ("x", "y", "z")
 _ELEMENT_PATTERN = re.compile(r"\[(\d+)\]$")
 """Index at the end of a name. Users count the values of a port from 0, as recordings do; roles count from 1, as FMUs
 do."""
+Side = Literal["input", "output"]
+_PORT_SIDES: tuple[Side, Side] = ("input", "output")
 
 
 @dataclass(frozen=True)
@@ -125,10 +127,6 @@ class SampledFmu:
                 first = begin + (int(index[1]) - 1 if index else 0)
                 found += range(first, first + binding.variable.size)
         return found
-
-
-Side = Literal["input", "output"]
-_PORT_SIDES: tuple[Side, Side] = ("input", "output")
 
 
 def sampled_fmu(

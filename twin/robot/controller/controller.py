@@ -69,6 +69,7 @@ LAW_OUTPUTS = (
 )
 P_REF_B = next(port for port in LAW_OUTPUTS if port.name == "p_ref_B")
 WAY_MEMORY = record(segment=state("i8", below="way_points"), way_points="i8", times="i8", points="i8")
+Ports = tuple[Port, ...]
 
 
 class Belief(
@@ -156,9 +157,6 @@ class Estimator(NativeComponent):
 
     def explain(self, status: int) -> str:
         return "found no pose that fits the first encoder counts"
-
-
-Ports = tuple[Port, ...]
 
 
 def controller_ports(inputs: Ports, outputs: Ports, adaptive: bool, tank: bool) -> tuple[Ports, Ports]:

@@ -15,6 +15,9 @@ from pydantic import model_validator
 from twin.kernel.cosim.port import record_of
 from twin.kernel.settings import Settings, Triple, setting
 
+Point = tuple[float, float]
+"""x and y in the base frame (m)."""
+
 
 class PhaseKind(IntEnum):
     """Kind of a phase, in the words of Sec. III.B."""
@@ -98,10 +101,6 @@ class Phase(NamedTuple):
 
 
 PHASE_RECORD = record_of(Phase)
-
-
-Point = tuple[float, float]
-"""x and y in the base frame (m)."""
 
 
 class Approach(Settings):

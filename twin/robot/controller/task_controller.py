@@ -77,6 +77,7 @@ TASK_MEMORY = record(
     **states(low=LOW_PASS_RECORD, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
 )
 ADAPTIVE_TASK_MEMORY = with_adaptive(TASK_MEMORY)
+_phases_at = pointer_to(PHASE_RECORD)
 
 
 class Touch(Settings):
@@ -98,9 +99,6 @@ class Touch(Settings):
         le=1,
         help="share of a tap's force error that the next one corrects; needs [controller.tissue]",
     )
-
-
-_phases_at = pointer_to(PHASE_RECORD)
 
 
 @njit(cache=True)

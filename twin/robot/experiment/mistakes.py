@@ -30,6 +30,7 @@ _BOUND_SIGNS = {
     "less_than": ("lt", "<"),
     "less_than_equal": ("le", "<="),
 }
+Model = TypeVar("Model", bound=BaseModel)
 
 
 def unit_hints(values: Mapping[str, Any]) -> list[str]:
@@ -76,9 +77,6 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-Model = TypeVar("Model", bound=BaseModel)
 
 
 class _LiteralTable:

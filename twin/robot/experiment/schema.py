@@ -38,6 +38,9 @@ FORCE_LOOP_PREFIX = "controller.force."
 """Prefix of the force loop's keys."""
 SCHEDULED_KEYS = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
 """Keys that may not change if [controller.force] has a schedule of them."""
+Task = TypeVar("Task", bound=Settings)
+Kind = Literal["co_simulation", "model_exchange"]
+Method = Literal["cvode", "rk4"]
 
 
 class ChangeableSetting(NamedTuple):
@@ -92,9 +95,6 @@ class DeclaredTables:
         """Return the keys of [controller.model], whose missing values are the robot's."""
         model = nested_model(self.tables["controller"].model_fields["model"].annotation)
         return [] if model is None else toml_keys(model)
-
-
-Task = TypeVar("Task", bound=Settings)
 
 
 class Circle(Settings):
@@ -301,10 +301,6 @@ def _check_parameter(value: Any) -> Any:
 
 
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_check_parameter)]
-
-
-Kind = Literal["co_simulation", "model_exchange"]
-Method = Literal["cvode", "rk4"]
 
 
 class DrivePart(Settings):
