@@ -220,25 +220,25 @@ def _entity(frame: str, **primitives: Any) -> SceneEntity:
 
 
 def _base(geometry: Geometry) -> SceneEntity:
-    """A disc through the base joints, and a motor at each."""
+    """Build the base: a disc through the base joints, and a motor at each."""
     plate = _disc(geometry.a, 0.5 * PLATE_THICKNESS, GREY)
     return _entity(BASE_FRAME, cylinders=[plate, *_axles(geometry.a, MOTOR_DIAMETER, GREY)])
 
 
 def _link(name: str, geometry: Geometry) -> SceneEntity:
-    """A proximal link, with the axle at A_i that carries both rods."""
+    """Build a proximal link, with the axle at A_i that carries both rods."""
     axle = _cylinder(AXLE_DIAMETER, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
     return _entity(name, cylinders=[_bar(geometry.l_a, LINK_DIAMETER, BLUE), axle])
 
 
 def _platform(geometry: Geometry) -> SceneEntity:
-    """A disc that stands on O_P, the point that touches, and the three axles at P_i."""
+    """Build the platform: a disc on O_P, the contact point, and the three axles at P_i."""
     plate = _disc(geometry.b, 0.5 * PLATE_THICKNESS, YELLOW)
     return _entity(PLATFORM_FRAME, cylinders=[plate, *_axles(geometry.b, AXLE_DIAMETER, YELLOW)])
 
 
 def _surface(contact: Contact) -> SceneEntity:
-    """Shape of the surface: a plate, or a sphere or cylinder below its apex."""
+    """Build the surface: a plate, or a sphere or cylinder below its apex."""
     color = SURFACE_COLORS[contact.kind]
     if contact.radius is None:
         size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE_THICKNESS)
@@ -265,7 +265,7 @@ def _bar(length: float, diameter: float, color: Color) -> CylinderPrimitive:
 
 
 def _disc(radius: float, height: float, color: Color) -> CylinderPrimitive:
-    """A flat cylinder with its middle at `height` on z."""
+    """A flat cylinder centred on z at `height`."""
     return _cylinder(2.0 * radius, PLATE_THICKNESS, color, pose((0.0, 0.0, height)))
 
 

@@ -432,7 +432,7 @@ def wire_error(variables: Mapping[str, Variable], source: str, target: str) -> s
     """Return the reason why a wire from `source` to `target` is impossible; "" if it is possible."""
     for end, causalities in ((source, ("output", "local")), (target, ("input",))):
         if end not in variables:
-            return f"there is no {end}"
+            return f"{end} does not exist"
         if variables[end].causality not in causalities or variables[end].kind < 0:
             return f"{end} has causality {variables[end].causality} and type {variables[end].type}"
     a, b = variables[source].conversion, variables[target].conversion

@@ -137,7 +137,7 @@ _ENCODER_KINDS = {
     "encoder_drift": FaultKind(
         "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0,
         2.0),
-        f"{_SAME_ENCODER}, and the force loop corrects what it believes; motors that lose speed under load show the "
+        f"{_SAME_ENCODER}, and the force loop corrects the believed force; motors that lose speed under load show the "
         "force, behind others only the limits of deflection, depth or workspace end it",
         "deg_per_s", (0.1, 0.5, 2.0), excess_from=2.0,
     ),
@@ -159,7 +159,7 @@ _ENCODER_KINDS = {
     ),
     "encoder_dropout_nan": FaultKind(
         "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED,
-        "a count that is no number",
+        "a count is NaN",
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_stuck": FaultKind(
@@ -202,18 +202,18 @@ _MESSAGE_KINDS = {
     ),
     "controller_overrun": FaultKind(
         "message", ("controller",), "commands leave the controller late", NEVER_DETECTED,
-        "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
+        "a late command carries no counter, so only its effect on the motion is visible",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "command_held": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them keeps the last one",
+        "message", ("controller", "bus"), "commands are lost at random; the receiver keeps the last one",
         DetectionThreshold(1.0, None),
         "from the controller it is a command like any other, until it has led to a limit of force; on the bus the "
         "motors keep the speed that they had, and are off their command as soon as that is another one",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
     "command_lost": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed",
+        "message", ("controller", "bus"), "commands are lost at random; the receiver reads zero speed",
         NEVER_DETECTED,
         "the robot stands still, or moves more slowly than asked",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
@@ -304,7 +304,7 @@ _DRIVE_KINDS = {
         "share", (0.5, 0.05, 0.01), SHARE_BOUNDS,
     ),
     "power_off": FaultKind(
-        "command", ("power",), "the supply of all drives is gone: what they do without power, see [drive.unpowered]",
+        "command", ("power",), "the supply of all drives fails; [drive.unpowered] has their behaviour without power",
         ALWAYS_DETECTED, f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
     ),
 }  # fmt: skip
@@ -323,7 +323,7 @@ _BODY_KINDS = {
     ),
     "breathing": FaultKind(
         "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", NEVER_DETECTED,
-        "it is what a healthy body does; the force loop follows it",
+        "a healthy body does the same; the force loop follows it",
         "mm", (0.5, 2.0, 5.0), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip

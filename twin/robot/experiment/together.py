@@ -20,9 +20,9 @@ from twin.robot.experiment.fault import (
 
 _BOARD_CAUSE, _SUPPLY_CAUSE, _BATCH_CAUSE = "one bus or driver board", "one supply or cable", "one batch or one repair"
 EQUIVALENT_FAULTS = {
-    ("controller", "bus"): "who repeats the last command is the same to the drives",
-    ("motor encoder", "messages"): "what does not arrive cannot be wrong",
-    ("joint encoder", "messages"): "what does not arrive cannot be wrong",
+    ("controller", "bus"): "drives cannot distinguish the two sources of a repeated command",
+    ("motor encoder", "messages"): "missing messages cannot be wrong",
+    ("joint encoder", "messages"): "missing messages cannot be wrong",
 }
 """Pairs that are equivalent to a single fault."""
 RUNAWAY_KIND = "drive_runaway"

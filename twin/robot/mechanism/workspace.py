@@ -41,7 +41,7 @@ def _reachable(lengths, positions, poses, reachable):
 def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
     """Whether all legs reach with the knees outward, on the home pose's side of the parallel singularity.
 
-    Beyond it the joint angles exist too, but the robot stands elsewhere at those angles: it cannot cross.
+    Beyond it the joint angles exist too, but the robot, which cannot cross, has another pose at these angles.
 
     Args:
         geometry: lengths of Fig. 2.
@@ -80,7 +80,7 @@ def ball_joint_angles(geometry: Geometry, p_B: NDArray[np.float64]) -> NDArray[n
 def clearances(
     geometry: Geometry, bars: Bars, p_B: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """How far bars of different legs stay apart (m, negative where they meet), (n,), and the two that are nearest.
+    """Clearance between bars of different legs (m, negative in collision), (n,), and the nearest pair.
 
     A bar is numbered 3 leg + kind, with the legs from 0, kind 0 the link and 1 and 2 its rods, (n, 2).
 
@@ -132,13 +132,14 @@ def _dot(a, b):
 
 @njit(cache=True)
 def segment_distance(a, b, c, d):
-    """Between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection, 5.1.9."""
-    # triples: an array for each difference would take ten times as long as all of the arithmetic
+    """Distance between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection,
+    5.1.9."""
+    # triples, as an array for each difference would take ten times as long as all of the arithmetic
     ab, cd, ca = _difference(a, b), _difference(c, d), _difference(c, a)
     aa, dd, ad = _dot(ab, ab), _dot(cd, cd), _dot(ab, cd)
     f, e = _dot(cd, ca), _dot(ab, ca)
     across = aa * dd - ad * ad
-    # parallel ones are as near at any point of them
+    # parallel segments have the same distance everywhere
     s = min(max((ad * f - e * dd) / across, 0.0), 1.0) if across > 1e-12 * aa * dd else 0.0
     t = (ad * s + f) / dd
     if t < 0.0:

@@ -65,7 +65,7 @@ class Breathing(Settings):
 
     @property
     def motion(self) -> Motion:
-        """The motion along z."""
+        """Breathing as a motion along z."""
         return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
 
 
@@ -79,7 +79,7 @@ class Shift(Settings):
 
     @property
     def motion(self) -> Motion:
-        """The motion of the table."""
+        """The shift as a motion."""
         return Motion(MotionKind.SHIFT, **numbers(self))
 
 

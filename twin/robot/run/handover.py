@@ -48,7 +48,7 @@ class BranchPoint:
 
     @property
     def branch_state(self) -> StoredState:
-        """The state at the tick.
+        """State of the run at the tick.
 
         Raises:
             InputRefused: a component cannot save its state.
@@ -70,7 +70,9 @@ class BranchPoint:
         """
         for role in {**self._experiment.stand_ins, **branched.stand_ins}:
             if self._experiment.stand_ins.get(role) != branched.stand_ins.get(role):
-                raise InputRefused(f"{role} cannot change in mid-run: what a third-party part holds fits no other one")
+                raise InputRefused(
+                    f"{role} cannot change in mid-run: the state of a third-party part fits no other part"
+                )
         if self._saved is not None:
             yield self.branch_state
             return

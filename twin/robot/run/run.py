@@ -155,7 +155,7 @@ def fast_pole_remedy(experiment: Experiment) -> str:
     if not pole * step > MAX_POLE_STEP:
         return ""
     if pole == np.inf:
-        return "The plant's poles are no numbers: look for a stiffness, mass or damping that is absurd."
+        return "The plant's poles are not finite: look for an absurd stiffness, mass or damping."
     needed = int(np.ceil(pole * experiment.cosim.tick / MAX_POLE_STEP))
     remedy = f"set [plant] substeps = {needed}, or " if needed <= 1000 else ""
     return (

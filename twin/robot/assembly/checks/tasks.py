@@ -75,7 +75,7 @@ def _single_task_errors(s: TaskContext, task: Task) -> Iterator[str]:
     if s.controller.touch is not None and task.force <= s.controller.touch.contact:
         yield (
             f"force_N = {task.force:g} is not above [controller.touch] contact_N = {s.controller.touch.contact:g}, "
-            "at which contact is felt"
+            "the threshold of contact"
         )
     if problem := _reach_error(s, path):
         yield problem
