@@ -187,8 +187,8 @@ def joint_drives(build: Build) -> Makers:
 
 
 def have_power_lines(experiment: Experiment) -> bool:
-    """Whether twin's own monitor has a power line per drive: it does if drives specify their behaviour without power.
-    Whether twin's own monitor has a power line per drive: it does if drives specify their behaviour without power."""
+    """Whether twin's own monitor has a power line per drive: it does if drives specify their behaviour without
+    power."""
     stated = any(drive.unpowered is not None for drive in experiment.drives)
     return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
 

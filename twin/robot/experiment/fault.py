@@ -395,8 +395,8 @@ class Fault:
 
 
 class FaultTable(Settings):
-    """Keys common to all kinds; without `duration_s` the fault is permanent, without `target` it hits the kind's first.
-    Keys common to all kinds; without `duration_s` the fault is permanent, without `target` it hits the kind's first."""
+    """Keys common to all kinds; without `duration_s` the fault is permanent, without `target` it hits the kind's
+    first."""
 
     kind: str
     target: str | None = setting(default=None, help="target; without it the kind's first")
