@@ -194,8 +194,7 @@ def have_power_lines(experiment: Experiment) -> bool:
 
 
 def unpowered_shafts(build: Build) -> Makers:
-    """Constructors of `shaft_1` to `shaft_3`, if the drives specify their behaviour without power and a monitor may cut
-    it.
+    """Constructors of `shaft_1` to `shaft_3`, if drives specify their behaviour without power and a monitor may cut it.
 
     Raises:
         InputRefused: only some drives specify it.

@@ -97,8 +97,7 @@ class Circuit:
         self.insert(fault, sources)
 
     def insert(self, fault: Component, sources: Iterable[End]) -> None:
-        """Insert `fault` into the component order after the last one that feeds it; it may return NaN if a source
-        may."""
+        """Insert `fault` into the component order after its last source; it may return NaN if a source may."""
         feeding = {source.component for source in sources}
         fault.finite = fault.finite and all(c.finite for c in self.components if c.name in feeding)
         self.components.insert(1 + max(i for i, c in enumerate(self.components) if c.name in feeding), fault)
@@ -304,8 +303,7 @@ def _drive_end(circuit: Circuit, number: int, target: str, joint: int, port: str
 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:
-    """Insert a parameter change. The magnitude is a factor, or a summand if it has a unit; without one the factor is
-    0."""
+    """Insert a parameter change. The magnitude is a factor (0 without one), or a summand if it has a unit."""
     place = FAULT_PLACES[fault.kind]
     element = _element_index(fault.target)
     owner = circuit.component(place.component, number, fault.target)

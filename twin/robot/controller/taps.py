@@ -6,8 +6,8 @@ the joints. Height and force pass the same low-pass, whose derivatives of the he
     F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
 
 with b from the motion through the air, where F is 0. The probe measures the stiffness, and the indentation from contact
-to the requested force. A tap reverses that far below the detected surface; the excess of its
-largest F over the requested one, divided by the stiffness, is its depth error.
+to the requested force. A tap reverses that far below the detected surface; the excess of its largest F over the
+requested one, divided by the stiffness, is its depth error.
 """
 
 import math
@@ -41,9 +41,10 @@ TAPS_RECORD = record(
         **fields_of_form("f8", "peak level speed t_turn"),
     ),
 )
-"""State of the learning. share: share of the error that the next tap corrects. mass: moving mass (kg) at the beginning
-of the
-phase. g: filter coefficient; 0 if they are stopped. z_fast .. F_slow: filter states, relative to the height z_0.
+"""State of the learning.
+
+share: share of the error that the next tap corrects. mass: moving mass (kg) at the beginning of the phase. g: filter
+coefficient; 0 while the filters are stopped. z_fast .. F_slow: filter states, relative to the height z_0.
 kind: phase of the previous call. vF, vv: sums of speed times force and of squared speed in the air. z_begun, F_begun:
 start of the probe. k, depth: stiffness measured by it (N/m), and depth of a tap from contact (m). z_before, F_before:
 height and force of the previous call. felt: whether the current tap has detected the surface. peak, level: its largest

@@ -128,8 +128,7 @@ def write_feed_forward(m, phase, J, t, h, v_shift):
 
 @njit(cache=True, inline="always")
 def control(m, t, h, u, y, shift, v_shift):
-    """Execute one call of machine and law, with the z reference additionally shifted by `shift` (m) at `v_shift`
-    (m/s)."""
+    """Execute one call of machine and law, with a z reference shifted by `shift` (m), moving at `v_shift` (m/s)."""
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
     share = cached_share(m.low, m.law.corner, h)
     before = m.F_z

@@ -31,8 +31,7 @@ SETTLING_TIME_CONSTANTS = 3.0
 EXCITATION_RATIO = 10.0
 """Minimum ratio of the band-passed height's rms to the rms of its rounding noise, for motion to count."""
 DRIFT_RATE = 0.03
-"""Relative change of the stiffness per second (1/s) that is assumed possible while the height moves without
-learning."""
+"""Assumed relative change of stiffness per second (1/s) while the height moves without learning."""
 MISFIT_RATIO = 3.0
 """Minimum ratio of the residual force to the standard error's effect that invalidates the estimate."""
 COUNT_NOISE_RATIO = math.sqrt(12.0)

@@ -395,7 +395,7 @@ class Fault:
 
 
 class FaultTable(Settings):
-    """Keys common to all kinds; without `duration_s` the fault is permanent, without `target` it hits the kind's
+    """Keys common to all kinds; without `duration_s` a fault is permanent, without `target` it hits the kind's
     first."""
 
     kind: str

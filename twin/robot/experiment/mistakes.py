@@ -117,8 +117,7 @@ def check_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes
 
 
 def numbered_tables(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
-    """Return the tables of the array [[name]], numbered from 1; empty, with an error message, if it is a single
-    table."""
+    """Return the tables of the array [[name]], numbered from 1; empty, with an error message, for a single table."""
     if isinstance(tables, tuple):
         return enumerate(tables, start=1)
     mistakes.append(f"[{name}]: a single table; {name}s are an array of tables, write [[{name}]]")

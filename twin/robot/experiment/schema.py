@@ -98,8 +98,7 @@ class DeclaredTables:
 
 
 class Circle(Settings):
-    """[reference.circle]: horizontal circles, counter-clockwise seen from above, at constant speed from `start_s`
-    on."""
+    """[reference.circle]: horizontal circles, counter-clockwise from above, at constant speed from `start_s` on."""
 
     centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle in frame B")
     radius: float = setting("mm", gt=0, examples=[15.0], help="radius of the circle, which begins at +x")

@@ -163,8 +163,7 @@ def friction(parameters, F_n, z_1, z_2, v_1, v_2):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
-    """Bristle rate dz_b/dt (m/s): the tangential velocity, without the component that would stretch a sliding
-    bristle."""
+    """Bristle rate dz_b/dt (m/s): tangential velocity, without the component that would stretch a sliding bristle."""
     limit = parameters.mu * F_n / parameters.sigma_0
     length = math.sqrt(z_1 * z_1 + z_2 * z_2)
     # return mapping leaves a sliding bristle at the limit: its last bit must not decide whether it slides

@@ -4,8 +4,8 @@
     Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Ch. 2
     exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Ch. 7
 
-F is clamped at 0: a surface does not pull. Each is an elastic force with a potential, plus a term with the
-sign of d_dot; clamping only removes energy that would be returned. So no closed cycle gains energy.
+F is clamped at 0: a surface does not pull. Each law is an elastic force with a potential, plus a term with the sign of
+d_dot; clamping only removes energy that would be returned. So no closed cycle gains energy.
 
 Hunt and Crossley's stiffness has the unit N/m^n; here K (N/m) is the secant stiffness at the reference depth d_ref,
 F(d_ref) = K d_ref, so that n has no unit to carry. In the exponential law K is the stiffness at first touch.

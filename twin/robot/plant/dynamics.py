@@ -374,8 +374,8 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """Compute dx/dt into `dx`, for the state `x` (8,), see `STATE_SIZE`, without dry friction; else as
-    `acceleration`."""
+    """Compute dx/dt into `dx` for the state `x` (8,), see `STATE_SIZE`, without dry friction, as `acceleration`
+    does."""
     derivative_near(parameters, x, theta_m, s_B, v_s_B, INITIAL_ANCHORS, dx)
 
 

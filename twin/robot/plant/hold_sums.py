@@ -4,8 +4,8 @@ With F the true pressing force, R its reference and e = F - R, row by row:
 
 - s0 is the first row with the force loop on at or after the first touch (F > 0).
 - Held rows. With tasks: phases hold, circle and push. Without: the loop is on, 2 s have passed since s0, and R has not
-  moved for 2 s. R must be positive. The time is fixed, not "from settling
-  on", as the interval must not depend on the evaluated run.
+  moved for 2 s. R must be positive. The time is fixed, as the interval must not depend on the settling of the
+  evaluated run.
 - Overshoot: largest e in the 2 s from s0 on; for a task the largest F less its force, from its first row with the loop
   on to 1 s after its first held row.
 - Settling: from s0 to the row after the last |e| > 5 % of R before the first hold ends.

@@ -3,8 +3,8 @@
 With tau the time since onset:
 
     breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, so a breath lifts the surface by 2 A. It starts and
-            ends between two breaths, where displacement and velocity are 0; a breath in progress at `end` is
-            completed.
+                ends between two breaths, where displacement and velocity are 0; a breath in progress at `end` is
+                completed.
     shift       s = D m(tau / rise), back again from `end` on; m(q) = 10 q^3 - 15 q^4 + 6 q^5 is the path of least jerk
                 (Flash and Hogan 1985, J Neurosci 5:1688) and keeps the acceleration continuous, too.
 """

@@ -9,8 +9,7 @@ from twin.robot.experiment.experiment import Experiment
 SECONDS_PER_TICK = 20e-6
 """Wall time (s) per tick, stepping and recording, with a compiled drive; a drive in Python needs ten times as long."""
 BYTES_PER_TICK = 350
-"""Recording size (bytes) per tick; the shipped experiments and drives need 300 to 410, half of it at rate
-"controller"."""
+"""Recording size (bytes) per tick: 300 to 410 with the shipped experiments and drives, half at rate "controller"."""
 MAX_DISK_BYTES = 5e9
 """Maximum size (bytes) of recordings that start without confirmation."""
 

@@ -20,8 +20,7 @@ from twin.robot.plant.hold_sums import HOLD_SIGNALS, SUMS_RECORD, TASK_SUMS, add
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 """Phases of tasks that hold a force."""
 TOUCH_GRACE = 2.0
-"""Time (s) allowed to reach the force in a run without tasks, from the first touch and from each step of the
-reference."""
+"""Time (s) to reach the force in a run without tasks, from the first touch and from each step of the reference."""
 TASK_GRACE = 1.0
 """Search time (s) for the overshoot of a task, from its first held row."""
 SETTLING_BAND = 0.05
