@@ -339,7 +339,7 @@ class Scene:
     """
 
     def __init__(self, experiment: Experiment, system: System):
-        """Prepare to draw the run of `experiment` by `system`, which has a plant, an estimator and possibly a moving
+        """Prepare to draw the run of `experiment` by `system`, with a plant, an estimator and possibly a moving
         body."""
         self._period, self._begins_at = max(1, round(1.0 / (PICTURE_RATE * system.tick))), 0
         self._geometry = geometry_of(experiment.plant)
@@ -381,8 +381,10 @@ def surface_pose(contact: Contact) -> NDArray[np.float64]:
 
 
 def transforms_example(beside: str = "") -> FrameTransforms:
-    """Build a `foxglove.FrameTransforms` of all `SCENE_FRAMES`, their names prefixed with `beside`, with blanks in the
-    order of `poses`."""
+    """Build a `foxglove.FrameTransforms` of all `SCENE_FRAMES`, with blanks in the order of `poses`.
+
+    The names of the frames get the prefix `beside`.
+    """
     transforms = []
     for number, frame in enumerate(SCENE_FRAMES):
         x, y, z, *q = (blank_value(POSE_SIZE * number + i) for i in range(POSE_SIZE))

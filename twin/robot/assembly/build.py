@@ -187,8 +187,7 @@ def joint_drives(build: Build) -> Makers:
 
 
 def have_power_lines(experiment: Experiment) -> bool:
-    """Whether twin's own monitor has a power line per drive: it does if drives specify their behaviour without
-    power."""
+    """Whether twin's own monitor has a power line per drive, as drives specify their behaviour without power."""
     stated = any(drive.unpowered is not None for drive in experiment.drives)
     return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
 
@@ -236,8 +235,7 @@ def _repeated_single_instance(fmus: Collection[FmuDescription]) -> FmuDescriptio
 
 
 def resting_plant(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
-    """Build the plant in static equilibrium at the first waypoint of its reference; return it with its motor angles
-    (3,), rad.
+    """Build the plant at rest at the first waypoint of its reference; return it with its motor angles (3,), rad.
 
     Args:
         moved: whether a third-party body moves the surface.

@@ -99,7 +99,7 @@ class DrivePlan:
         return replace(self, switched=any(b.port.name == ENABLE_ROLE and b.name not in fixed for b in self.bindings))
 
     def tolerance(self, part: str) -> float | None:
-        """Return the solver tolerance of a part: the experiment's, else the FMU's, else twin's default for CVODE; or
+        """Return the solver tolerance of a part: the experiment's, else the FMU's, else the default for CVODE, or
         None."""
         own = self.table.parts[part].tolerance if part in self.table.parts else None
         stated = self.table.tolerance if own is None else own

@@ -164,8 +164,10 @@ def _name_and_span(number: int, fault: Fault) -> tuple[str, Span]:
 def _break_encoder(
     circuit: Circuit, number: int, fault: Fault, tick: float, counts_per_turn: tuple[float, float]
 ) -> None:
-    """Insert a fault of counts. The magnitude is an angle of the encoder's shaft, a speed (drift) or a share of samples
-    (dropout)."""
+    """Insert a fault of encoder counts.
+
+    The magnitude is an angle of the encoder's shaft, a speed (drift) or a share of samples (dropout).
+    """
     encoder = circuit.component("encoder", number, fault.target)
     of_motor = fault.target.startswith("motor")
     name = "count_m" if of_motor else "count_l"
@@ -194,8 +196,10 @@ def _break_encoder(
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:
-    """Insert a fault of messages. The magnitude is a delay, the maximum of random delays, or the share of lost
-    messages."""
+    """Insert a fault of messages.
+
+    The magnitude is a delay, the maximum of random delays, or the share of lost messages.
+    """
     targets: list[End] = []
     if fault.target == BUS_TARGET:
         targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
@@ -230,7 +234,7 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
 def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
     """Insert a gate that stops unpowered drives while the bus still delivers motion commands.
 
-    The reason: a monitor without a drive that can be switched stops it through its command, see docs/safety.md.
+    Without it, a monitor with drives that cannot be switched stops them through its command, see docs/safety.md.
     """
     lines = power_lines(circuit)
     if lines:
@@ -261,9 +265,10 @@ def power_lines(circuit: Circuit) -> list[tuple[str, str]]:
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
-    """Insert a speed limit. The magnitude is the limit, or the remaining share of `speed_limit` in a brown-out.
+    """Insert a speed limit.
 
-    The reason for the share: a motor's no-load speed is proportional to its voltage.
+    The magnitude is the limit; in a brown-out the remaining share of `speed_limit`, as a motor's no-load speed is
+    proportional to its voltage.
     """
     joints = [_element_index(fault.target)] if fault.target.startswith("drive_") else list(range(JOINTS))
     targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in joints]

@@ -134,8 +134,7 @@ class AdaptiveOptions:
         object.__setattr__(self, "table", schedule_table(self.points))
 
     def fill(self, memory: Any) -> dict[str, np.ndarray]:
-        """Write the settings into `memory`, a record of `ADAPTIVE_RECORD`; return the arrays that it needs by pointer
-        name."""
+        """Write the settings into `memory`, a record of `ADAPTIVE_RECORD`; return its arrays by pointer name."""
         parts = {"tissue": self.sensing._asdict()}
         if self.scheduling is not None:
             parts["schedule"] = self.scheduling._asdict()

@@ -74,8 +74,7 @@ FEED_FORWARD_RECORD = record_of(FeedForwardModel)
 
 @njit(cache=True)
 def friction_force(mu, F_n, v_x, v_y):
-    """Friction force (F_x, F_y) in N by the robot on the surface, sliding at (v_x, v_y) m/s under the normal force F_n
-    (N)."""
+    """Friction force (F_x, F_y) in N by the robot on the surface, sliding at (v_x, v_y) m/s under F_n (N)."""
     speed = math.sqrt(v_x * v_x + v_y * v_y + REST_SPEED * REST_SPEED)
     return mu * F_n * v_x / speed, mu * F_n * v_y / speed
 

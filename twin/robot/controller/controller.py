@@ -242,10 +242,9 @@ def unwind_integral(pid, z, share, h):
 
 @njit(cache=True)
 def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
-    """Compute omega_ref (3,) of the position loop from `p_B` to `p_cmd_B` (3,), m, plus feed-forward `lead` (3,),
-    rad/s.
+    """Compute omega_ref (3,), rad/s, of the position loop from `p_B` to `p_cmd_B` (3,), m.
 
-    Each speed is limited to +-omega_max.
+    The feed-forward `lead` (3,), rad/s, is added; each speed is limited to +-omega_max.
     """
     ux, ix = proposal(pids[0], p_cmd_B[0] - p_B[0], h)
     uy, iy = proposal(pids[1], p_cmd_B[1] - p_B[1], h)

@@ -1,5 +1,4 @@
-"""Loops before drives without a speed command: a discrete PI for torque, current or voltage, and a speed integrator for
-an angle."""
+"""Loops before drives without a speed command: a PI for torque, current or voltage, an integrator for an angle."""
 
 import math
 from typing import NamedTuple

@@ -162,15 +162,19 @@ def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
 
 @njit(cache=True)
 def _lift(omega_ref, F, touch):
-    """Common upward speed (rad/s, <= 0) of all motors if none pulls at the environment; it gives the body below no
-    energy."""
+    """Common upward speed (rad/s, <= 0) of all motors if none pulls at the environment.
+
+    Such a motion gives the body below no energy.
+    """
     return min(max(omega_ref[0], omega_ref[1], omega_ref[2]), 0.0) if F[2] < touch else 0.0
 
 
 @njit(cache=True)
 def _joint_travel(turned, J, p, p_before):
-    """Travel of the joints (rad) from `p_before` to `p` (3,), m, less JOINT_PLAY at each reversal; `turned` (3,) is its
-    state."""
+    """Travel of the joints (rad) from `p_before` to `p` (3,), m, less JOINT_PLAY at each reversal.
+
+    `turned` (3,) is its state.
+    """
     way = 0.0
     for i in range(3):
         here = turned[i]

@@ -40,12 +40,12 @@ class Processor(Settings):
 
 @njit(cache=True)
 def state_variable(damping, g, fast, slow, x):
-    """Step of a state-variable filter: low-passed `x`, its derivative over 2 pi f, its second over (2 pi f)^2, two new
-    states.
+    """Step of a state-variable filter for the input `x`.
 
-    It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of VA
-    Filter
-    Design, Ch. 4).
+    Returned are the low-passed `x`, its derivative over 2 pi f, its second derivative over (2 pi f)^2, and the two new
+    states. It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of
+    VA
+    Filter Design, Ch. 4).
 
     Args:
         damping: 1/Q.

@@ -1,5 +1,4 @@
-"""Tasks of Sec. III.B as tables of phases: approach, gentle descent, force build-up, hold, tap, circle or push,
-release.
+"""Tasks of Sec. III.B as tables of phases: approach, descent, force build-up, hold, tap, circle or push, release.
 
 A program is a table of `Phase`s for the whole sequence, which the compiled machine steps through. Each phase begins at
 the present reference, so tasks of any order follow one another without a jump.

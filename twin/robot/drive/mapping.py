@@ -52,8 +52,7 @@ def can_play(variable: Variable, role: Role) -> bool:
 
 
 def _type_allows(variable: Variable, role: Role) -> bool:
-    """Whether type and unit allow the role: no strings or clocks, and booleans and enumerations for optional roles
-    only."""
+    """Whether type and unit allow the role: no strings or clocks; booleans and enumerations only if optional."""
     counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
     return counted and unit_allows(variable, role)
 

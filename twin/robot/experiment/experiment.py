@@ -233,8 +233,7 @@ def _fill_from_robot(declared: DeclaredTables, values: dict[str, Any]) -> None:
 
 
 def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
-    """Return a table's `own` values, with single elements such as `joint_zero_deg.2` merged into the vectors of
-    `known`."""
+    """Return a table's `own` values, with elements such as `joint_zero_deg.2` merged into the vectors of `known`."""
     numbered = {
         key: with_numbers(value, known[key], f"{table}.{key}")
         for key, value in own.items()

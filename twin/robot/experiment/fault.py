@@ -395,8 +395,7 @@ class Fault:
 
 
 class FaultTable(Settings):
-    """Keys common to all kinds; without `duration_s` a fault is permanent, without `target` it hits the kind's
-    first."""
+    """Keys common to all kinds; without `duration_s` a fault is permanent, without `target` it hits the first one."""
 
     kind: str
     target: str | None = setting(default=None, help="target; without it the kind's first")

@@ -1,5 +1,4 @@
-"""Tables of an experiment file that no part declares, among them scheduled changes. Keys carry units, attributes are
-SI.
+"""Tables of an experiment file that no part declares. Keys carry units, attributes are SI.
 
 See `twin.kernel.settings`. A [[change]] sets a controller parameter at a time, such as a step of the force reference.
 """
@@ -364,8 +363,7 @@ class Drive(Settings):
 
 
 def whole_ticks(time: float, tick: float) -> int | None:
-    """Return `time` (s) as a number of ticks (s); None if it is not a whole number, up to rounding, or above
-    `MAX_TICKS`."""
+    """Convert `time` (s) to ticks (s); None if it is not a whole number, up to rounding, or above `MAX_TICKS`."""
     if time / tick > MAX_TICKS:
         return None
     count = round(time / tick)

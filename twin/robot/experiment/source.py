@@ -129,8 +129,7 @@ class Source:
     origins: dict[str, str] = field(default_factory=dict)
 
     def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
-        """Merge `tables` over the present ones; a table that names another drive, body, shape or part replaces its
-        table.
+        """Merge `tables` over the present ones; one that names another drive, body, shape or part replaces its table.
 
         Args:
             tables: tables by name.

@@ -156,8 +156,7 @@ class _TemplateWriter:
         return lines
 
     def array(self, name: str, models: Mapping[Any, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
-        """Return the lines of the tables [[name]], each by the model of its kind; without any, of `others` commented
-        out."""
+        """Return the lines of the tables [[name]], each by the model of its kind; else of `others`, commented out."""
         lines, own = [], self._own.values.get(name)
         for number, table in enumerate(own or others, start=1):
             origins = self.origins(f"{name}.{number}") if own else {}

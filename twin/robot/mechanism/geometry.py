@@ -206,8 +206,7 @@ def leg_vectors(geometry, leg, x, y, z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def links(geometry, u, w, z):
-    """Knee and distal link, as `leg_vectors`, of a leg with P_i at (u, w, z), or of three legs if u and w are
-    `compiled.lanes`."""
+    """Knee and distal link, as `leg_vectors`, of a leg with P_i at (u, w, z); three legs if u and w are lanes."""
     l_a, l_b = geometry.l_a, geometry.l_b
     square = u * u + z * z
     g = (square + w * w + (l_a * l_a - l_b * l_b)) * (0.5 / l_a)

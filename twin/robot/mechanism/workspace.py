@@ -132,8 +132,10 @@ def _dot(a, b):
 
 @njit(cache=True)
 def segment_distance(a, b, c, d):
-    """Distance between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection,
-    5.1.9."""
+    """Distance between the segments a-b and c-d (3,), neither of them a point.
+
+    The algorithm is in Ericson (2005), Real-Time Collision Detection, 5.1.9.
+    """
     # triples, as an array for each difference would take ten times as long as all of the arithmetic
     ab, cd, ca = _difference(a, b), _difference(c, d), _difference(c, a)
     aa, dd, ad = _dot(ab, ab), _dot(cd, cd), _dot(ab, cd)

@@ -180,8 +180,7 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
 
 @njit(cache=True, error_model="numpy")
 def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
-    """Compute the record `y` of `PLANT_OUTPUTS` from the state `x` and motor angles `theta_m`; False outside the
-    workspace.
+    """Compute the record `y` of `PLANT_OUTPUTS` from state `x` and motor angles `theta_m`; False out of reach.
 
     The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
     Anchors

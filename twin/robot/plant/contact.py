@@ -27,8 +27,10 @@ CONE_ROUNDING = 1e-9
 
 
 class Shape(IntEnum):
-    """Shape of a surface; names as in an experiment's file, in capitals. A cylinder is named after the direction of its
-    axis."""
+    """Shape of a surface; names as in an experiment's file, in capitals.
+
+    A cylinder is named after the direction of its axis.
+    """
 
     PLANE = 0
     SPHERE = 1
@@ -57,11 +59,11 @@ def apex_frame(parameters):
 # the master calls by address
 @njit(cache=True, error_model="numpy")
 def surface_frame(parameters, x, y, z):
-    """Depth (m, positive inside), local tangents e_1, e_2 and normal n, triples in B, at the head with O_P at (x, y, z)
-    of B.
+    """Depth (m, positive inside) and local frame of the surface at the head, with O_P at (x, y, z) of B.
 
-    On a curved surface the tangents are the apex's, carried along the great circle (the smallest rotation from one
-    normal to the other): they depend smoothly on the position, and are constant along a cylinder's axis.
+    The frame consists of tangents e_1, e_2 and normal n, triples in B. On a curved surface the tangents are the apex's,
+    carried along the great circle (the smallest rotation from one normal to the other): they depend smoothly on the
+    position, and are constant along a cylinder's axis.
     """
     head = parameters.head
     return frame_at(parameters, apex_frame(parameters), x + head[0], y + head[1], z + head[2])
@@ -85,8 +87,10 @@ def plane_depth(parameters, normal, x, y, z):
 
 @njit(cache=True, forceinline=True)
 def depth_and_offset(parameters, apex, x, y, z):
-    """Depth (m) in a curved surface at (x, y, z), offset from its centre or axis in the apex's axes, and its length
-    (m)."""
+    """Depth (m) in a curved surface at (x, y, z), and offset from its centre or axis.
+
+    The offset is given in the apex's axes, followed by its length (m).
+    """
     a_1, a_2, a_3 = apex
     R = parameters.radius
     height = z - parameters.z_s

@@ -258,8 +258,10 @@ def settle_friction(parameters, x, theta_m, anchors):
 
 @njit(cache=True, forceinline=True)
 def joint_torque(parameters, leg, d, omega_l):
-    """Torque tau_l (N m) of the spring of `leg` on the joint at deflection `d` (Eq. 20), with constant or directed
-    efficiency."""
+    """Torque tau_l (N m) of the spring of `leg` on the joint at deflection `d` (Eq. 20).
+
+    The efficiency is constant, or depends on the direction of motion if `eta_rate` is positive.
+    """
     k_s = spring_stiffness(parameters, leg)
     if parameters.eta_rate > 0.0:
         return directed_load_torque(k_s, parameters.N, parameters.eta, d, omega_l, parameters.eta_rate)
@@ -329,8 +331,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
-    """Acceleration dv/dt (m/s^2), a triple, of a platform that exerts the force `F_ee_B` (N), a triple, on its
-    environment.
+    """Acceleration dv/dt (m/s^2), a triple, of a platform that exerts `F_ee_B` (N), a triple.
 
     The other arguments as in `acceleration`.
     """
@@ -374,8 +375,10 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """Compute dx/dt into `dx` for the state `x` (8,), see `STATE_SIZE`, without dry friction, as `acceleration`
-    does."""
+    """Compute dx/dt into `dx` for the state `x` (8,), see `STATE_SIZE`, without dry friction.
+
+    The other arguments as in `acceleration`.
+    """
     derivative_near(parameters, x, theta_m, s_B, v_s_B, INITIAL_ANCHORS, dx)
 
 

@@ -63,8 +63,10 @@ def normal(state):
 
 @njit(cache=True)
 def count(angle, reader, random):
-    """Whole counts of an encoder at its shaft's `angle` (rad), NaN if not representable; `random` is the state of the
-    noise."""
+    """Whole counts of an encoder at its shaft's `angle` (rad), NaN if not representable.
+
+    `random` is the state of the noise.
+    """
     read = angle + reader.zero
     if reader.eccentricity != 0.0:
         read += reader.eccentricity * math.sin(angle - reader.eccentric_at)

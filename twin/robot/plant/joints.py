@@ -92,8 +92,7 @@ def stop_deflection(parameters, d):
 
 @njit(cache=True, error_model="numpy")
 def inverse_stop_deflection(parameters, d):
-    """Deflection (rad) of a spring with a stop with the same torque as one without at `d`: the inverse of
-    `stop_deflection`."""
+    """Deflection (rad) of a spring with a stop with the torque of one without at `d`: inverse of `stop_deflection`."""
     over = abs(d) - parameters.spring_stop
     return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
 

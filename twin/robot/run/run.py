@@ -166,8 +166,10 @@ def fast_pole_remedy(experiment: Experiment) -> str:
 
 
 def fastest_pole(experiment: Experiment) -> float:
-    """Largest |eigenvalue| (1/s) of the plant linearised at its start, at rest in the air and pressed into the surface;
-    inf if its parameters give no finite numbers."""
+    """Largest |eigenvalue| (1/s) of the plant linearised at its start; inf if it is not finite.
+
+    The plant is at rest, once in the air and once pressed into the surface.
+    """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     start = np.array(experiment.start)
     x, theta_m = rest_state(parameters, start)

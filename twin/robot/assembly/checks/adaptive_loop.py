@@ -111,8 +111,7 @@ def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple |
 
 
 def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
-    """Build the loop of the stability check: a robot at `start` (m) whose drive has the lag that the controller
-    believes."""
+    """Build the loop of the stability check: a robot at `start` (m) whose drive has the believed lag."""
     known, model = tissue_sensing(computer, start), computer.model
     squares = float(np.sum(jacobian(geometry_of(model), start)[:, 2] ** 2))
     forward, damping = computer.feed_forward, computer.damping

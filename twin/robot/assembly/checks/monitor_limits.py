@@ -96,8 +96,7 @@ def _robot_contradictions(monitor: Monitor, belief: MonitorBelief, sample_period
 
 
 def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
-    """Return limits with a resolution: attribute, unit of its key, that unit per SI, value of one count after the
-    low-pass."""
+    """Return limits with a resolution: attribute, unit of its key, that unit per SI, filtered value of one count."""
     return [
         ("force_limit", "N", 1.0, one_count.force),
         ("contact_force", "N", 1.0, one_count.force),

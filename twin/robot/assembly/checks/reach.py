@@ -83,8 +83,7 @@ def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
 
 
 def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
-    """Return the first error of a reference: it leaves the reach of one of `geometries`, or `plant` is obstructed
-    there.
+    """Return the first error of a reference: out of reach of one of `geometries`, or obstructed for `plant`.
 
     Checked are the waypoints and the lines between them.
     """
