@@ -117,11 +117,7 @@ def _file_parameter(value: Any, folder: Path) -> Any:
 
 
 def _distribute_parameters(table: dict[str, Any], parts: Any) -> dict[str, Any]:
-    """Move the parameters "part.name" of a drive made of `parts` into the tables of the parts.
-
-    Raises:
-        InputRefused: a parameter belongs to no part, or is given in both places.
-    """
+    """Move the parameters "part.name" of a drive made of `parts` into the tables of the parts."""
     given, own = table.get("parameters"), table.get("parts", {})
     # values that are not tables are refused later, with all other errors
     if not (isinstance(parts, dict) and isinstance(given, dict) and _are_tables(own)):

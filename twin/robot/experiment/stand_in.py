@@ -113,11 +113,7 @@ def _file_text(own: Mapping[str, Any]) -> str:
 
 
 def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return `own` with an absolute path, completed from a mapping if it names one.
-
-    Raises:
-        InputRefused: the file is missing.
-    """
+    """Return `own` with an absolute path, completed from a mapping if it names one."""
     table = dict(own)
     if isinstance(python := table.get("python"), str) and ":" in python:
         file, _, name = python.rpartition(":")
