@@ -8,11 +8,11 @@ from pathlib import Path
 
 PACKAGE_FOLDER = Path(__file__).parents[1]
 WHEEL_FOLDER = PACKAGE_FOLDER / "carried"
-"""Where a wheel puts them; a clone has no such folder."""
+"""Data folder within an installed wheel; missing in a clone."""
 
 PROJECT_FOLDER = WHEEL_FOLDER if WHEEL_FOLDER.is_dir() else PACKAGE_FOLDER.parent
-"""The folder with experiments/, fmus/ and tests/baselines/, found from anywhere: the repository of a clone, installed
-as editable or not at all, else what the wheel carries inside the package."""
+"""Folder with experiments/, fmus/ and tests/baselines/: the repository if run from a clone, otherwise the data folder
+inside the installed package."""
 
 
 def is_clone() -> bool:
@@ -21,12 +21,13 @@ def is_clone() -> bool:
 
 
 def locate_file(name: str, start: Path) -> Path:
-    """The file `name` as seen from folder `start`: absolute, in `start` or its parents, here, or in `PROJECT_FOLDER`.
+    """Find the file `name` as seen from folder `start` and return its path.
 
-    What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
+    Absolute paths are returned as they are; others are searched in `start` and its parents, the current folder and
+    `PROJECT_FOLDER`. A missing file is returned as a path in `start`, for the error message.
     """
     wanted = Path(name)
-    # of an unknown user
+    # expanduser raises for an unknown user
     with contextlib.suppress(RuntimeError):
         wanted = wanted.expanduser()
     if wanted.is_absolute():
@@ -40,6 +41,6 @@ def locate_file(name: str, start: Path) -> Path:
 
 @functools.cache
 def package_sources(package: str) -> Mapping[str, bytes]:
-    """Content of the Python files of `package` by their names below it, sorted; as it is when first asked for."""
+    """Read the Python files of `package`: content by relative path, sorted, cached at the first call."""
     found = {str(path.relative_to(package)): path.read_bytes() for path in Path(package).rglob("*.py")}
     return dict(sorted(found.items()))

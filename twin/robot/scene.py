@@ -1,15 +1,17 @@
-"""The pose of every part of the robot: a frame each, relative to the base frame B.
+"""Drawing of the robot: pose and shape of every part, and arrows of the force.
+
+Each part has its own frame, relative to the base frame B:
 
     link_i              origin B_i, x along the proximal link to A_i, y along the joint's axis
     rod_i_minus, _plus  origin at A_i, half the parallelogram's width to either side along the axis; x along the rod
                         to the platform. It turns about y with the link's joint and swings about its own z
-    platform            origin O_P, axes those of B: the parallelograms keep it so (Sec. II.A)
+    platform            origin O_P, axes parallel to B, as the parallelograms keep it (Sec. II.A)
     surface             origin at the surface's apex, z its normal there
 
-All are the truth: joints of `twin.robot.mechanism.geometry`, the surface of `twin.robot.plant.contact`.
+All poses are the truth: joints of `twin.robot.mechanism.geometry`, the surface of `twin.robot.plant.contact`.
 
-Unit quaternions (x, y, z, w) as tuples, Hamilton's product; each turns vectors, not axes. Compiled; where one is drawn
-once only, Python takes `py_func`, for which nothing is compiled.
+Quaternions are unit tuples (x, y, z, w) with Hamilton's product; each turns vectors, not axes. The functions are
+compiled; for a single drawing Python calls `py_func`, which avoids compilation.
 """
 
 import math
@@ -48,36 +50,36 @@ ROD_FRAMES = tuple(f"rod_{leg}_{side}" for leg in LEG_NUMBERS for side in ("minu
 PLATFORM_FRAME = "platform"
 SURFACE_FRAME = "surface"
 SCENE_FRAMES = (*LINK_FRAMES, *ROD_FRAMES, PLATFORM_FRAME, SURFACE_FRAME)
-"""In the order of `poses`."""
+"""All moving frames, in the order of `poses`."""
 HALF_WIDTH = 0.012
-"""Of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
+"""Half the width of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
 POSE_SIZE = 7
-"""Numbers of a position and a quaternion."""
+"""Number of values of a position and a quaternion."""
 # angle phi_i of each leg about z
 PHI = np.arctan2(OUTWARD[:, 1], OUTWARD[:, 0])
-# distinct in every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
+# distinct by lightness and in every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color)
 GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
 BLUE = Color(r=0.0, g=114 / 255, b=178 / 255, a=1.0)
 SKY_BLUE = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)
 YELLOW = Color(r=240 / 255, g=228 / 255, b=66 / 255, a=1.0)
-# seen through, so that the arrows of the force that go into it are not hidden
+# translucent, so that force arrows inside the surface are visible
 SURFACE_COLORS = {
     "scale": Color(r=0.6, g=0.6, b=0.6, a=0.4),
     "skin": Color(r=204 / 255, g=121 / 255, b=167 / 255, a=0.4),
 }
 SECOND_ROBOT_COLOR = Color(r=213 / 255, g=94 / 255, b=0.0, a=0.35)
 HULL_THICKNESS = 0.003
-"""By which the second robot is thicker (m): both are seen where they agree."""
+"""Excess thickness of the second robot (m), so that both are visible where they coincide."""
 PLATE_THICKNESS = 0.003
 """Thickness of base, platform and a flat surface (m)."""
 SURFACE_EXTENT = 0.2
-"""Length of a flat surface's sides and of a cylinder that is pressed on (m)."""
+"""Side length of a flat surface and length of a pressed cylinder (m)."""
 MOTOR_DIAMETER, LINK_DIAMETER, AXLE_DIAMETER, ROD_DIAMETER = 0.018, 0.009, 0.006, 0.004
 """Diameters (m)."""
 ARROW_LENGTH = 0.01
-"""Of an arrow of 1 N (m)."""
+"""Length of an arrow of 1 N (m)."""
 ESTIMATE_OFFSET = 0.008
-"""From the true force to the estimate along x (m), so that both are seen where they agree."""
+"""Offset of the estimated from the true force along x (m), so that both are visible where they coincide."""
 # shares of an arrow's length: shaft, its diameter, head, its diameter
 ARROW_SHARES = (0.75, 0.06, 0.25, 0.13)
 ARROW_COLORS = {
@@ -85,22 +87,22 @@ ARROW_COLORS = {
     "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
 }
 ARROW_SIZE = POSE_SIZE + len(ARROW_SHARES)
-"""Of one arrow: pose and sizes."""
+"""Number of values of one arrow: pose and sizes."""
 ARROWS_WIDTH = ARROW_SIZE * len(ARROW_COLORS)
 PICTURE_RATE = 50.0
-"""Pictures per second (Hz)."""
+"""Frame rate of the drawing (Hz)."""
 
 
 @njit(cache=True)
 def axis_rotation(axis, angle):
-    """Right-handed turn by `angle` (rad) about the axis X, Y or Z."""
+    """Quaternion of the right-handed turn by `angle` (rad) about the axis X, Y or Z."""
     sin, cos = math.sin(0.5 * angle), math.cos(0.5 * angle)
     return (sin if axis == X else 0.0, sin if axis == Y else 0.0, sin if axis == Z else 0.0, cos)
 
 
 @njit(cache=True)
 def product(p, q):
-    """First the turn `q`, then `p`, both about fixed axes."""
+    """Quaternion of the turn `q` followed by `p`, both about fixed axes."""
     p_x, p_y, p_z, p_w = p
     q_x, q_y, q_z, q_w = q
     return (
@@ -113,27 +115,27 @@ def product(p, q):
 
 @njit(cache=True)
 def lean_rotation(azimuth, lowered):
-    """The right-handed turn about y by `lowered`, then about z by `azimuth` (rad)."""
+    """Quaternion of the right-handed turn about y by `lowered`, then about z by `azimuth` (rad)."""
     return product(axis_rotation(Z, azimuth), axis_rotation(Y, lowered))
 
 
 @njit(cache=True)
 def direction_rotation(x, y, z):
-    """A turn that takes e_x to the direction of (x, y, z): about y, then about z; none where that is 0."""
-    # a right-handed turn about y lowers e_x
+    """Quaternion that turns e_x to the direction of (x, y, z): about y, then about z; identity if that is zero."""
+    # a positive turn about y lowers e_x
     return lean_rotation(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
 
 
 def poses(
     geometry: Geometry, theta_l: NDArray[np.float64], p_B: NDArray[np.float64], surface_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Position (m) and unit quaternion (x, y, z, w) of each of `SCENE_FRAMES` in B, (n, len(FRAMES), POSE).
+    """Compute position (m) and unit quaternion (x, y, z, w) of each of `SCENE_FRAMES` in B, (n, frames, POSE_SIZE).
 
     Args:
         geometry: lengths of Fig. 2.
         theta_l: angles of the proximal links in rad, (n, 3).
         p_B: platform position in m, (n, 3).
-        surface_B: pose of the surface, (n, POSE).
+        surface_B: pose of the surface, (n, POSE_SIZE).
 
     Raises:
         InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
@@ -146,7 +148,7 @@ def poses(
 
 @njit(cache=True)
 def put_pose(to, at, x, y, z, q):
-    """Put position and quaternion where numbers of `to` begin, `at` of them, and say where the next begin."""
+    """Write position and quaternion into `to` from index `at` on and return the index after them."""
     to[at], to[at + 1], to[at + 2] = x, y, z
     to[at + 3], to[at + 4], to[at + 5], to[at + 6] = q
     return at + POSE_SIZE
@@ -174,26 +176,26 @@ def _put_poses(base_joints, ends, platform_joints, theta_l, p_B, surface_B, coun
 
 @njit(cache=True)
 def _rod_rotation(leg, x, y, z):
-    """A turn that takes e_x to the rod A_iP_i, (x, y, z), and leaves e_z in the plane of the link."""
+    """Quaternion that turns e_x to the rod A_iP_i, (x, y, z), and leaves e_z in the plane of the link."""
     outward = x * OUTWARD[leg, 0] + y * OUTWARD[leg, 1]
     sideways = x * AXIS[leg, 0] + y * AXIS[leg, 1]
     swing = axis_rotation(Z, math.atan2(sideways, math.hypot(outward, z)))
     return product(lean_rotation(PHI[leg], math.atan2(-z, outward)), swing)
 
 
-# turns that lay a cylinder, whose axis is z, along another axis
+# turns that lay a cylinder, whose axis is z, along x and y
 ALONG_X, ALONG_Y = axis_rotation(Y, 0.5 * math.pi), axis_rotation(X, 0.5 * math.pi)
 
 
 def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
-    """All parts of the robot, and what it presses on."""
+    """Build the shapes of all parts of the robot and of the surface."""
     links = [_link(name, geometry) for name in LINK_FRAMES]
     rods = [_entity(name, cylinders=[_bar(geometry.l_b, ROD_DIAMETER, SKY_BLUE)]) for name in ROD_FRAMES]
     return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
 
 
 def second_robot(beside: str, drawn: SceneUpdate) -> SceneUpdate:
-    """The moving parts of `drawn` once more, in frames that begin with `beside`: a hull that is seen through."""
+    """Copy the moving parts of `drawn` as a translucent hull, into frames with the prefix `beside`."""
     found = SceneUpdate()
     for one in drawn.entities:
         if one.frame_id not in (BASE_FRAME, SURFACE_FRAME):
@@ -207,36 +209,36 @@ def second_robot(beside: str, drawn: SceneUpdate) -> SceneUpdate:
 
 
 def pose(position: ArrayLike, q: Sequence[float] = IDENTITY_ROTATION) -> Pose:
-    """Pose of a position (m, (3,)) and a quaternion (x, y, z, w)."""
+    """Build a Foxglove pose from a position (m, (3,)) and a quaternion (x, y, z, w)."""
     x, y, z = np.asarray(position)
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
 
 
 def _entity(frame: str, **primitives: Any) -> SceneEntity:
-    """What stands still in `frame`, for ever; its id is the frame's name."""
+    """Build an entity fixed in `frame` without expiry; its id is the frame's name."""
     return SceneEntity(frame_id=frame, id=frame, frame_locked=True, **primitives)
 
 
 def _base(geometry: Geometry) -> SceneEntity:
-    """A disc through the base joints, and a motor at each."""
+    """Build the base: a disc through the base joints, and a motor at each."""
     plate = _disc(geometry.a, 0.5 * PLATE_THICKNESS, GREY)
     return _entity(BASE_FRAME, cylinders=[plate, *_axles(geometry.a, MOTOR_DIAMETER, GREY)])
 
 
 def _link(name: str, geometry: Geometry) -> SceneEntity:
-    """A proximal link, with the axle at A_i that carries both rods."""
+    """Build a proximal link, with the axle at A_i that carries both rods."""
     axle = _cylinder(AXLE_DIAMETER, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
     return _entity(name, cylinders=[_bar(geometry.l_a, LINK_DIAMETER, BLUE), axle])
 
 
 def _platform(geometry: Geometry) -> SceneEntity:
-    """A disc that stands on O_P, the point that touches, and the three axles at P_i."""
+    """Build the platform: a disc on O_P, the contact point, and the three axles at P_i."""
     plate = _disc(geometry.b, 0.5 * PLATE_THICKNESS, YELLOW)
     return _entity(PLATFORM_FRAME, cylinders=[plate, *_axles(geometry.b, AXLE_DIAMETER, YELLOW)])
 
 
 def _surface(contact: Contact) -> SceneEntity:
-    """What the robot presses on: a plate, a sphere or a cylinder below its apex."""
+    """Build the surface: a plate, or a sphere or cylinder below its apex."""
     color = SURFACE_COLORS[contact.kind]
     if contact.radius is None:
         size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE_THICKNESS)
@@ -252,18 +254,18 @@ def _surface(contact: Contact) -> SceneEntity:
 
 
 def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
-    """A cylinder along each leg's joint axis, as wide as a parallelogram, `radius` away from the frame's origin."""
+    """Cylinders along the legs' joint axes, as wide as a parallelogram, `radius` (m) away from the frame's origin."""
     lying = [product(axis_rotation(Z, phi), ALONG_Y) for phi in PHI]
     return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
 
 
 def _bar(length: float, diameter: float, color: Color) -> CylinderPrimitive:
-    """A cylinder along x from the frame's origin on."""
+    """A cylinder along x that starts at the frame's origin."""
     return _cylinder(diameter, length, color, pose((0.5 * length, 0.0, 0.0), ALONG_X))
 
 
 def _disc(radius: float, height: float, color: Color) -> CylinderPrimitive:
-    """A flat cylinder with its middle at `height` on z."""
+    """A flat cylinder centred on z at `height`."""
     return _cylinder(2.0 * radius, PLATE_THICKNESS, color, pose((0.0, 0.0, height)))
 
 
@@ -273,7 +275,7 @@ def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> Cyli
 
 
 def force_example() -> SceneUpdate:
-    """Both arrows with blanks in the order of `arrows`."""
+    """Build the message of both arrows, with blanks in the order of `arrows`."""
     entities = []
     for arrow, (name, color) in enumerate(ARROW_COLORS.items()):
         x, y, z, *q, shaft, shaft_width, head, head_width = (
@@ -294,12 +296,12 @@ def force_example() -> SceneUpdate:
 def arrows(
     p_B: NDArray[np.float64], F_ee_B: NDArray[np.float64], estimate_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Numbers for the blanks of `force_example`, (n, WIDTH).
+    """Compute the numbers for the blanks of `force_example`, (n, ARROWS_WIDTH).
 
     Args:
         p_B: true platform position in m, (n, 3).
         F_ee_B: true force by the robot on the environment in N, (n, 3).
-        estimate_B: what the estimator takes it for, likewise.
+        estimate_B: estimated force in N, (n, 3).
     """
     found = np.empty((len(p_B), ARROWS_WIDTH))
     _put_arrows(*map(np.ascontiguousarray, (p_B, F_ee_B, estimate_B)), len(p_B), found)
@@ -322,7 +324,7 @@ def _put_arrows(p_B, F_ee_B, estimate_B, count, found):
 
 
 class Drawing(NamedTuple):
-    """Rows for one of the scene's forms: its name, the tick of the first row, (n, width)."""
+    """Rows for one of the scene's forms: form name, tick of the first row, values (n, width)."""
 
     name: str
     first_tick: int
@@ -333,11 +335,12 @@ class Scene:
     """Draws the rows of a run.
 
     Attributes:
-        forms: what its drawings are written as: `scene`, `tf` and `force`.
+        forms: message forms of the drawings: `scene`, `tf` and `force`.
     """
 
     def __init__(self, experiment: Experiment, system: System):
-        """Of the run of `experiment` by `system`, which has a plant and an estimator, and perhaps a moving body."""
+        """Prepare to draw the run of `experiment` by `system`, with a plant, an estimator and possibly a moving
+        body."""
         self._period, self._begins_at = max(1, round(1.0 / (PICTURE_RATE * system.tick))), 0
         self._geometry = geometry_of(experiment.plant)
         self._surface = surface_pose(experiment.contact)
@@ -352,11 +355,11 @@ class Scene:
         )
 
     def begin_at(self, tick: int) -> None:
-        """What never moves is drawn at the first tick of a recording, this one where a run goes on from a state."""
+        """Set the first tick of the recording, when static parts are drawn: 0, or the tick of a restored state."""
         self._begins_at = tick
 
     def drawings(self, first: int, rows: NDArray[np.float64]) -> Iterator[Drawing]:
-        """What is to be seen of `rows` of the run, (n, outputs of the system), the first of which is tick `first`."""
+        """Yield the drawings due within `rows`, (n, outputs of the system), whose first row is tick `first`."""
         if first == self._begins_at:
             yield Drawing("scene", first, np.empty((1, 0)))
         start = -first % self._period
@@ -378,7 +381,10 @@ def surface_pose(contact: Contact) -> NDArray[np.float64]:
 
 
 def transforms_example(beside: str = "") -> FrameTransforms:
-    """A `foxglove.FrameTransforms` of all `SCENE_FRAMES`, behind the name of a second robot, with blanks as of `poses`."""
+    """Build a `foxglove.FrameTransforms` of all `SCENE_FRAMES`, with blanks in the order of `poses`.
+
+    The names of the frames get the prefix `beside`.
+    """
     transforms = []
     for number, frame in enumerate(SCENE_FRAMES):
         x, y, z, *q = (blank_value(POSE_SIZE * number + i) for i in range(POSE_SIZE))

@@ -1,8 +1,7 @@
-"""Shafts that no drive turns: behind a drive that fails, and behind one that has lost its power.
+"""Motor shafts without a driving motor: behind a failed drive, and behind an unpowered one.
 
-A drive that does not do what it should has a shaft of its own between it and all that see the shaft. One that has lost
-its power is held by the friction of its gears and by its brake, if it has one: they hold a load up to their torque, and
-yield to more.
+A faulty drive has a separate shaft between it and all readers. The shaft of an unpowered drive is held by the friction
+of its gears and by its brake, if it has one: they hold a load up to their torque, and yield to more.
 """
 
 from enum import IntEnum
@@ -18,9 +17,10 @@ from twin.kernel.settings import fields_of_form
 from twin.robot.faults import ACTIVE_PORT, POWER_PORT, WINDOW_RECORD, FaultComponent, Span, is_active, tick_now, window
 
 SHAFT_INERTIA = 1e-4
-"""Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
+"""Inertia of rotor, coupling and spring hub (kg m2), as in the velocity_servo, pmsm_foc and python_servo drives of
+fmus/."""
 SHAFT_FRICTION = 1e-4
-"""Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
+"""Bearing friction of a shaft without current (N m s/rad), as in python_servo."""
 DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
 TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
 SHAFT_OUTPUTS = (
@@ -32,15 +32,15 @@ FAILED_STATUS = 2
 SHAFT_MEMORY = record(
     window=WINDOW_RECORD, law="i8", omega="f8", **states(**fields_of_form("f8", "stop drive offset theta_m omega_m"))
 )
-"""`omega`: speed of a runaway (rad/s). `stop`: angle beyond which a jam lets nothing turn. `drive`: where the drive's
-own shaft was. `offset`: how far the real shaft is from it. `theta_m`, `omega_m`: the real shaft."""
+"""`omega`: speed of a runaway (rad/s). `stop`: maximum angle of a jammed shaft. `drive`: previous angle of the drive's
+own shaft. `offset`: angle of the real shaft relative to it. `theta_m`, `omega_m`: the real shaft."""
 BRAKE_PORT = Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool")
 UNPOWERED_INPUTS = (DRIVE_SHAFT, TAU_LOAD, POWER_PORT, BRAKE_PORT)
 UNPOWERED_OUTPUTS = SHAFT_OUTPUTS[:2]
 
 
 class DriveLaw(IntEnum):
-    """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
+    """Motion of the shaft during the fault; names as in an experiment's file, in capitals."""
 
     DRIVE_RUNAWAY = 0
     DRIVE_FREEWHEEL = 1
@@ -49,21 +49,22 @@ class DriveLaw(IntEnum):
     DRIVE_FAILURE = 4
 
 
-# plain integers: what compiled code compares with
+# plain integers, for comparisons in compiled code
 _RUNAWAY_LAW, _FREEWHEEL_LAW, _DEAD_LAW, _JAM_LAW, _FAILURE_LAW = (int(law) for law in DriveLaw)
 
 
 def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
-    """The ports of a shaft, with or without an input that takes its power away."""
+    """Input ports of a faulty shaft, with or without a power signal."""
     return (DRIVE_SHAFT, TAU_LOAD, POWER_PORT) if monitored else (DRIVE_SHAFT, TAU_LOAD)
 
 
 @njit(cache=True)
 def free_shaft(theta_m, omega_m, tau_load, h):
-    """(theta_m, omega_m) after `h` seconds of a shaft that nothing drives.
+    """Angle and speed (theta_m, omega_m) of a free shaft after `h` seconds.
 
     J d omega_m/dt = -b omega_m - tau_load, with friction implicit and the angle moved by the new speed (symplectic
-    Euler): `tau_load` is the spring's torque at the old angle, and so stepped an oscillator of k_s on J is stable for
+    Euler): `tau_load` is the spring's torque at the old angle, and this scheme keeps an oscillator of k_s on J stable
+    for
     h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
     Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
     """
@@ -73,7 +74,7 @@ def free_shaft(theta_m, omega_m, tau_load, h):
 
 @njit(cache=True)
 def turn_shaft(m, drive, tau_load, power, h):
-    """Turn the shaft of `m` over a step in which the fault is active; `drive` is where the drive's own has gone."""
+    """Turn the shaft of `m` over a step with an active fault; `drive` is the new angle of the drive's own shaft."""
     before = m.theta_m
     if m.law == _FREEWHEEL_LAW:
         m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
@@ -87,7 +88,7 @@ def turn_shaft(m, drive, tau_load, power, h):
 
 @cache
 def make_shaft_step(monitored):
-    """The step of a shaft, with or without an input that takes its power away."""
+    """Compile the step of a faulty shaft, with or without a power signal."""
 
     @step_function(SHAFT_MEMORY, shaft_inputs(monitored), SHAFT_OUTPUTS)
     def step(m, t, h, u, y):
@@ -115,20 +116,21 @@ def make_shaft_step(monitored):
 
 
 class DriveFault(FaultComponent):
-    """Continuous component right behind a drive: the drive's shaft in, the shaft that the joint really has out.
+    """Continuous component behind a faulty drive: the drive's shaft in, the joint's real shaft out.
 
-    The step that begins at tick k is faulty for onset <= k < end. Afterwards the drive's motion is followed again from
-    where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
+    The step that begins at tick k is faulty for onset <= k < end. Afterwards the shaft follows the drive's motion again
+    from
+    its present angle: without a jump, with a permanent offset. The drive itself is unaffected.
 
     Args:
-        name: of the component.
-        span: when it is active.
-        law: how the shaft moves.
+        name: component name.
+        span: active time.
+        law: motion of the shaft.
         omega: speed of a runaway (rad/s).
         theta_m: angle of the drive's shaft before tick 0 (rad).
         monitored: whether there is an input `power`; without it the power is always on.
-        period: of the drive, in ticks.
-        label, target: what people know the fault and its drive by.
+        period: period of the drive, in ticks.
+        label, target: displayed names of the fault and its drive.
     """
 
     def __init__(
@@ -153,7 +155,7 @@ class DriveFault(FaultComponent):
         self.label, self.target = label, target
 
     def idle_outputs(self, given: np.ndarray) -> np.ndarray:
-        # the shaft is where the drive's own is; how fast it turns shows in the next step
+        # the shaft is at the drive's angle; its speed follows in the next step
         theta_m = float(given[0])
         self.memory["drive"] = self.memory["theta_m"] = theta_m
         return np.array([theta_m, 0.0, 0.0])
@@ -163,12 +165,12 @@ class DriveFault(FaultComponent):
 
 
 class UnpoweredParameters(NamedTuple):
-    """What a shaft without power does, SI.
+    """Parameters of an unpowered shaft, SI.
 
     Attributes:
-        holding: torque up to which gears and bearings hold it (N m).
-        brake: torque of a brake, on top (N m).
-        own_line: whether the brake closes when the monitor says so, and not with the power.
+        holding: maximum holding torque of gears and bearings (N m).
+        brake: additional torque of a brake (N m).
+        own_line: whether the monitor controls the brake directly rather than through the power.
         J: inertia of the shaft (kg m2).
         b: viscous friction (N m s/rad).
     """
@@ -183,15 +185,16 @@ class UnpoweredParameters(NamedTuple):
 UNPOWERED_MEMORY = record(
     unpowered=record_of(UnpoweredParameters), **states(off="i8", **fields_of_form("f8", "theta_m omega_m"))
 )
-"""`off`: whether the power has gone, which lasts."""
+"""`off`: whether the power has been cut, which is permanent."""
 
 
 @njit(cache=True)
 def braked_shaft(u, theta_m, omega_m, tau_load, hold, h):
-    """(theta_m, omega_m) after `h` seconds of a shaft with dry friction `hold` (N m) and nothing that drives it.
+    """Angle and speed (theta_m, omega_m) after `h` seconds of a shaft without drive, with dry friction `hold` (N m).
 
-    J d omega_m/dt = -b omega_m - tau_load - hold sign(omega_m): as `free_shaft`, and the friction takes away as much
-    speed as it can in `h`, at most all of it (implicit; Moreau's time stepping for Coulomb friction).
+    J d omega_m/dt = -b omega_m - tau_load - hold sign(omega_m): as `free_shaft`, with a friction that removes as much
+    speed
+    as it can in `h`, at most all of it (implicit; Moreau's time stepping for Coulomb friction).
     """
     omega_m = (omega_m - h * tau_load / u.J) / (1.0 + h * u.b / u.J)
     most = h * hold / u.J
@@ -215,13 +218,13 @@ def unpowered_step(m, t, h, u, y):
 
 
 class UnpoweredShaft(NativeComponent):
-    """Continuous component behind a drive and what breaks it: the shaft as it is, until the power goes for good.
+    """Continuous component behind a drive and its faults: passes the shaft on until the power is cut, permanently.
 
     Args:
-        name: of the component.
-        unpowered: what it does then.
+        name: component name.
+        unpowered: parameters of the unpowered shaft.
         theta_m: angle before tick 0 (rad).
-        period: of the drive, in ticks.
+        period: period of the drive, in ticks.
     """
 
     def __init__(self, name: str, unpowered: UnpoweredParameters, theta_m: float, period: int = 1):

@@ -278,4 +278,4 @@ def test_a_part_feeds_neither_itself_nor_what_measures_something_else():
     assert propose_wires(parts) == []
     assert wire_error(parts, "b.z", "a.x") == "units A and V have different dimensions"
     assert wire_error(parts, "a.x", "b.z") == "a.x has causality input and type Real"
-    assert wire_error(parts, "a.q", "a.x") == "there is no a.q"
+    assert wire_error(parts, "a.q", "a.x") == "a.q does not exist"

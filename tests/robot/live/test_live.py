@@ -327,7 +327,7 @@ def test_without_the_token_one_may_watch_and_not_tune(watched: Watched):
 
 
 def test_a_token_of_another_run_is_told_to_be_one(watched: Watched):
-    assert watched.loud.of("status")[0]["message"] == "the token is not that of this run: watching only"
+    assert watched.loud.of("status")[0]["message"] == "the token belongs to another run: watching only"
 
 
 @pytest.mark.parametrize("value", ["1e+308", "50.5"])

@@ -129,7 +129,7 @@ def test_an_fmu_that_does_not_restore_what_it_says_is_found_and_shares_nothing(m
     monkeypatch.setattr(FmuStates, "restore_state", lambda self, token: None)
     base = pressing(6.5)
     with SharedPrefix(base) as past:
-        assert past.lacking == "from a state that was kept, a component goes on to other numbers"
+        assert past.lacking == "a component does not reproduce its numbers from a saved state"
         np.testing.assert_array_equal(gone_on(past, base).values, run_in_memory(base).values)
 
 

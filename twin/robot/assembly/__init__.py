@@ -1,1 +1,1 @@
-"""From an experiment to components and wires: the only place where the parts meet."""
+"""Construction of the robot from an experiment: components and wiring."""

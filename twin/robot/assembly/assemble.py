@@ -1,14 +1,13 @@
-"""The robot assembled: one table of components, built, wired, with faults inserted.
+"""Assembly of the robot: a table of components, built, wired, and with faults inserted.
 
-The table has the components in the order of a tick, and where each of their inputs comes from. A row may stand for no
-component at all (an experiment without a scale), for one, or for three (a drive for each joint). Its inputs are those
-that its components have: a plant on a body that does not move has no `s_B`. Values are joined in order, so three drives
-of one axis and one drive of three axes are wired alike; one value feeds many.
+The table lists the components in the order of a tick, with the sources of their inputs. A row has no component (an
+experiment without a scale), one, or three (a drive for each joint). An input that a component lacks is skipped: a
+plant on a surface at rest has no `s_B`. Values are joined in order, so three drives of one axis and one drive of
+three axes are wired alike; a single value may feed many inputs.
 
-What of an experiment may be changed while it runs, and where the controller keeps it. A change is a number written into
-the controller's record between two ticks. Nothing jumps but what has to: the integral of a loop is kept in units of its
-output (`controller/pid.py`), so a new ki acts on errors to come only; a new kp moves the output by the error times its
-change; a new reference is a step of the reference.
+Tunable parameters are numbers in a component's record that are written between two ticks. The integral of a loop is
+kept in units of its output (`controller/pid.py`), so a new ki acts on future errors only; a new kp moves the output
+by the error times its change; a new reference is a step of the reference.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,26 +46,26 @@ from twin.robot.experiment.schema import changeable_values
 
 RowPort = tuple[str, str]
 COMMAND_SOURCES = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
-"""The drives' commands: the last component on the way from the controller."""
+"""Sources of the drives' commands: the last existing component on the way from the controller."""
 POWER_SOURCES = ("bus.power", "monitor.power")
-"""Whether they may have power."""
+"""Sources of the power signal shared by all drives."""
 DRIVE_POWER_SOURCES = ("bus.drive_power", "monitor.drive_power")
-"""The same of each, where drives have lines of their own."""
+"""Sources of the power signals per drive, where drives have their own lines."""
 BRAKE_SOURCES = ("bus.brake", "monitor.brake")
-"""Whether brakes may close."""
+"""Sources of the signals that permit brakes to close."""
 SHAFT_SOURCES = ("shaft.theta_m", "drive.theta_m")
-"""The motors' shafts: as they are without power, if the drives say it."""
+"""Sources of the motor shaft angles; with unpowered shafts if the drives specify their behaviour without power."""
 FORCE_REFERENCE = "controller.force.reference_N"
 IN_PROCESS_MAKER = InProcessDrives()
 
 
 class ComponentRow(NamedTuple):
-    """Components of the robot.
+    """A row of the robot's component table.
 
     Attributes:
-        name: of the row, and of its component if there is one.
-        parts: what makes its components, if the experiment has any.
-        inputs: by port (row, port), where it comes from; of several the first one whose row has components.
+        name: name of the row, and of its component if there is only one.
+        parts: returns the constructors of its components; empty if the experiment has no such component.
+        inputs: candidate sources (row, port) by port; the first one whose row has components is used.
     """
 
     name: str
@@ -75,7 +74,7 @@ class ComponentRow(NamedTuple):
 
 
 def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> ComponentRow:
-    """A row with its sources as "row.port"."""
+    """Build a row from its sources, each written as "row.port"."""
     named = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
     return ComponentRow(name, parts, {port: tuple(map(_parse_row_port, sources)) for port, sources in named.items()})
 
@@ -102,7 +101,8 @@ COMPONENT_ROWS = (
     ),
     _row(
         "tank", build.tanks,
-        omega_ref=COMMAND_SOURCES[4:], p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
+        omega_ref=COMMAND_SOURCES[4:],
+        p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
         sample="encoder.sample",
     ),
     _row("delay", build.delays, omega_ref=COMMAND_SOURCES[3:]),
@@ -112,24 +112,29 @@ COMPONENT_ROWS = (
     ),
     _row(
         "bus", build.buses,
-        omega_ref=COMMAND_SOURCES[1:], power=POWER_SOURCES[1:], drive_power=DRIVE_POWER_SOURCES[1:], brake=BRAKE_SOURCES[1:],
+        omega_ref=COMMAND_SOURCES[1:], power=POWER_SOURCES[1:], drive_power=DRIVE_POWER_SOURCES[1:],
+        brake=BRAKE_SOURCES[1:],
     ),
     _row("scale", build.scale, F_ee_B="plant.F_ee_B"),
-    _row("drive", joint_drives, omega_ref=COMMAND_SOURCES, tau_load="plant.tau_load", enable=(*DRIVE_POWER_SOURCES, *POWER_SOURCES)),
+    _row(
+        "drive", joint_drives,
+        omega_ref=COMMAND_SOURCES, tau_load="plant.tau_load", enable=(*DRIVE_POWER_SOURCES, *POWER_SOURCES),
+    ),
     _row(
         "shaft", build.unpowered_shafts,
-        theta_m="drive.theta_m", tau_load="plant.tau_load", power=(*DRIVE_POWER_SOURCES, *POWER_SOURCES), brake=BRAKE_SOURCES,
+        theta_m="drive.theta_m", tau_load="plant.tau_load", power=(*DRIVE_POWER_SOURCES, *POWER_SOURCES),
+        brake=BRAKE_SOURCES,
     ),
     _row("plant", build.plant, theta_m=SHAFT_SOURCES, theta_m_start=SHAFT_SOURCES, s_B="body.s_B", v_s_B="body.v_s_B"),
 )  # fmt: skip
-"""In the order in which a tick evaluates them."""
+"""All rows, in the order of evaluation within a tick."""
 
 
 def connect_components(made: Mapping[str, list[Component]]) -> Feeds:
-    """What feeds each input of the components of `made`, by row.
+    """Wire the components of `made`, by row: return the source of each input.
 
     Raises:
-        InputRefused: a component has not the port, or not the number of values, that another one needs of it.
+        InputRefused: a component lacks a port that another one needs, or its size differs.
     """
     feeds: Feeds = {}
     for row in COMPONENT_ROWS:
@@ -142,13 +147,13 @@ def connect_components(made: Mapping[str, list[Component]]) -> Feeds:
 
 
 def _available_sources(sources: Sequence[RowPort], made: Mapping[str, list[Component]]) -> list[RowPort]:
-    """Sources of an input in this robot: of power the drive's own line, or the one of all drives."""
+    """Return the sources of an input in this robot; for power, the drive's own line or the common one."""
     there = [source for source in sources if made[source[0]]]
     return [source for source in there if ends(made[source[0]], "output", source[1])] or there
 
 
 def _output_values(source: RowPort, made: Mapping[str, list[Component]], targets: list[End]) -> list[End]:
-    """A value of the output `source` for each of `targets`."""
+    """Return one value of the output `source` for each of `targets`."""
     name, port = source
     values = ends(made[name], "output", port)
     first = targets[0]
@@ -167,11 +172,11 @@ def _output_values(source: RowPort, made: Mapping[str, list[Component]], targets
 
 
 class TunableParameter(NamedTuple):
-    """A number that may be changed between two ticks.
+    """A parameter that can be changed between two ticks.
 
     Attributes:
-        number: what the experiment's file says, in the unit of its key.
-        memory: where its component keeps it, SI; one number, or the same for x, y and z.
+        number: value in the experiment's file, in the unit of its key.
+        memory: view of the component's memory, SI; one number, or equal ones for x, y and z.
     """
 
     number: float
@@ -179,9 +184,9 @@ class TunableParameter(NamedTuple):
 
 
 def tunable_parameters(experiment: Experiment, system: System) -> dict[str, TunableParameter]:
-    """What may be changed in `system`, which was assembled of `experiment`, by its key in the experiment's file.
+    """Return the tunable parameters of `system`, assembled from `experiment`, by key in the experiment's file.
 
-    Nothing of a controller that keeps it elsewhere than ours.
+    Parameters of a third-party controller are left out, as their memory is unknown.
     """
     found = {}
     for key, number in changeable_values(DECLARED_TABLES, experiment.values).items():
@@ -192,7 +197,7 @@ def tunable_parameters(experiment: Experiment, system: System) -> dict[str, Tuna
 
 
 def scheduled_changes(experiment: Experiment, system: System) -> tuple[MemoryChange, ...]:
-    """The experiment's own changes, for `system`, which was assembled of it."""
+    """Return the experiment's scheduled parameter changes as memory writes in `system`, which was assembled from it."""
     found = tunable_parameters(experiment, system)
     return tuple(MemoryChange(c.tick, found[c.key].memory, c.value) for c in experiment.changes if c.key in found)
 
@@ -205,12 +210,12 @@ class Assembly:
     """A system that owns its FMU instances; a context manager that frees them.
 
     Attributes:
-        system: ready to be simulated.
-        drives: what stands behind the three joints.
-        substituted: what took the place of the experiment's own components, by their names.
-        home: of drives that live elsewhere; it goes last.
-        others: the experiment's third-party parts, by their names.
-        made: the components by row; faults are none of them.
+        system: system, ready to be simulated.
+        drives: plans of the three joints' drives.
+        substituted: description of each substitute, by the name of the replaced component.
+        resources: contexts of drives in other processes, closed last.
+        third_party: third-party parts of the experiment, by role.
+        components_by_row: components by row, without faults.
     """
 
     system: System
@@ -238,19 +243,19 @@ def assemble(
     maker: DriveMaker = IN_PROCESS_MAKER,
     alive: Mapping[str, Component] = MappingProxyType({}),
 ) -> Assembly:
-    """Build every component of `experiment` and wire them.
+    """Build and wire every component of `experiment`.
 
-    The robot starts at rest in static equilibrium at the first way point of its reference.
+    The robot starts at rest in static equilibrium at the first waypoint of its reference.
 
     Args:
-        substitutes: what takes the place of the components with their names: a component of the same ports, or, of a
-            part in `ROLE_CONTRACTS`, a Python class or an instance of one.
-        maker: of the drives. What cannot live in one process gets processes of its own in any case.
-        alive: components of the experiment that are there already, by their names: they are not made.
+        substitutes: replacements by component name: a component with the same ports, or, for a role of
+            `ROLE_CONTRACTS`, a Python class or an instance.
+        maker: creates the drives. Drives that cannot share one process get their own in any case.
+        alive: existing components of the experiment, by name, used instead of new ones.
 
     Raises:
         InputRefused: a drive FMU or a third-party part does not fit; all are checked before any is loaded. Or a
-            substitute for which there is no place.
+            substitute matches no component.
     """
     plans = planned_drives(experiment)
     crowded = need_processes(plans) and maker.one_process
@@ -288,7 +293,7 @@ def assemble(
 
 
 def assemble_system(experiment: Experiment, made: Mapping[str, list[Component]]) -> System:
-    """The system of the components `made`, by row, with the faults and the changes of `experiment` in it.
+    """Build the system of the components `made`, by row, with the faults and scheduled changes of `experiment`.
 
     Raises:
         InputRefused: components or a fault do not fit.
@@ -304,7 +309,7 @@ def assemble_system(experiment: Experiment, made: Mapping[str, list[Component]])
 def inject_faults(
     experiment: Experiment, components: Sequence[Component], feeds: Feeds
 ) -> tuple[list[Component], Feeds]:
-    """The same robot with the faults of `experiment` in it, see `inject`."""
+    """Insert the faults of `experiment` into components and feeds, see `inject`."""
     return inject(
         components,
         feeds,
@@ -316,14 +321,14 @@ def inject_faults(
 
 
 def _end_feeds(feeds: Feeds, components: Sequence[Component]) -> Feeds:
-    """What feeds those inputs that are asked for at both ends of a step, at its end."""
+    """Return the feeds of inputs that a component reads at both ends of a step, for the end."""
     asked = {(component.name, port.name) for component in components for port in component.inputs}
     both = {End(t.component, t.port + END_SUFFIX, t.element): source for t, source in feeds.items()}
     return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
 def _row_makers(build: Build) -> dict[str, Makers]:
-    """What makes the components of each row; of a third-party part, that alone."""
+    """Return the constructors of the components of each row; a third-party part replaces its whole row."""
     experiment = build.experiment
     periods = {"monitor": experiment.monitor_ticks, "scale": experiment.scale_ticks, "body": 1}
     return {
@@ -342,7 +347,7 @@ def _row_makers(build: Build) -> dict[str, Makers]:
 
 
 def _substitute_label(component: Any) -> str:
-    """What a substitute is: the class of a user's model, or that of the component."""
+    """Describe a substitute: the class of a user's model, or the label and class of a component."""
     own = component.__name__ if isinstance(component, type) else type(component).__name__
     if not isinstance(component, Component):
         return own

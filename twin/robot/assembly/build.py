@@ -1,8 +1,7 @@
-"""The robot's parts, from an experiment: what is true, what is believed, and what turns the joints.
+"""Constructors of the robot's components from an experiment.
 
-True are the plant at rest, what it presses on, the encoders and the scale. The drives are one for each joint, or one
-FMU that turns all. The robot's computer is estimator, controller and safety monitor; it and the monitor believe, each
-of the robot for itself.
+The true parts are the plant at rest, the surface, the encoders, the scale and the drives (one for each joint, or one
+FMU for all). Estimator, controller and safety monitor use beliefs: the monitor has its own.
 """
 
 import math
@@ -58,25 +57,25 @@ from twin.robot.plant.surface_motion import Body, Motion, MotionKind
 from twin.robot.shaft import UnpoweredParameters, UnpoweredShaft
 
 SURFACE_FAULT_RISE = 0.02
-"""Time (s) in which a surface jumps or drops away as a fault."""
+"""Rise time (s) of a surface that jumps or drops away as a fault."""
 BREATHING_RATE = 0.25
-"""Of breathing as a fault (Hz): 15 per minute."""
+"""Frequency (Hz) of breathing as a fault: 15 per minute."""
 JOINTS = 3
 LIGHT_TOUCH = 0.3
-"""Pressing force (N) below which nothing is learnt of the tissue."""
+"""Minimum pressing force (N) for estimating the tissue."""
 LATE_PERIODS = 1.5
-"""Periods of the controller after which a message of the encoders is late."""
+"""Timeout of an encoder message, in periods of the controller."""
 POWER_LINES = ("power", "drive_power")
-"""Lines that are on until the first message has come."""
+"""Lines that are on until the first message arrives."""
 
 
 def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
-    """What is true, SI."""
+    """Return the true parameters of plant and contact, SI."""
     return PlantParameters.from_tables(plant, contact)
 
 
 def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
-    """The encoders of the motors and of the joints."""
+    """Return the encoders of motors and joints."""
     p = plant
     return (
         Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
@@ -85,12 +84,12 @@ def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
 
 
 def surface_motions(contact: Contact) -> tuple[Motion, ...]:
-    """How the surface moves; empty: it does not."""
+    """Return the surface's own motions; empty for a surface at rest."""
     return tuple(table.motion for table in contact.motions)
 
 
 def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
-    """How it moves because of those of `faults` that break the body; `tick` in s."""
+    """Return the motions of the surface caused by `faults` of the body; `tick` in s."""
     return tuple(motion for fault in faults if (motion := _fault_motion(fault, tick)) is not None)
 
 
@@ -108,20 +107,20 @@ def _fault_motion(fault: Fault, tick: float) -> Motion | None:
 
 
 class DriveMaker(Protocol):
-    """What makes the component of a drive.
+    """Interface of a factory for drive components.
 
     Attributes:
-        one_process: whether all drives that it makes live in this process.
+        one_process: whether all its drives run in this process.
     """
 
     one_process: bool
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """As `twin.robot.assembly.drives.drive`."""
+        """Create a drive's component, as `twin.robot.assembly.drives.drive` does."""
 
 
 class InProcessDrives:
-    """Drives as they are."""
+    """Factory for drives in this process."""
 
     one_process = True
     drive = staticmethod(drive)
@@ -129,15 +128,15 @@ class InProcessDrives:
 
 @dataclass(frozen=True)
 class Build:
-    """The robot at rest in static equilibrium at the start of its experiment.
+    """The robot to build, at rest in static equilibrium at the start of its experiment.
 
     Attributes:
-        experiment: what to build.
-        plans: of the three joints' drives.
-        maker: of the drives.
-        plant: at rest.
-        theta_m: the motor angles that hold it there (3,), rad.
-        others: third-party parts, by their names.
+        experiment: experiment to build.
+        plans: plans of the three joints' drives.
+        maker: factory for the drives.
+        plant: plant at rest.
+        theta_m: motor angles in that equilibrium (3,), rad.
+        third_party: third-party parts, by role.
     """
 
     experiment: Experiment
@@ -149,12 +148,12 @@ class Build:
 
 
 Makers = Mapping[str, Callable[[], Component]]
-"""What makes the components of a row of the robot's table, by their names; nothing where there is none."""
+"""Constructors of a row's components, by component name; empty for an absent row."""
 Parts = Callable[[Build], Makers]
 
 
 def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
-    """The joints' drives, checked as far as that goes without loading one; equal ones are read once.
+    """Check the joints' drives without loading any binary and return their plans; equal drives are read once.
 
     Raises:
         InputRefused: a drive does not fit.
@@ -171,12 +170,12 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
 
 
 def drives_all_joints(plan: DrivePlan) -> bool:
-    """Whether one instance of the drive turns all joints."""
+    """Whether one instance of the drive moves all joints."""
     return plan.axes == JOINTS
 
 
 def joint_drives(build: Build) -> Makers:
-    """`drive`, or `drive_1` to `drive_3`."""
+    """Constructors of `drive`, or of `drive_1` to `drive_3`."""
     tick, theta_m, tau_load = build.experiment.cosim.tick, build.theta_m, build.plant.initial("tau_load")
     if drives_all_joints(build.plans[0]):
         return {"drive": partial(build.maker.drive, "drive", build.plans[0], tick, theta_m, tau_load)}
@@ -188,16 +187,16 @@ def joint_drives(build: Build) -> Makers:
 
 
 def have_power_lines(experiment: Experiment) -> bool:
-    """Whether drives say what they do without power: each then has a line of its own from twin's own monitor."""
+    """Whether twin's own monitor has a power line per drive, as drives specify their behaviour without power."""
     stated = any(drive.unpowered is not None for drive in experiment.drives)
     return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
 
 
 def unpowered_shafts(build: Build) -> Makers:
-    """`shaft_1` to `shaft_3`, if the drives say what they do without power and a monitor may take it.
+    """Constructors of `shaft_1` to `shaft_3`, if drives specify their behaviour without power and a monitor may cut it.
 
     Raises:
-        InputRefused: some drives do not say it.
+        InputRefused: only some drives specify it.
     """
     if not have_power_lines(build.experiment):
         return {}
@@ -213,7 +212,7 @@ def unpowered_shafts(build: Build) -> Makers:
 
 
 def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
-    """Whether the joints' drives cannot live in one process: some FMUs exist only once in each.
+    """Whether the joints' drives need several processes, because some FMUs allow one instance per process.
 
     Raises:
         InputRefused: two parts of one drive are the same such FMU.
@@ -230,19 +229,19 @@ def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
 
 
 def _repeated_single_instance(fmus: Collection[FmuDescription]) -> FmuDescription | None:
-    """One of `fmus` that stands there more than once, and can live only once in a process."""
+    """Return an FMU that occurs repeatedly in `fmus` but allows one instance per process, or None."""
     digests = [fmu.sha256 for fmu in fmus]
     return next((fmu for fmu in fmus if fmu.single_instance and digests.count(fmu.sha256) > 1), None)
 
 
 def resting_plant(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
-    """The plant in static equilibrium at the first way point of its reference, and the motor angles (3,), rad, there.
+    """Build the plant at rest at the first waypoint of its reference; return it with its motor angles (3,), rad.
 
     Args:
         moved: whether a third-party body moves the surface.
 
     Raises:
-        Unreachable: the robot cannot be there.
+        Unreachable: the robot cannot reach that point.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     x, theta_m = rest_state(parameters, experiment.start)
@@ -251,32 +250,32 @@ def resting_plant(experiment: Experiment, moved: bool = False) -> tuple[Plant, n
 
 
 def plant(build: Build) -> Makers:
-    """Springs, mechanism and contact."""
+    """Constructor of the plant: springs, mechanism and contact."""
     return {"plant": lambda: build.plant}
 
 
 def body(build: Build) -> Makers:
-    """A surface that moves."""
+    """Constructor of a moving surface, if it moves."""
     found = motions(build.experiment)
     return {"body": lambda: Body(found)} if found else {}
 
 
 def encoder(build: Build) -> Makers:
-    """Motor and joint encoders."""
+    """Constructor of motor and joint encoders."""
     experiment = build.experiment
     motor, joint = shafts(experiment.plant)
     return {"encoder": lambda: Encoder(motor, joint, experiment.controller_ticks, experiment.seed)}
 
 
 def latency(build: Build) -> Makers:
-    """The way of the angles into the encoders, if it takes time."""
+    """Constructor of the delay between the angles and the encoders, if there is one."""
     ticks = whole_ticks(build.experiment.plant.encoder_latency, build.experiment.cosim.tick)
     initial = np.concatenate([build.theta_m, build.plant.initial("theta_l")])
     return {"latency": lambda: delay("latency", ANGLES, ticks, initial)} if ticks else {}
 
 
 def scale(build: Build) -> Makers:
-    """The electronic scale's display."""
+    """Constructor of the electronic scale's display, if there is one."""
     table = build.experiment.scale
     if table is None:
         return {}
@@ -284,27 +283,27 @@ def scale(build: Build) -> Makers:
 
 
 def motions(experiment: Experiment) -> tuple[Motion, ...]:
-    """How the surface moves, by itself and because of faults."""
+    """Return all motions of the surface, its own and those caused by faults."""
     return surface_motions(experiment.contact) + fault_motions(experiment.faults, experiment.cosim.tick)
 
 
 def belief(experiment: Experiment) -> Belief:
-    """What the controller believes: [controller.model] and the dead zone as the estimator takes them."""
+    """Return the estimator's belief: [controller.model] and the dead zone."""
     return Belief.from_tables(experiment.controller, experiment.controller.model)
 
 
 def monitor_belief(robot: Robot) -> MonitorBelief:
-    """What the safety monitor believes: the robot as [robot] has it, whatever [controller.model] says."""
+    """Return the safety monitor's belief: the robot of [robot], independent of [controller.model]."""
     return MonitorBelief.from_tables(robot, backlash=robot.backlash)
 
 
 def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
-    """The limits of [monitor] as the component takes them; `speed_limit`: of the controller's commands (rad/s)."""
+    """Return the limits of [monitor]; `speed_limit` is the controller's command limit (rad/s)."""
     return Limits.from_tables(monitor, command_limit=monitor.command_limit or speed_limit)
 
 
 def adaptive_options(experiment: Experiment) -> AdaptiveOptions | None:
-    """What of it the experiment asks for; None: nothing."""
+    """Return the adaptive parts of the controller; None without [controller.tissue]."""
     c = experiment.controller
     if c.tissue is None:
         return None
@@ -317,14 +316,15 @@ def adaptive_options(experiment: Experiment) -> AdaptiveOptions | None:
 
 
 def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
-    """How the tissue is looked at, with the robot as it is believed to be, about `p_B` (m)."""
+    """Return the parameters of the tissue estimate for the believed robot near `p_B` (m)."""
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
     geometry, masses = geometry_of(model), Masses(model.m_a, model.m_b, model.m_p, 0.0)
-    # the rods' part of M_zz that is of first order in J_z changes by grams within reach; dA_i/dtheta is l_a cos(theta)
+    # M_zz depends on the rods to first order in J_z, which changes it by grams within reach; dA_i/dtheta is l_a
+    # cos(theta)
     downwards = model.l_a * np.cos(joint_angles(geometry, p_B))
     rods = -model.m_b / 3.0 * float(downwards @ jacobian(geometry, p_B)[:, 2])
-    # rounding to whole counts is off by an even distribution
+    # rounding to whole counts has a uniform error
     counts = model.motor_counts_per_turn, model.joint_counts_per_turn
     motor, joint = (2.0 * math.pi / each / math.sqrt(12.0) for each in counts)
     per_motor = model.k_s * model.eta * model.N
@@ -340,21 +340,20 @@ def tissue_sensing(computer: Computer, p_B: Triple) -> Sensing:
 
 
 def estimator(experiment: Experiment) -> Estimator:
-    """Encoder counts to position and force."""
+    """Build the estimator, which converts encoder counts to position and force."""
     return Estimator(belief(experiment), experiment.controller.gravity_compensation, experiment.controller_ticks)
 
 
 def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -> Controller | TaskController:
-    """The force-position law with the experiment's gains, led by way points or by tasks.
+    """Build the force-position controller with the experiment's gains, led by waypoints or tasks.
 
-    In position mode nothing ever triggers the force loop.
+    In position mode the force loop never starts.
 
     Args:
-        program: phases that lead it instead of those of the experiment's tasks; only if it has tasks.
+        program: phases that replace the experiment's; only for an experiment with tasks.
     """
     c = experiment.controller
     force_on = c.mode == "force_position"
-    # in position mode nothing starts the force loop
     started = {} if force_on else {"trigger_force": math.inf, "trigger_time": math.inf}
     law = Law.from_tables(c, c.model, c.force, **started)
     position, force = Gains.from_tables(c.position), force_gains(c.force)
@@ -381,20 +380,20 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
 
 
 def estimators(build: Build) -> Makers:
-    """What makes the estimator."""
+    """Constructor of the estimator."""
     return {"estimator": lambda: estimator(build.experiment)}
 
 
 def controllers(build: Build) -> Makers:
-    """What makes the controller."""
+    """Constructor of the controller."""
     return {"controller": lambda: controller(build.experiment)}
 
 
 def references(build: Build) -> Makers:
-    """What makes the pre-defined way, if a third-party controller has an input for it.
+    """Constructor of the pre-defined path, if a third-party controller has an input for it.
 
     Raises:
-        InputRefused: there is none.
+        InputRefused: the experiment has no [reference].
     """
     other = build.third_party.get("controller")
     if other is None or P_REF_B not in other.inputs:
@@ -406,7 +405,7 @@ def references(build: Build) -> Makers:
 
 
 def tanks(build: Build) -> Makers:
-    """What makes the energy tank behind the controller, if it has one."""
+    """Constructor of the energy tank behind the controller, if it has one."""
     c, ticks = build.experiment.controller, build.experiment.controller_ticks
     if c.energy_tank is None:
         return {}
@@ -415,13 +414,13 @@ def tanks(build: Build) -> Makers:
 
 
 def delays(build: Build) -> Makers:
-    """What makes the delay of the computation behind the controller, if one is set."""
+    """Constructor of the computation delay behind the controller, if one is set."""
     ticks = build.experiment.controller.delay_ticks
     return {"delay": lambda: delay("delay", (OMEGA_REF,), ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
 
 
 def monitors(build: Build) -> Makers:
-    """What makes the safety monitor, if anybody watches."""
+    """Constructor of the safety monitor, if there is one."""
     experiment = build.experiment
     if experiment.monitor is None:
         return {}
@@ -432,9 +431,9 @@ def monitors(build: Build) -> Makers:
 
 
 def buses(build: Build) -> Makers:
-    """What makes the bus between the last of the computer and the drives, if it takes time.
+    """Constructor of the bus from the computer to the drives, if it has a delay.
 
-    Until the first message has come the drives are commanded to stand still, and have power.
+    Until the first message arrives the drives are commanded to stand still, with power on.
     """
     ticks = build.experiment.controller.bus_delay_ticks
     if not ticks:

@@ -1,4 +1,4 @@
-"""The tables that the robot's parts declare, and the place of each number in their memory."""
+"""Tables that the robot's parts declare, and the memory place of each number."""
 
 import math
 from collections.abc import Mapping
@@ -43,13 +43,13 @@ _TUNABLE_SOURCES: dict[str, tuple[MemoryPlace, FieldSource]] = {}
 
 
 class SettingMemory(NamedTuple):
-    """Where a component keeps settings.
+    """Settings in a component's memory.
 
     Attributes:
-        component: its name.
-        record: in its memory, the names of records in records joined by "."; "" the memory itself.
-        fields: those of the record that hold settings.
-        broken_by: the field that a kind of fault changes, by the kind.
+        component: component name.
+        record: record in its memory, names of nested records joined by "."; "" for the memory itself.
+        fields: setting that each field holds, by field name.
+        broken_by: field changed by a fault, by kind of fault.
     """
 
     component: str
@@ -63,7 +63,7 @@ def _values_memory(component: str, record: str, values: type[Values]) -> Setting
 
 
 def _monitor_belief_fields() -> dict[str, FieldSource]:
-    """The monitor believes what [robot] says, whatever [controller.model] does."""
+    """Return the sources of the monitor's belief: always [robot], independent of [controller.model]."""
     model = MonitorBelief.sources
     return {name: FieldSource(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
 
@@ -90,11 +90,11 @@ SETTING_MEMORIES = (
     SettingMemory("controller", "damper", setting_fields(Damping)),
     SettingMemory("controller", "machine", setting_fields(Touch)),
     _values_memory("tank", "tank", Tank),
-    # at the start it is full
+    # the tank is full at the start
     SettingMemory("tank", "", {"level": FieldSource(EnergyTank, "size")}),
     SettingMemory("monitor", "belief", _monitor_belief_fields()),
 )
-"""In the order in which the components look at them."""
+"""All settings in memory, in component order."""
 
 TABLE_PATHS: dict[type[Settings], str] = {
     table: path
@@ -106,27 +106,27 @@ TABLE_PATHS[Processor] = TABLE_PATHS[Computer]
 
 
 def key_of(source: FieldSource) -> str:
-    """The key in the file of what a field holds, `controller.force.kp_mm_per_N`."""
+    """Return the key in the file for a field's setting: `controller.force.kp_mm_per_N`."""
     return f"{TABLE_PATHS[source.table]}.{source.setting.key(source.name)}"
 
 
 for _memory in SETTING_MEMORIES:
     for _field, _source in _memory.fields.items():
         if _source.setting.tunable:
-            # of one that lies in two places the first: the other one is a copy that a schedule goes back to
+            # for a setting in two places the first one: the other is a copy that a schedule returns to
             _TUNABLE_SOURCES.setdefault(
                 key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source)
             )
 TUNABLE_PLACES = {key: place for key, (place, _) in _TUNABLE_SOURCES.items()}
-"""Where the numbers lie that may change while the robot runs, by their keys in the file."""
+"""Memory places of the parameters that may change during a run, by key in the file."""
 FAULT_PLACES = {
     kind: MemoryPlace(memory.component, memory.record, field)
     for memory in SETTING_MEMORIES
     for kind, field in memory.broken_by.items()
 }
-"""Where a kind of fault changes a number."""
+"""Memory place that a fault changes, by kind of fault."""
 _CHANGEABLE_SETTINGS = {
     key: ChangeableSetting(source.table, source.name) for key, (_, source) in _TUNABLE_SOURCES.items()
 }
 DECLARED_TABLES = DeclaredTables(_NEEDED_TABLES, _OPTIONAL_TABLES, _CHANGEABLE_SETTINGS, TASK_KINDS)
-"""As `twin.robot.experiment` is handed it."""
+"""The declared tables in the form that `twin.robot.experiment` takes."""

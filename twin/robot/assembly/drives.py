@@ -1,6 +1,6 @@
-"""A joint's drive: from its [drive] table to a checked plan, and to a component.
+"""Drives of the joints: from a [drive] table to a checked plan, and to a component.
 
-The component has the contract's ports, whatever stands behind them; a plan also says how often it is stepped.
+The component has the contract's ports, whatever implements it; the plan also contains its step rates.
 """
 
 import math
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 Start = float | np.ndarray
 ENABLE_ROLE = "enable"
-"""The optional role by which a drive's power is switched."""
+"""The optional role that switches a drive's power."""
 ONLY_PART = ""
-"""Name of the only part of a drive that is one FMU."""
+"""Part name in a drive of a single FMU."""
 OMEGA_REF = COMMAND_ROLES["velocity"].port
 
 
@@ -54,18 +54,17 @@ class DrivePlan:
     """A drive that has passed every check that needs no binary.
 
     Attributes:
-        label: what an error calls it.
-        table: what the experiment says.
-        parts: the FMUs by part.
-        settings: values set in each.
-        bindings: the roles it fills.
+        label: name in error messages.
+        table: [drive] table of the experiment.
+        parts: FMUs by part.
+        settings: values to set, by part.
+        bindings: roles and the variables that fill them.
         wires: (output, input) between parts, "part.variable" each.
-        switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
-        ticks: how many it will be stepped; None: not known.
-        ramped: whether it is offered its inputs as lines over a step.
-        folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
-            looked at whenever a component is made.
-        system: that the parts are of, where the drive is an SSP.
+        switched: whether its role `enable` is an input of the component; else it keeps its initial value.
+        ticks: number of steps to come; None if unknown.
+        ramped: whether its inputs are linear over a step.
+        folders: verified unpacked folders by SHA-256, shared by one robot; None to verify for every component.
+        system: enclosing SSP of the parts, if the drive is one.
     """
 
     label: str
@@ -81,10 +80,10 @@ class DrivePlan:
     system: "EnclosedSystem | None" = None
 
     def folder(self, part: str) -> Path:
-        """Of the unpacked FMU of a part.
+        """Return the folder of a part's unpacked FMU.
 
         Raises:
-            InputRefused: it cannot be written there.
+            InputRefused: the folder cannot be written.
         """
         if self.system is not None:
             return self.system.folder(part)
@@ -95,12 +94,13 @@ class DrivePlan:
         return known[fmu.sha256]
 
     def with_enable_input(self) -> "DrivePlan":
-        """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
+        """Return the plan with `enable` as an input, if it has that role and the experiment does not fix it."""
         fixed = {qualified_name(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE_ROLE and b.name not in fixed for b in self.bindings))
 
     def tolerance(self, part: str) -> float | None:
-        """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
+        """Return the solver tolerance of a part: the experiment's, else the FMU's, else the default for CVODE, or
+        None."""
         own = self.table.parts[part].tolerance if part in self.table.parts else None
         stated = self.table.tolerance if own is None else own
         stated = self.parts[part].tolerance if stated is None else stated
@@ -108,7 +108,7 @@ class DrivePlan:
         return DEFAULT_TOLERANCE if stated is None and solver is not None and solver.method == "cvode" else stated
 
     def solver(self, part: str) -> Solver | None:
-        """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
+        """Return twin's solver for the equations of a part; None for a co-simulation FMU, which contains its own."""
         if self.parts[part].kind == "co_simulation":
             return None
         own = self.table.parts.get(part, self.table)
@@ -117,26 +117,26 @@ class DrivePlan:
 
     @property
     def is_bare(self) -> bool:
-        """Whether nothing of ours stands between its FMU and the robot."""
+        """Whether the FMU is wired to the robot directly, without twin's velocity loop, rotor or position command."""
         return self.table.velocity_loop is self.table.rotor is None and self.table.command != "position"
 
     @property
     def axes(self) -> int:
-        """How many joints one instance drives: 1 or 3."""
+        """Number of joints per instance: 1 or 3."""
         return self.port(COMMAND_ROLES[self.table.command].port.name).size
 
     def port(self, name: str) -> Port:
-        """The port of the role `name`, which it fills."""
+        """Return the port of the role `name`, which the drive must fill."""
         return next(b.port for b in self.bindings if b.port.name == name)
 
     @property
     def outputs(self) -> tuple[Port, ...]:
-        """The contract's outputs that it offers, those of a rotor of ours first."""
+        """Contract outputs that the drive offers; outputs of twin's rotor come first."""
         own = (THETA_M_ROLE.port, OMEGA_M_ROLE.port) if self.table.rotor else ()
         return (*own, *(b.port for b in self.bindings if b.role.causality == "output"))
 
     def warnings(self) -> list[str]:
-        """What may go wrong although the drive is accepted."""
+        """Return warnings about an accepted drive: algebraic loops, undeclared units, unwired shaft speed."""
         loops = [
             f"{name} depends directly on {load.name} (ModelStructure). With the spring that makes an algebraic loop, "
             "tau_load = k_s (theta_m - N theta_l); the master breaks it by one step of delay, which costs accuracy "
@@ -151,7 +151,7 @@ class DrivePlan:
         return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
 
     def _direct_feedthrough(self, load: str) -> list[str]:
-        """Roles of motion that the FMU says depend on the load without any delay."""
+        """Return the motion roles with declared direct feedthrough from the load."""
         motion = {b.name: b.port.name for b in self.bindings if b.port.name in ("theta_m", "omega_m")}
         return [
             motion[name]
@@ -163,10 +163,10 @@ class DrivePlan:
 
 
 def plan_drive(table: Drive) -> DrivePlan:
-    """Check a drive as far as that goes without loading it.
+    """Check a drive without loading its binaries and return its plan.
 
     Raises:
-        InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
+        InputRefused: an FMU, its hash, the mapping, a parameter or a wire is invalid.
     """
     if table.fmu is not None and is_system(Path(table.fmu)):
         return _check_axes(_plan_system(table))
@@ -191,7 +191,7 @@ def plan_drive(table: Drive) -> DrivePlan:
 
 
 def _plan_system(table: Drive) -> DrivePlan:
-    """The plan of a drive that is an SSP."""
+    """Check a drive that is an SSP and return its plan."""
     system = _enclosed_system(table)
     label, wiring = system.path.name, _wiring(table)
     for key in ("tolerance", "kind", "solver", "solver_step"):
@@ -206,7 +206,7 @@ def _enclosed_system(table: Drive) -> "EnclosedSystem":
     from twin.kernel.systems.enclosed import enclose_system
 
     mapped = [*table.inputs.values(), *table.outputs.values()]
-    # a variable inside, or one with its unit
+    # a variable inside, or a variable with its unit
     names = [*mapped, *(split_unit(name)[0] for name in mapped)]
     system = enclose_system(Path(table.fmu or ""), "drive", table.parameters, names)
     refuse_other_file(system.path, system.sha256, table.sha256)
@@ -218,7 +218,7 @@ def _wiring(table: Drive) -> Wiring:
 
 
 def _check_axes(plan: DrivePlan) -> DrivePlan:
-    """`plan`, if what stands between its FMUs and the robot can do with its axes."""
+    """Return `plan`; refuse several axes behind twin's one-axis rotor or loop."""
     table, label = plan.table, plan.label
     if plan.axes > 1 and not plan.is_bare:
         ours = "rotor turns" if table.rotor else "loop drives"
@@ -227,10 +227,10 @@ def _check_axes(plan: DrivePlan) -> DrivePlan:
 
 
 def fmus(table: Drive) -> "Mapping[str, FmuDescription | EnclosedSystem]":
-    """The FMUs of a drive by part; of an SSP that itself, too, as the part ALONE.
+    """Return the FMUs of a drive by part; an SSP is included under `ONLY_PART`.
 
     Raises:
-        InputRefused: one cannot be used, or is not the one that was meant.
+        InputRefused: one cannot be used, or does not match its pinned hash.
     """
     if table.fmu is not None and is_system(Path(table.fmu)):
         system = _enclosed_system(table)
@@ -249,7 +249,7 @@ def _descriptions(table: Drive) -> dict[str, FmuDescription]:
 
 
 def _refuse_idle_solvers(plan: DrivePlan) -> None:
-    """A solver that is named has to have equations to solve."""
+    """Refuse a solver for an FMU that has its own."""
     named = {name: part.solver for name, part in plan.table.parts.items()}
     if plan.table.solver and all(fmu.kind == "co_simulation" for fmu in plan.parts.values()):
         named[next(iter(plan.parts))] = plan.table.solver
@@ -261,15 +261,15 @@ def _refuse_idle_solvers(plan: DrivePlan) -> None:
 
 
 def is_system(file: Path) -> bool:
-    """Whether it is called as an SSP is."""
+    """Whether a file is an SSP, by its extension."""
     return file.suffix.lower() == ".ssp"
 
 
 def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
-    """The experiment has to mean the `file` of that hash, or to say nothing.
+    """Refuse a `file` whose SHA-256 differs from the pinned one; None pins nothing.
 
     Raises:
-        InputRefused: it pins another hash.
+        InputRefused: the hashes differ.
     """
     if pinned is not None and pinned.lower() != sha256:
         raise InputRefused(
@@ -279,12 +279,12 @@ def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
 
 
 def qualified_name(part: str, variable: str) -> str:
-    """What the user calls a variable of a part: `machine.R`."""
+    """Return the user's name for a variable of a part: `machine.R`."""
     return f"{part}.{variable}" if part else variable
 
 
 def belongs(part: str, name: str) -> bool:
-    """Whether `name`, as the user calls it, is that of a variable of `part`."""
+    """Whether the user's name `name` refers to a variable of `part`."""
     return part == ONLY_PART or name.startswith(f"{part}.")
 
 
@@ -306,7 +306,7 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
 
 
 def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """(inner ticks per tick, inner ticks per command of ours; where nothing is said of it, one command per tick)."""
+    """Return inner ticks per tick, and inner ticks per command of twin's loop (by default one command per tick)."""
     key, loop = next(
         ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
     )
@@ -323,10 +323,10 @@ def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
 
 
 def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-    """The component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
+    """Create a drive's component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
 
     Args:
-        tick: of the system it will be part of (s).
+        tick: tick of the surrounding system (s).
         theta_m: motor angle at t = 0 (rad).
         tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
 
@@ -359,7 +359,7 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
 def _system_component(
     name: str, plan: DrivePlan, tick: float, substeps: int, theta_m: Start, tau_load: Start
 ) -> "EnclosedComponent":
-    """The system of a drive that is an SSP, in ticks of `tick` (s)."""
+    """Create the component of a drive that is an SSP, in ticks of `tick` (s)."""
     assert plan.system is not None
     inputs, outputs = _ports(plan, plan.bindings)
     started = {"tau_load": tau_load, ENABLE_ROLE: 1.0, "theta_m": theta_m}
@@ -368,8 +368,8 @@ def _system_component(
 
 
 def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], list[FmuPort]]:
-    """Inputs and outputs of a component that fills the roles of `mine`."""
-    # an optional input keeps the value it was given before initialisation
+    """Return inputs and outputs of a component that fills the roles of `mine`."""
+    # an unwired optional input keeps its initial value
     inputs = [
         FmuPort(b.port, b.variable, b.gain, b.offset)
         for b in mine
@@ -388,7 +388,7 @@ def _fmu_component(
     tau_load: Start,
     setup: Setup,
 ) -> FmuComponent:
-    """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
+    """Create one FMU with ports for its roles and for its ends of wires between parts."""
     inputs, outputs = _ports(plan, [b for b in plan.bindings if belongs(part, b.name)])
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
@@ -414,7 +414,7 @@ def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
 
 
 def _port_name(end: str) -> str:
-    """A port name for a wire's end that no role has, without the dots that wires are written with."""
+    """Return a port name for a wire's end without a role; dots are replaced, as wires use them as separators."""
     return "wire:" + end.replace(".", ":")
 
 
@@ -427,7 +427,7 @@ def _inner_system(
     period: int,
     theta_m: Start,
 ) -> Component:
-    """The drive as a system of its own with a finer tick."""
+    """Build the drive as a subsystem with a finer tick."""
     takes = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.inputs}
     gives = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.outputs}
     table, command = plan.table, COMMAND_ROLES[plan.table.command].port
@@ -470,7 +470,7 @@ def _inner_system(
 
 
 def _servo(plan: DrivePlan, parts: "Sequence[FmuComponent | EnclosedComponent]") -> Servo:
-    """How the FMU counts its shaft's angle, where it takes a position."""
+    """Return how the FMU counts its shaft angle, if its command is a position."""
     stated = plan.table.position_command or PositionCommand()
     if plan.table.command != "position":
         return Servo(0.0, 1.0)

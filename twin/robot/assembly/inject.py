@@ -1,6 +1,6 @@
-"""Faults inserted into the wires of a healthy system.
+"""Injection of faults into the wires of a healthy system.
 
-A fault is a component in the wires. What of it would do nothing, or cannot be done, is refused.
+Each fault is a component in the wires. Faults without effect and impossible faults are refused.
 """
 
 import math
@@ -31,20 +31,20 @@ from twin.robot.faults import (
 from twin.robot.shaft import DriveFault, DriveLaw
 
 THREE_AXES = "drive"
-"""Name of a drive that turns all joints; others are drive_1 .. drive_3."""
+"""Name of a drive for all joints; single drives are drive_1 .. drive_3."""
 COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
 LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
-"""Below which a law changes no count."""
+"""Minimum magnitude (counts) with an effect, by law."""
 DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
 BUS_TARGET = "bus"
-"""Target of what happens to commands on their last way, into the drives."""
+"""Target of faults on the commands between the computer and the drives."""
 
 
 class Circuit:
-    """A copy of a system's components and feeds; the components themselves are shared.
+    """A copy of a system's wiring, with shared components.
 
     Attributes:
-        components: in the order in which a tick evaluates them.
+        components: components in the order of evaluation within a tick.
         feeds: see `twin.kernel.cosim.system`.
     """
 
@@ -54,10 +54,10 @@ class Circuit:
         self._stand_ins: dict[End, End] = {}
 
     def component(self, name: str, number: int, target: str) -> Component:
-        """The component `name`, which fault `number` on `target` needs.
+        """Return the component `name`, which fault `number` on `target` needs.
 
         Raises:
-            InputRefused: there is none.
+            InputRefused: the component does not exist.
         """
         for component in self.components:
             if component.name == name:
@@ -69,18 +69,18 @@ class Circuit:
         )
 
     def has(self, name: str) -> bool:
-        """Whether there is a component `name`."""
+        """Whether the component `name` exists."""
         return any(component.name == name for component in self.components)
 
     def faulty_output(self, output: End) -> End:
-        """The last of the faults behind `output`, or itself."""
+        """Return the corresponding output of the last fault inserted after `output`, or `output` itself."""
         return self._stand_ins.get(output, output)
 
     def insert_after(self, fault: Component, outputs: Sequence[End], inputs: Sequence[End]) -> None:
-        """Feed `inputs` of `fault` from `outputs` (or the faults behind them); who read these reads it instead.
+        """Insert `fault` after `outputs` (and their earlier faults): every reader of these reads the fault instead.
 
         Args:
-            inputs: of the fault, which has outputs of the same names.
+            inputs: inputs of the fault, which has outputs with the same names.
         """
         sources = [self.faulty_output(output) for output in outputs]
         instead = dict(zip(sources, inputs, strict=True))
@@ -90,14 +90,14 @@ class Circuit:
         self.insert(fault, sources)
 
     def insert_before(self, fault: Component, targets: Sequence[End], inputs: Sequence[End]) -> None:
-        """Let `fault` feed `targets` from what has fed them; `inputs`: its own, and its outputs of the same names."""
+        """Insert `fault` before `targets`: its `inputs` get their sources, its outputs of the same names feed them."""
         sources = [self.feeds[target] for target in targets]
         self.feeds.update(zip(targets, inputs, strict=True))
         self.feeds.update(zip(inputs, sources, strict=True))
         self.insert(fault, sources)
 
     def insert(self, fault: Component, sources: Iterable[End]) -> None:
-        """Right behind the last component that feeds it; behind one that may return NaN, it may too."""
+        """Insert `fault` into the component order after its last source; it may return NaN if a source may."""
         feeding = {source.component for source in sources}
         fault.finite = fault.finite and all(c.finite for c in self.components if c.name in feeding)
         self.components.insert(1 + max(i for i, c in enumerate(self.components) if c.name in feeding), fault)
@@ -111,21 +111,21 @@ def inject(
     counts_per_turn: tuple[float, float],
     speed_limit: float,
 ) -> tuple[list[Component], Feeds]:
-    """Components and feeds of the same system with `faults` in it; what was given stays as it is.
+    """Return components and feeds of a system with `faults` inserted; the arguments stay unchanged.
 
-    Fault n of the list is the component "fault_n"; of a group each member counts. Faults on one signal act in the order
-    of the list. A fault of the mechanism "body" belongs to what the robot presses on, and is passed over.
+    Fault n of the list is the component "fault_n"; each member of a group counts. Faults on one signal act in the order
+    of the list. Faults with the mechanism "body" belong to the surface and are skipped.
 
     Args:
-        components, feeds: of the healthy system, by the names encoder, estimator, controller, monitor (if there is
-            one), drive or drive_1 .. drive_3, plant.
-        faults: what breaks.
-        tick: (s).
-        counts_per_turn: of the motor and of the joint encoders.
-        speed_limit: of a drive (rad/s).
+        components, feeds: healthy system with the components encoder, estimator, controller, monitor (optional),
+            drive or drive_1 .. drive_3, and plant.
+        faults: faults to insert.
+        tick: duration of a tick (s).
+        counts_per_turn: counts per turn of motor and joint encoders.
+        speed_limit: speed limit of a drive (rad/s).
 
     Raises:
-        InputRefused: a kind or target that does not exist, or a magnitude that does nothing.
+        InputRefused: an unknown kind or target, or a magnitude without effect.
     """
     circuit = Circuit(components, feeds)
     written: list[str] = []
@@ -151,20 +151,23 @@ def inject(
 
 
 def _element_index(target: str) -> int:
-    """Which of three "drive_2", "joint_encoder_2" or "joint_2" means, from 0; without a number the only one."""
+    """Return the index from 0 of "drive_2", "joint_encoder_2" or "joint_2"; 0 without a number."""
     last = target.rpartition("_")[2]
     return int(last) - 1 if last.isdigit() else 0
 
 
 def _name_and_span(number: int, fault: Fault) -> tuple[str, Span]:
-    """Name and span of the component of fault `number`."""
+    """Return name and time span of the component of fault `number`."""
     return f"fault_{number}", Span(fault.onset, fault.end)
 
 
 def _break_encoder(
     circuit: Circuit, number: int, fault: Fault, tick: float, counts_per_turn: tuple[float, float]
 ) -> None:
-    """The magnitude is an angle of the encoder's own shaft, of a drift a speed, of a dropout a share of samples."""
+    """Insert a fault of encoder counts.
+
+    The magnitude is an angle of the encoder's shaft, a speed (drift) or a share of samples (dropout).
+    """
     encoder = circuit.component("encoder", number, fault.target)
     of_motor = fault.target.startswith("motor")
     name = "count_m" if of_motor else "count_l"
@@ -193,7 +196,10 @@ def _break_encoder(
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:
-    """The magnitude is a delay, the longest of random delays, or the share of messages that are lost."""
+    """Insert a fault of messages.
+
+    The magnitude is a delay, the maximum of random delays, or the share of lost messages.
+    """
     targets: list[End] = []
     if fault.target == BUS_TARGET:
         targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
@@ -201,7 +207,7 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
         ports: tuple[Port, ...] = (Port("omega_ref", JOINTS, "rad/s", "commanded motor speed, as it arrives"),)
     else:
         sender = circuit.component(fault.target, number, fault.target)
-        # of a controller only the command leaves the computer
+        # of the controller's outputs only the command leaves the computer
         ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
     share, least, most = 0.0, 0, whole_ticks(fault.magnitude, tick)
     if find_kind(number, fault.kind).unit == "share":
@@ -226,9 +232,9 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
 
 
 def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> None:
-    """Drives whose power is cut stand still, although the bus does not tell them to.
+    """Insert a gate that stops unpowered drives while the bus still delivers motion commands.
 
-    A monitor without a drive to obey it stops them by its command otherwise, see docs/safety.md.
+    Without it, a monitor with drives that cannot be switched stops them through its command, see docs/safety.md.
     """
     lines = power_lines(circuit)
     if lines:
@@ -238,12 +244,12 @@ def _insert_power_gate(circuit: Circuit, name: str, targets: Sequence[End]) -> N
 
 
 def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:
-    """No drive has power, nor is it commanded to move."""
+    """Insert a power failure: no drive has power or a command to move."""
     name, span = _name_and_span(number, fault)
     stopped = CommandFault(name, span, 0.0, JOINTS)
     targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in range(JOINTS)]
     circuit.insert_before(stopped, targets, ends([stopped], "input", "omega_ref"))
-    # without a monitor nothing says whether the drives have power
+    # power signals exist only with a monitor
     for line in power_lines(circuit):
         source = circuit.component(line[0], number, fault.target)
         port = next(port for port in source.outputs if port.name == line[1])
@@ -252,16 +258,17 @@ def _cut_power(circuit: Circuit, number: int, fault: Fault) -> None:
 
 
 def power_lines(circuit: Circuit) -> list[tuple[str, str]]:
-    """(component, port) of what says whether the drives have power."""
+    """Return (component, port) of each power signal of the drives."""
     last = next((c for name in ("bus", "monitor") for c in circuit.components if c.name == name), None)
     lines = [port.name for port in last.outputs] if last else []
     return [(last.name, port) for port in ("drive_power", "power") if last and port in lines]
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
-    """The magnitude is the limit, of a brown-out the share of `speed_limit` that the sagging supply leaves.
+    """Insert a speed limit.
 
-    Without load a motor's highest speed is proportional to its voltage.
+    The magnitude is the limit; in a brown-out the remaining share of `speed_limit`, as a motor's no-load speed is
+    proportional to its voltage.
     """
     joints = [_element_index(fault.target)] if fault.target.startswith("drive_") else list(range(JOINTS))
     targets = [_drive_end(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
@@ -272,7 +279,7 @@ def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: flo
 
 
 def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
-    """The magnitude is the speed of a runaway."""
+    """Insert a fault of one drive. The magnitude is the speed of a runaway."""
     joint = _element_index(fault.target)
     theta_m = _drive_end(circuit, number, fault.target, joint, "theta_m")
     tau_load = circuit.feeds[_drive_end(circuit, number, fault.target, joint, "tau_load")]
@@ -294,14 +301,14 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
 
 
 def _drive_end(circuit: Circuit, number: int, target: str, joint: int, port: str) -> End:
-    """The end of one joint's drive."""
+    """Return the end of a port for one joint's drive."""
     if circuit.has(THREE_AXES):
         return End(THREE_AXES, port, joint)
     return End(circuit.component(f"drive_{joint + 1}", number, target).name, port)
 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:
-    """The magnitude is a factor on the parameter, an addition where it has a unit; without one nothing is left."""
+    """Insert a parameter change. The magnitude is a factor (0 without one), or a summand if it has a unit."""
     place = FAULT_PLACES[fault.kind]
     element = _element_index(fault.target)
     owner = circuit.component(place.component, number, fault.target)

@@ -1,8 +1,7 @@
-"""Drives in processes of their own: a crash ends that drive only, and single-instance FMUs fit.
+"""Drives in processes of their own: a crash ends one drive only, and single-instance FMUs fit.
 
-A step is a question and an answer through shared memory (`page.py`). Only one side works at a time, so all of them
-share one processor: switching between two processes there costs 2.5 microseconds, waking another processor ten times
-as much.
+A step is a request and a reply through shared memory. As only one side works at a time, all processes share one
+processor: switching between two processes there takes 2.5 us, waking another processor ten times as long.
 """
 
 import atexit
@@ -49,19 +48,19 @@ HOST_JOB = "twin.robot.assembly.isolated_drive:hosted_drive"
 SAVE_ORDER, RESTORE_ORDER = 1, 2
 """Orders to a host."""
 REFUSED_STATUS = 3
-"""Its answer to one that it could not carry out; why lies behind the page."""
+"""Reply of a host to an order that failed; the error message follows the page."""
 _spare: list[GuardedProcess] = []
-"""Processes that have been kept: starting one takes a second, and a study may need three of them a hundred times."""
+"""Idle processes kept for reuse: starting one takes a second, and a study may need three a hundred times."""
 
 
 class IsolatedDrives:
-    """Makes drives that live elsewhere; a context manager at whose exit their processes are gone, or kept.
+    """Factory for drives in other processes; a context manager that ends the processes on exit, or keeps them.
 
     Args:
-        reporter: learns of each process, so that the supervisor watches its memory; None: this process' own.
-        step: longest time of one call into a drive (s).
-        count: processes to start at once, because they take a while.
-        keep: processes whose drives have ended well serve the next ones that this process makes so.
+        reporter: receives each process, so that the supervisor watches its memory; None for this process' own reporter.
+        step: timeout of one call into a drive (s).
+        count: number of processes to start in advance, as starting takes a while.
+        keep: whether to reuse the processes of drives that have ended normally.
 
     Raises:
         InputRefused: this system has no futex.
@@ -72,7 +71,7 @@ class IsolatedDrives:
     def __init__(
         self, reporter: Reporter | None = None, step: float = JobLimits.step, count: int = 3, keep: bool = False
     ):
-        # raises where this cannot work, before anything is started
+        # raises on systems without futex, before anything is started
         syscall_numbers()
         self._reporter, self._limits, self._keep = reporter or own_reporter(), JobLimits(step=step), keep
         self._processors = os.sched_getaffinity(0)
@@ -93,10 +92,10 @@ class IsolatedDrives:
         os.sched_setaffinity(0, self._processors)
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """As `twin.robot.assembly.drives.drive`, in a process of its own.
+        """Create a drive's component as `twin.robot.assembly.drives.drive` does, in another process.
 
         Raises:
-            InputRefused: likewise; also if it crashes or hangs while it is made.
+            InputRefused: as there; also if it crashes or hangs during creation.
         """
         processor = ctypes.CDLL(None).sched_getcpu()
         os.sched_setaffinity(0, {processor})
@@ -119,7 +118,7 @@ class IsolatedDrives:
             raise
 
     def _release(self, process: GuardedProcess) -> None:
-        """A drive has ended well in `process`."""
+        """Keep or end `process`, whose drive has ended normally."""
         if self._keep and process.memory < 0.5 * self._limits.memory:
             self._idle.append(process)
         else:
@@ -127,7 +126,7 @@ class IsolatedDrives:
 
 
 def _spare_processes(most: int) -> list[GuardedProcess]:
-    """Up to `most` of the spare processes; those that have died meanwhile are closed."""
+    """Take up to `most` live spare processes; dead ones are closed."""
     found: list[GuardedProcess] = []
     while _spare and len(found) < most:
         process = _spare.pop()
@@ -146,17 +145,17 @@ def _end_spare() -> None:
 
 
 class IsolatedDrive(ProcessProxy):
-    """Stands for a drive in another process.
+    """Proxy of a drive in another process.
 
     Args:
-        name: of the drive.
-        plan: of the drive.
-        watch: of its process.
-        described: see `host`.
-        over: called with its process when the drive has ended well.
+        name: component name.
+        plan: plan of the drive.
+        watch: watchdog of its process.
+        described: encoded interface of the drive, see `_packed_description`.
+        over: called with the process when the drive has ended normally.
 
     Attributes:
-        whole: as a `Holder` it packs the state of the whole drive, which is that of a drive in this process.
+        whole: as a `Holder` it packs the state of the whole drive, compatible with a drive in this process.
     """
 
     whole = True
@@ -195,28 +194,28 @@ class IsolatedDrive(ProcessProxy):
         return self._lacking
 
     def save_state(self) -> bytes:
-        """Its state, as the host writes it down."""
+        """Return the drive's state as serialised by the host."""
         self._send_order(SAVE_ORDER)
         return self._page.read_content()
 
     def restore_state(self, token: bytes) -> None:
-        """Let the host restore what `save_state` returned."""
+        """Restore in the host the state returned by `save_state`."""
         self._page.write_content(token)
         self._send_order(RESTORE_ORDER)
 
     def free(self, token: bytes) -> None:
-        """Nothing is held."""
+        """Do nothing: a saved state occupies no resource of the host."""
 
     def pack(self, token: bytes) -> bytes:
-        """What `save_state` returned is for any process."""
+        """Return `token` itself, which is valid in any process."""
         return token
 
     def unpack(self, content: bytes) -> bytes:
-        """See `pack`; the host looks at it."""
+        """Return `content` itself; the host validates it, see `pack`."""
         return content
 
     def _send_order(self, number: int) -> None:
-        """Let the host do something between two steps; raises ComponentFailed if it cannot."""
+        """Let the host execute an order between two steps; a failure raises ComponentFailed."""
         u, y = np.zeros(max(1, self._page.inputs)), np.zeros(max(1, self._page.outputs))
         status = STEP_FUNCTION(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
         if status == REFUSED_STATUS:
@@ -281,30 +280,24 @@ def hosted_drive(
     tau_load: Start,
     processor: int,
 ) -> None:
-    """Make a drive and serve it.
+    """Create a drive and serve its steps, as the job of a host process.
 
-    Notes: {"ports"} when the drive can be asked, {"explained"} after a bad status.
+    Notes to the supervisor: {"ports"} when the drive is ready, {"explained"} after a failed step.
 
     Args:
-        name: see `drive`.
-        table: of its `DrivePlan`.
-        switched: see `DrivePlan`.
-        ticks: see `DrivePlan`.
-        ramped: see `DrivePlan`.
-        tick: see `drive`.
-        theta_m: see `drive`.
-        tau_load: see `drive`.
-        processor: to serve on.
+        name, tick, theta_m, tau_load: see `drive`.
+        table, switched, ticks, ramped: see `DrivePlan`.
+        processor: processor to serve on.
 
     Raises:
-        InputRefused: the drive cannot be made.
+        InputRefused: the drive cannot be created.
     """
     plan = replace(plan_drive(table), ticks=ticks, ramped=ramped)
     plan = plan.with_enable_input() if switched else plan
     component = drive(name, plan, tick, theta_m, tau_load)
     page = SharedPage(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     page.clear()
-    # no question: compiles, or loads from the cache, before the first one comes
+    # serves no request, but compiles or loads the code before the first one
     _serve_page(page, component)
     reporter.note(ports=_packed_description(component))
     os.sched_setaffinity(0, {processor})
@@ -319,7 +312,7 @@ def hosted_drive(
 
 
 def _execute_order(page: SharedPage, component: Component) -> None:
-    """Save or restore the state of `component`, which lies behind the page."""
+    """Save or restore the state of `component` in the memory that follows the page."""
     try:
         places = StatePlaces([component], np.zeros(0), np.zeros(0))
         if page.order == SAVE_ORDER:
@@ -341,7 +334,7 @@ def _serve_page(page: SharedPage, component: Component) -> int:
 
 
 def _packed_description(component: Component) -> str:
-    """What a component that stands for this one needs to know, packed."""
+    """Encode ports, initial outputs and code of `component` for its proxy."""
     initial, code, lacking = (
         np.array(component.initial_outputs),
         tuple(compiled_names([component])),

@@ -1,4 +1,4 @@
-"""Experiments loaded from a file or a recording, checked for this robot."""
+"""Loading of experiments from a file or a recording, with all checks for this robot."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ from twin.robot.experiment.source import RETAINED_KEYS, Source, apply_overrides,
 from twin.robot.paths import locate_file
 
 OUT_OF_REACH = "out of reach"
-"""What every sentence on a pose has in it where the robot cannot be."""
+"""Phrase in every error message about an unreachable pose."""
 
 
 def load_experiment(
@@ -32,12 +32,12 @@ def load_experiment(
 
     Args:
         path: a TOML file, or the name of an experiment, see `experiment_file`.
-        overrides: "table.key=value" texts laid over it; of an array of tables "task.1.force_N=4".
+        overrides: "table.key=value" texts applied to it; within an array of tables "task.1.force_N=4".
         drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
         body: a file of bodies/ that replaces all of [contact] but its height.
 
     Raises:
-        InputRefused: with every mistake, one sentence each.
+        InputRefused: with one sentence per error.
     """
     overrides = tuple(overrides)
     typed = run_words(path, overrides, drive, body)
@@ -54,16 +54,16 @@ def load_experiment(
 
 
 def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> Experiment:
-    """The experiment that `source` says, which is completed in place.
+    """Check `source`, complete its values in place, and return the experiment.
 
     Args:
-        source: of all files.
-        name: of the experiment.
-        where: it comes from, for sentences.
-        folder: from which bodies and drives are looked up.
+        source: merged values of all files.
+        name: experiment name.
+        where: origin, for error messages.
+        folder: folder for looking up bodies and drives.
 
     Raises:
-        InputRefused: with every mistake, one sentence each.
+        InputRefused: with one sentence per error.
     """
     mistakes: list[str] = []
     tables = checked_tables(DECLARED_TABLES, source, folder, mistakes)
@@ -88,25 +88,23 @@ def recorded_experiment(
     body: str | None = None,
     drive: str | None = None,
 ) -> Experiment:
-    """The experiment of a recording with the very FMUs that it was made with.
+    """Load the experiment of a recording, with the same FMUs.
 
-    A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
-    experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken,
-    unless another drive is asked for, by `drive` or a setting of [drive].
+    A recording names its FMUs by file name and SHA-256 without a path: they are searched beside it and in fmus/. Every
+    drive pins its recorded SHA-256, so that no other file is used, unless `drive` or a setting of [drive] replaces it.
 
     Args:
-        metadata: of the recording.
-        where: the recording.
-        duration: another one (s).
-        changed: whether a run that was changed by hand will do.
-        settings: "table.key=value" texts laid over it.
-        faults: inline tables of TOML, added to its own.
+        metadata: metadata of the recording.
+        where: path of the recording.
+        duration: new duration (s); None to keep the recorded one.
+        changed: whether to accept a run with changes by hand.
+        settings: "table.key=value" texts applied to it.
+        faults: inline TOML tables, added to its own faults.
         body: a file of bodies/ that replaces all of [contact] but its height.
         drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
 
     Raises:
-        InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
-            not found.
+        InputRefused: it has no experiment, or used substitutes or changes by hand, or an FMU is missing.
     """
     name, values = recorded_name(metadata, where), recorded_values(DECLARED_TABLES, metadata, where)
     if "drive" not in values:
@@ -121,7 +119,7 @@ def recorded_experiment(
         raise InputRefused(f"{where}: carries no FMUs, so its experiment cannot be run again as it was")
     folder = where.resolve().parent
     values |= {} if duration is None else {"duration_s": duration}
-    # the body's file has filled [contact] in already
+    # [contact] already contains the body's file
     values.get("contact", {}).pop("body", None)
     _find_parts(values, metadata, fmus, where, folder)
     source = Source()
@@ -143,7 +141,7 @@ def recorded_experiment(
 
 
 def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
-    """Let third-party parts name the very files that the recording was made with."""
+    """Replace third-party file names in `values` by the paths of the recorded files, pinned by SHA-256."""
     for role in RETAINED_KEYS:
         table = values.get(role)
         if not isinstance(table, dict):
@@ -153,7 +151,7 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
         if isinstance(table.get("python"), str):
             facts = parse_json(metadata.get("python", {}).get(role, "{}"), f"{where}: its {role}")
             file, _, kind = table["python"].rpartition(":")
-            # a recording may come from anybody: it names a file, and no way to one
+            # a recording is untrusted: only its file names are used, never its paths
             path = locate_file(Path(file).name, folder)
             known = isinstance(facts, dict) and isinstance(facts.get("sha256"), str)
             if not os.path.isfile(path) or not known:
@@ -164,19 +162,19 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
 
 
 def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
-    """[drive] with paths of FMUs where it has names."""
+    """Replace FMU names in a [drive] table by paths."""
     tables = {key: _with_paths(value, where, folder) for key, value in table.items() if isinstance(value, dict)}
     fmu = {"fmu": _fmu_path(table["fmu"], where, folder)} if isinstance(table.get("fmu"), str) else {}
     return table | tables | fmu
 
 
 def _fmu_path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
-    # a recording may come from anybody: it names a file, and no way to one
+    # a recording is untrusted: only its file names are used, never its paths
     name = Path(name).name
-    # fmus/ first: a run may lie in a folder that is called like its drive
+    # fmus/ first, as a run's folder may have the name of its drive
     for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", f"fmus/parts/{name}", name):
         path = locate_file(candidate, folder)
-        # not Path.is_file, which raises for a name that is too long
+        # not Path.is_file, which raises for a too long name
         if os.path.isfile(path) or (os.path.exists(path) and candidate != name):
             return str(path)
     raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")

@@ -1,6 +1,6 @@
-"""The compiled code that every run needs; where it is missing, two processes make it from both ends.
+"""Background compilation of the code that every run needs, if it is missing, by a second process.
 
-`python -m twin.robot.assembly.precompile` is the second one.
+`python -m twin.robot.assembly.precompile` is that process; it compiles in the opposite order.
 """
 
 import atexit
@@ -21,13 +21,13 @@ from twin.robot.mechanism import kinematics, workspace
 from twin.robot.plant import component, deviation, encoder, hold_sums
 
 TERMINATE_TIMEOUT = 5.0
-"""How long (s) the other process has to end when it is asked to."""
+"""Timeout (s) for the other process to end after a request."""
 MAX_SERIAL_COMPILES = 3
-"""So many are compiled in the time that another process takes to begin."""
+"""Maximum number of missing functions compiled without help; another process needs as long to start."""
 
 
 def common_functions() -> tuple[Native, ...]:
-    """The functions of a run of Fig. 4, in the order in which it asks for them."""
+    """Return the functions of a run of Fig. 4, in the order of first use."""
     return (
         kinematics._angles.native, workspace._nearest.native, component._load.native, kinematics._rows.native,
         component._deflect.native, component._begin.native, component.make_step(False, False), encoder.step,
@@ -39,7 +39,7 @@ def common_functions() -> tuple[Native, ...]:
 
 
 def compile_in_background() -> None:
-    """Let another process compile them, the last one first, if many are lacking; a caller that needs one waits."""
+    """Start a process that compiles missing common functions, last one first, if many are missing."""
     if (os.cpu_count() or 1) > 1 and sum(not native.has_code for native in common_functions()) > MAX_SERIAL_COMPILES:
         helper = subprocess.Popen(module_command(__name__), env=environment(), stdin=subprocess.DEVNULL)
         atexit.register(_end, helper)

@@ -1,6 +1,6 @@
-"""Third-party parts of the robot: the ports each must have, and their components.
+"""Third-party parts of the robot: required ports per role, and their components.
 
-An FMU and a Python class take their place in the same way; downstream only the name shows whether a part is twin's own.
+FMUs and Python classes are used in the same way; downstream only the name shows that a part is not twin's own.
 """
 
 import inspect
@@ -49,20 +49,23 @@ if TYPE_CHECKING:
 Names = Mapping[str, str | tuple[str, ...]]
 AXES = ("x", "y", "z")
 _ELEMENT_PATTERN = re.compile(r"\[(\d+)\]$")
-"""At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
+"""Index at the end of a name. Users count the values of a port from 0, as recordings do; roles count from 1, as FMUs
+do."""
+Side = Literal["input", "output"]
+_PORT_SIDES: tuple[Side, Side] = ("input", "output")
 
 
 @dataclass(frozen=True)
 class SampledFmu:
-    """An FMU, or a system of them, for a part of the robot, checked as far as that goes without a binary.
+    """An FMU or an SSP for a part of the robot, checked without loading a binary.
 
     Attributes:
-        description: of the FMU, or the system.
-        settings: values set before initialisation, of one FMU.
-        bindings: a variable for each port, or for each value of a port.
-        inputs, outputs: ports that it has, whole.
-        tolerance: of its solver; None: nothing is said.
-        unheard, zero: values of its inputs and of its outputs that no variable is, counted from 0; these are 0.
+        description: description of the FMU or system.
+        settings: values set before initialisation, for a single FMU.
+        bindings: variable of each port, or of each value of a port.
+        inputs, outputs: its ports, complete.
+        tolerance: solver tolerance; None for the FMU's default.
+        missing_inputs, missing_outputs: port values without a variable, counted from 0; these outputs are 0.
     """
 
     description: "FmuDescription | EnclosedSystem"
@@ -75,13 +78,13 @@ class SampledFmu:
     missing_outputs: tuple[str, ...] = ()
 
     def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
-        """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
+        """Create the FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
 
         Raises:
-            InputRefused: it cannot be brought there.
+            InputRefused: it cannot be initialised.
         """
         assert isinstance(self.description, FmuDescription)
-        # the last call is at the last of its samples, and its step goes on to the next, however that is rounded
+        # the last call is at its last sample, and its step ends one period later, despite rounding
         last = ticks // period * period
         stop = max((last + period) * tick, last * tick + period * tick)
         folder = unpacked(self.description.path, self.description.sha256)
@@ -92,10 +95,10 @@ class SampledFmu:
         return made
 
     def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
-        """It in step mode behind the whole ports of the part, values that it does not have being 0.
+        """Create the FMU or system in step mode with the role's complete ports; missing output values are 0.
 
         Raises:
-            InputRefused: it cannot be brought there.
+            InputRefused: it cannot be initialised.
         """
         made: Component
         if isinstance(self.description, FmuDescription):
@@ -115,7 +118,7 @@ class SampledFmu:
         return [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine]
 
     def _slots(self, side: "Side") -> list[int]:
-        """Which of the values of all its ports each of the FMU's is."""
+        """Return the index of each of the FMU's values among the values of all ports."""
         at = port_slices(self.inputs if side == "input" else self.outputs)
         found: list[int] = []
         for binding in self.bindings:
@@ -124,10 +127,6 @@ class SampledFmu:
                 first = begin + (int(index[1]) - 1 if index else 0)
                 found += range(first, first + binding.variable.size)
         return found
-
-
-Side = Literal["input", "output"]
-_PORT_SIDES: tuple[Side, Side] = ("input", "output")
 
 
 def sampled_fmu(
@@ -139,21 +138,21 @@ def sampled_fmu(
     parameters: Mapping[str, Value],
     tolerance: float | None,
 ) -> SampledFmu:
-    """The FMU `file` for a part of the robot.
+    """Check the FMU `file` for a part of the robot and return its plan.
 
     Args:
-        table: of the experiment that names it.
-        ports: the part's inputs and outputs.
-        required: outputs that it must have; all others are taken where the FMU has them.
-        named: which variables are which inputs and outputs.
-        parameters: in its own names and units.
-        tolerance: of its solver; None: what it states itself.
+        table: name of the experiment's table, for error messages.
+        ports: inputs and outputs of the part.
+        required: mandatory outputs; others are used if the FMU has them.
+        named: variables by input and by output.
+        parameters: values in the FMU's names and units.
+        tolerance: solver tolerance; None for the FMU's default.
 
     Raises:
-        InputRefused: the FMU, the mapping or a parameter is not right; or it has an input that nothing feeds.
+        InputRefused: the FMU, the mapping or a parameter is invalid, or an input is unwired.
     """
     description, settings = _read_part(file, table, named, parameters, tolerance)
-    # an input that has been given a value keeps it
+    # an input with a parameter value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
     free, (inputs, outputs) = with_units(str(file), free, named)
     named = inputs, outputs
@@ -190,7 +189,7 @@ def sampled_fmu(
 def _read_part(
     file: Path, table: str, named: tuple[Names, Names], parameters: Mapping[str, Value], tolerance: float | None
 ) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting]]":
-    """What is in `file`, and the values that an FMU is given; a system has got them."""
+    """Read `file`; return its description and the values to set, which an SSP already contains."""
     if is_system(file):
         from twin.kernel.systems.enclosed import enclose_system
 
@@ -205,7 +204,7 @@ def _read_part(
 
 
 def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names, offered: Sequence[Port]) -> None:
-    """`name` of a mapping, which is a port's or that of one of its values, `F_ee_B[2]`, counted from 0."""
+    """Refuse a mapped `name` that is neither a port nor one of its values, `F_ee_B[2]`, counted from 0."""
     sizes = {port.name: port.size for port in offered}
     port, index = _ELEMENT_PATTERN.sub("", name), _ELEMENT_PATTERN.search(name)
     if port not in sizes:
@@ -222,7 +221,7 @@ def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names,
 
 
 def _missing_values(found: Sequence[Binding], ports: Sequence[Port]) -> list[str]:
-    """Values of `ports` that nothing of `found` is, counted from 0."""
+    """Return the values of `ports` without a binding, counted from 0."""
     there = {binding.role.port.name for binding in found}
     return [f"{port.name}[{i}]" for port in ports for i in range(port.size) if f"{port.name}[{i + 1}]" not in there]
 
@@ -234,11 +233,11 @@ def _roles(
     side: Side,
     given: Names,
 ) -> Iterator[tuple[Role, str]]:
-    """Roles of a port, and the variable that plays each; "" where that is not known."""
+    """Yield the roles of a port with the variable of each; "" if unknown."""
     named = given.get(port.name)
     single = {i: of for i in range(port.size) if (of := given.get(f"{port.name}[{i}]")) is not None}
     unit = known_unit(port.unit)
-    # as FMUs leave the radian out
+    # FMUs leave the radian out of dimensions
     dimension = unit.dimension._replace(rad=0) if unit else NUMBER
     if isinstance(named, str) and f"{named}[1]" in variables and named not in variables:
         named = tuple(f"{named}[{i + 1}]" for i in range(port.size))
@@ -260,7 +259,7 @@ def _roles(
 
 
 def _flattened_name(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
-    """The variable that stands for value `i` of `port`, as tools flatten arrays; "" if there is none."""
+    """Return the variable for value `i` of `port`, by the usual ways of flattening arrays; "" if missing."""
     name, n = port.name, i + 1
     ways = [f"{name}[{n}]", f"{name}({n})", f"{name}_{n}", f"{name}{n}"]
     if port.size == 3:
@@ -279,7 +278,7 @@ def _refuse_missing_outputs(
     required: Sequence[Port],
     wired: Mapping[str, str],
 ) -> None:
-    """Nothing is guessed: a part of the robot has too many ports of one unit for that."""
+    """Refuse an FMU without a mapping for a required output; ports of equal unit are too many to guess."""
     for port in required:
         if port.name not in wired and not all(f"{port.name}[{i + 1}]" in wired for i in range(port.size)):
             offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.variables_of("output")]
@@ -291,14 +290,14 @@ def _refuse_missing_outputs(
 
 
 def port_of(binding: Binding) -> str:
-    """The port of which `binding` is a value, or all of them."""
+    """Return the name of the port that `binding` fills, wholly or in part."""
     return binding.role.port.name.partition("[")[0]
 
 
 def _complete_ports(
     file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port], single: Collection[str]
 ) -> Iterator[Port]:
-    """The ports that the FMU has, each with all of its values; of those in `single` some may lack."""
+    """Yield the ports that the FMU has, complete with all values; ports in `single` may be partial."""
     mine = [binding for binding in found if binding.role.causality == side]
     sizes = {name: sum(binding.variable.size for binding in group) for name, group in groupby(mine, port_of)}
     for port in offered:
@@ -314,7 +313,7 @@ def _complete_ports(
 
 
 def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
-    """Counts, flags and codes have no unit; a factor would make others of them."""
+    """Refuse scaled units for counts, flags and codes, which have no unit."""
     for binding in found:
         conversion = binding.variable.conversion
         if (
@@ -334,7 +333,7 @@ def _refuse_unwired_inputs(
     found: Sequence[Binding],
     parameters: Collection[str],
 ) -> None:
-    """An input without a source would stay at its start value without a word."""
+    """Refuse inputs without a source, which would silently keep their start values."""
     fed = {binding.variable.name for binding in found} | set(parameters)
     unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
     if unfed:
@@ -345,12 +344,12 @@ def _refuse_unwired_inputs(
 
 
 class Contract(NamedTuple):
-    """What a part of the robot may take and give.
+    """Inputs and outputs of a part of the robot.
 
     Attributes:
-        inputs: any of them, none is forced on it.
-        outputs: any of them besides those that are required.
-        required: outputs by their names.
+        inputs: available inputs, all optional.
+        outputs: possible outputs.
+        required: names of the mandatory outputs.
     """
 
     inputs: tuple[Port, ...]
@@ -365,20 +364,21 @@ ROLE_CONTRACTS = {
     "monitor": Contract(MONITOR_INPUTS, MONITOR_OUTPUTS, ("omega_ref", "tripped", "power")),
     "scale": Contract(SCALE_INPUTS, SCALE_OUTPUTS, ("F_z",)),
 }
-"""By the part's name: that of its row in the robot's table, of its component and of its table in an experiment."""
+"""Contracts by role: the name of the robot's row, of the component and of the experiment's table."""
 
 
 @dataclass(frozen=True)
 class ThirdPartyPart:
-    """A third-party part, checked as far as that goes before it is made.
+    """A third-party part that has been checked, but not created.
 
     Attributes:
-        role: of `ROLE_CONTRACTS`.
-        label: what an error calls it.
-        inputs, outputs: ports that it has.
-        make: it, by the tick (s), its period in ticks and the last tick of the run.
-        sha256: of the FMU, or of the Python source; "" where there is no file.
-        facts: what a recording says of it besides.
+        role: role, a key of `ROLE_CONTRACTS`.
+        label: name in error messages.
+        inputs, outputs: its ports.
+        make: creates the component from the tick (s), its period in ticks and the last tick of the run.
+        sha256: SHA-256 of the FMU or Python source; "" without a file.
+        metadata: description of the part in recordings.
+        fmu: description of the FMU or system; None for a Python class.
     """
 
     role: str
@@ -392,7 +392,7 @@ class ThirdPartyPart:
 
     @property
     def sentence(self) -> str:
-        """What it is, for the reader of a run."""
+        """Description of the part for the reader of a run."""
         own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
         zero = self.metadata.get("zero")
         lacking = f"; it does not give {', '.join(zero)}, taken as 0" if zero else ""
@@ -400,16 +400,16 @@ class ThirdPartyPart:
 
 
 def third_party_part(role: str, table: StandIn) -> ThirdPartyPart:
-    """The part that [role] of an experiment names; of a Python class the file has been run.
+    """Check the part that [role] of an experiment names; the file of a Python class is executed.
 
     Raises:
-        InputRefused: file, hash, mapping, ports or parameters are not right.
+        InputRefused: file, hash, mapping, ports or parameters are invalid.
     """
     return _fmu_part(role, table) if table.fmu is not None else _class_part(role, table)
 
 
 def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
-    """All third-party parts of an experiment, by their names; none of what a study has taken out of it.
+    """Check all third-party parts of an experiment, by role, except parts that a study has removed.
 
     Raises:
         InputRefused: see `third_party_part`.
@@ -419,10 +419,10 @@ def third_party_parts(experiment: Experiment) -> dict[str, ThirdPartyPart]:
 
 
 def part_sha256(role: str, table: StandIn) -> str:
-    """SHA-256 of the part that [role] names; nothing of it is run.
+    """Return the SHA-256 of the part that [role] names, without executing it.
 
     Raises:
-        InputRefused: no such file, not the one that is pinned, an FMU that does not fit, or no Python.
+        InputRefused: the file is missing, does not match its pinned hash, or is neither a fitting FMU nor Python.
     """
     if table.fmu is not None:
         return _fmu_part(role, table).sha256
@@ -430,10 +430,10 @@ def part_sha256(role: str, table: StandIn) -> str:
 
 
 def part_from_class(role: str, given: Any) -> ThirdPartyPart:
-    """The part that a program hands over as a class, or as an instance of one.
+    """Check a part given by a program as a class or an instance.
 
     Raises:
-        InputRefused: there is no such part, or its ports are not right.
+        InputRefused: the ports do not fit.
     """
     kind = given if isinstance(given, type) else type(given)
     contract = ROLE_CONTRACTS[role]
@@ -442,21 +442,21 @@ def part_from_class(role: str, given: Any) -> ThirdPartyPart:
         role, kind.__name__, lambda: make_instance(kind.__name__, kind, {}) if given is kind else given, wanted
     )
     file = None
-    # of a class that was typed in, or is compiled
+    # interactively defined and compiled classes have no source file
     with suppress(TypeError, AttributeError):
         file = inspect.getsourcefile(kind)
     return ThirdPartyPart(role, kind.__name__, wanted[0].ports, wanted[1].ports, make, "", {"file": file})
 
 
 def refuse_third_party_parts(experiment: Experiment, asker: str, roles: Sequence[str]) -> None:
-    """For studies that know twin's own parts only.
+    """Refuse experiments with third-party parts, for studies that only know twin's own.
 
     Args:
-        asker: the study, as the subject of a sentence.
-        roles: of the parts that it knows.
+        asker: name of the study, as the subject of a sentence.
+        roles: parts that the study needs as twin's own.
 
     Raises:
-        InputRefused: one of them is third-party.
+        InputRefused: one of the roles is third-party.
     """
     for role in roles:
         if role in experiment.stand_ins:
@@ -494,7 +494,7 @@ def _fmu_part(role: str, table: StandIn) -> ThirdPartyPart:
 
 
 def origin_metadata(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
-    """What a recording says of the origin of an FMU, or of a system and the FMUs in it."""
+    """Return the recorded origin of an FMU, or of a system and its FMUs."""
     if isinstance(fmu, FmuDescription):
         model = fmu.model
         return {"model": model.modelName, "fmi": model.fmiVersion, "generation_tool": model.generationTool}
@@ -502,12 +502,12 @@ def origin_metadata(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
 
 
 def _mapping_lines(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:
-    """A line for each port: `p_B <- p_x, p_y, p_z [mm]`."""
+    """Return a line for each port: `p_B <- p_x, p_y, p_z [mm]`."""
     lines = []
     for port in ports:
         mine = [b for b in plan.bindings if b.role.causality == side and port_of(b) == port.name]
         unit = mine[0].variable.unit or "unit not stated"
-        # which of its values, where not all of them are there
+        # indices of the mapped values, if the port is partial
         alone = [m for b in mine if (m := _ELEMENT_PATTERN.search(b.role.port.name))]
         some = alone and len(alone) < port.size
         name = f"{port.name}[{', '.join(str(int(m[1]) - 1) for m in alone)}]" if some else port.name
@@ -517,7 +517,7 @@ def _mapping_lines(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: st
 
 def _class_part(role: str, table: StandIn) -> ThirdPartyPart:
     source = _source(table)
-    # no limit is known for that: a supervisor sees which component is at work
+    # import time has no limit; the note lets a supervisor name the component at work
     with announce_call(source.file.name, role, "its import"):
         kind = source.load_class(table.class_name)
     contract = ROLE_CONTRACTS[role]

@@ -1,4 +1,4 @@
-"""Way points of [reference]: a shape becomes a way point at every sample of the controller."""
+"""Waypoints of [reference]: shapes are sampled at every period of the controller."""
 
 import math
 
@@ -12,24 +12,24 @@ from twin.robot.mechanism.kinematics import joint_angles, position
 from twin.robot.mechanism.unreachable import Unreachable
 
 MAX_POINTS = 2_000_000
-"""Of a shape; more than an hour at 2 ms."""
+"""Maximum number of waypoints of a shape; more than an hour at 2 ms."""
 SAMPLES_PER_PERIOD = 10
-"""A sine through fewer way points per period is a polygon rather than a sine."""
+"""Minimum number of waypoints per period of a sine; fewer make it a polygon."""
 
 
 def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
-    """The way points along which [reference] leads; None without it, or if a mistake of another table hides them.
+    """Return the waypoints of [reference]; None without it, or if errors in other tables prevent it.
 
     Args:
-        tables: of the experiment.
-        mistakes: gets a sentence if the shape cannot be followed.
+        tables: tables of the experiment.
+        mistakes: list that receives an error message if the shape is impossible.
     """
     reference, computer = tables.by_name.get("reference"), tables.by_name.get("controller")
     if reference is None:
         return None
     if reference.t is not None:
         return WayPoints(reference.t, reference.p)
-    # a shape has to know whose samples and joints it is made of
+    # shapes need the controller's period and geometry
     if computer is None:
         return None
     try:
@@ -42,16 +42,16 @@ def load_waypoints(tables: Tables, mistakes: list[str]) -> WayPoints | None:
 
 
 def way_points(reference: Reference, believed: Geometry, period: float, duration: float) -> WayPoints:
-    """The way points of the shape in `reference`; they end with the experiment.
+    """Compute the waypoints of the shape in `reference`, up to the end of the experiment.
 
     Args:
         believed: geometry of the controller, whose joints a joint step moves.
-        period: of the controller (s).
-        duration: of the experiment (s).
+        period: period of the controller (s).
+        duration: duration of the experiment (s).
 
     Raises:
-        Unreachable: the robot cannot be where a joint step begins or ends.
-        ValueError: a chirp too fast for the controller's samples, or a shape of too many, in one sentence.
+        Unreachable: the start or end of a joint step is out of reach.
+        ValueError: a chirp is too fast for the controller's period, or a shape has too many points.
     """
     if reference.circle is not None:
         turns = reference.circle
@@ -70,7 +70,7 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
 
 
 def _sample_shape(path, shape, length: float, period: float, duration: float, name: str) -> WayPoints:  # type: ignore[no-untyped-def]
-    """`path` (shape, times since its start) from `shape.start` on, for `length` (s)."""
+    """Sample `path` (shape, times since its start) from `shape.start` on, for `length` (s)."""
     samples = min(length, max(period, duration - shape.start)) / period
     if samples > MAX_POINTS:
         raise ValueError(f"[reference.{name}] {samples:.3g} way points: expected at most {MAX_POINTS:,}; shorten it")
@@ -88,7 +88,7 @@ def _on_circle(circle: Circle, since: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _on_chirp(chirp: Chirp, since: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The phase is 2 pi times the integral of the frequency, begin + (end - begin) t / duration."""
+    """Compute the points of a chirp, whose phase is 2 pi times the integral of begin + (end - begin) t / duration."""
     turns = chirp.begin * since + 0.5 * (chirp.end - chirp.begin) * since**2 / chirp.duration
     p = np.tile(np.array(chirp.point), (len(since), 1))
     p[:, "xyz".index(chirp.direction)] += chirp.amplitude * np.sin(2.0 * np.pi * turns)
@@ -96,7 +96,7 @@ def _on_chirp(chirp: Chirp, since: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _joint_step(step: JointStep, believed: Geometry, period: float) -> WayPoints:
-    """Inverse kinematics, one angle more, forward kinematics: Eq. 7-12, and the point where the three rods meet."""
+    """Compute the waypoints of a joint step: inverse kinematics (Eq. 7-12), one angle changed, forward kinematics."""
     theta_l = joint_angles(believed, np.array(step.point))
     theta_l[step.joint - 1] += step.step
     after = tuple(position(believed, theta_l).tolist())

@@ -1,1 +1,1 @@
-"""The robot's computer: it knows encoder counts and its own model of the robot, nothing else."""
+"""The robot's computer, which knows only encoder counts and its own model of the robot."""

@@ -1,13 +1,13 @@
-"""Options beside the law of Fig. 3 B: tissue estimate, scheduled gains, compensation of breathing.
+"""Adaptive options of the controller: tissue estimate, scheduled gains, compensation of breathing.
 
-All of it is optional and acts through the law: it sets the gains of the force loop, moves its integral and adds a shift
-to its reference. A controller without it does not know of it.
+They extend the law of Fig. 3 B through its interface: they set the gains of the force loop, move its integral and add a
+shift to its reference. A controller without options is unaffected.
 
-A swing of the reference while the tissue is not known well enough: a quiet press teaches `tissue` nothing. It costs
-force, so it asks what there is to be gained (dual control; Åström and Wittenmark 1995, Adaptive Control, Ch. 7). While
-the reference rises it has its full force; while it stands still it hides beneath the force error that there is, and
-rests where there is none, for gains would not improve it; while the reference falls it rests, for the press is over
-before anything is learnt.
+The dither is a swing of the reference while the tissue is poorly known, as a quiet press gives `tissue` no information.
+It costs force, so its amplitude depends on the possible gain (dual control; Åström and Wittenmark 1995, Adaptive
+Control, Ch. 7). While the reference rises it has its full force. While the reference is constant it hides beneath the
+present force error, and stops without one, as better gains would not help. While the reference falls it stops, as the
+press ends too soon to learn.
 """
 
 import math
@@ -34,13 +34,13 @@ from twin.robot.controller.taps import TAPS_RECORD
 from twin.robot.controller.tissue import MAX_STIFFNESS, TISSUE_RECORD, Sensing, reset_estimate, update_tissue
 
 MAX_DITHER_AMPLITUDE = 5e-4
-"""Largest amplitude of the dither (m)."""
+"""Maximum amplitude of the dither (m)."""
 HIDDEN_FORCE_RATIO = 0.3
-"""Amplitude of its force over the rms of the force error without it, at most, while the reference stands still."""
+"""Maximum ratio of the dither's force amplitude to the rms of the remaining force error, at a constant reference."""
 NOTCH_DAMPING = 2.0
-"""1/Q of the notch at the dither's frequency: it is over in 1/(2 pi f), as fast as the force error of a quick loop."""
+"""1/Q of the notch at the dither's frequency; it settles in 1/(2 pi f), as fast as the force error of a quick loop."""
 MIN_FORCE_SHARE = 0.05
-"""Share of its full force below which it rests."""
+"""Minimum share of its full force; below it, the dither stops."""
 ADAPTIVE_OUTPUTS = (
     Port("k_hat", 1, "N/m", "stiffness of the tissue, estimated while pressing; 0: not yet"),
     Port("k_std", 1, "N/m", "its standard error, grown by what may have changed since"),
@@ -61,13 +61,13 @@ ADAPTIVE_RECORD = record(
     breathing="i8",
     **states(pressing="i8", **fields_of_form("f8", "shift v_shift v")),
 )
-"""The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
-rate, and velocity of the breath, of this call."""
+"""The options' records and which are enabled; whether the force loop acted in the previous call; shift of the z
+reference and its rate, and velocity of the breath, in this call."""
 
 
 @njit(cache=True, error_model="numpy")
 def dither(m, h, F, F_ref):
-    """(shift of the reference (m), its rate (m/s)) of this call; 0 where the tissue is known well enough.
+    """Shift of the reference (m) and its rate (m/s) in this call; 0 if the tissue is known well enough.
 
     Args:
         F, F_ref: pressing force and its reference (N).
@@ -93,18 +93,18 @@ def dither(m, h, F, F_ref):
     if not m.dithering:
         return 0.0, 0.0
     m.phase += m.omega * h
-    # turned on from call to call: sine and cosine themselves would cost a sixth of all that happens here
+    # rotated from call to call: evaluating sine and cosine would take a sixth of this function's time
     m.sine, m.cosine = (
         m.sine * m.turn_cosine + m.cosine * m.turn_sine,
         m.cosine * m.turn_cosine - m.sine * m.turn_sine,
     )
-    # it ends with a whole swing
+    # the dither ends after a whole swing
     if m.phase >= 2.0 * math.pi:
         m.phase -= 2.0 * math.pi
         if doubt < m.enough or force < MIN_FORCE_SHARE * m.dither:
             m.dithering, m.phase = 0, 0.0
             return 0.0, 0.0
-    # what is not known may be hard
+    # unknown tissue may be hard
     k = min(m.k + 2.0 * m.std, MAX_STIFFNESS) if m.known else MAX_STIFFNESS
     asked = min(force * (1.0 / k + 1.0 / m.spring), MAX_DITHER_AMPLITUDE)
     least = force * (1.0 / MAX_STIFFNESS + 1.0 / m.spring)
@@ -114,13 +114,13 @@ def dither(m, h, F, F_ref):
 
 @dataclass(frozen=True)
 class AdaptiveOptions:
-    """What is asked for.
+    """Requested adaptive options.
 
     Attributes:
-        sensing: of the tissue.
-        scheduling, points: gains over stiffness; None, none: those of the experiment.
-        breathing: of the breath; None: it is not looked for.
-        tap_learning: share of a tap's error in force that the next one corrects.
+        sensing: parameters of the tissue estimate.
+        scheduling, points: gains over stiffness; None and empty for the fixed gains of the experiment.
+        breathing: parameters of the breath's oscillator; None to disable it.
+        tap_learning: share of a tap's force error that the next one corrects.
     """
 
     sensing: Sensing
@@ -134,7 +134,7 @@ class AdaptiveOptions:
         object.__setattr__(self, "table", schedule_table(self.points))
 
     def fill(self, memory: Any) -> dict[str, np.ndarray]:
-        """Put the settings into `memory`, a record of `ADAPTIVE_RECORD`; what else a controller's memory points to."""
+        """Write the settings into `memory`, a record of `ADAPTIVE_RECORD`; return its arrays by pointer name."""
         parts = {"tissue": self.sensing._asdict()}
         if self.scheduling is not None:
             parts["schedule"] = self.scheduling._asdict()
@@ -150,22 +150,22 @@ class AdaptiveOptions:
 
 
 def with_adaptive(kind: np.dtype) -> np.dtype:
-    """The memory `kind` of a controller, with room for what it does besides."""
-    # first, because numba takes a record for one that it begins with, and warns of that
-    # the gains of the force loop are no constants there: they follow the tissue
+    """Return the controller memory `kind` extended by the adaptive options."""
+    # first, because numba confuses a record with its leading record, and warns about it; the gains of the force loop
+    # become state, as they follow the tissue
     fields = {name: kind[name] for name in kind.names or ()} | {"force": state(kind["force"])}
     return record(adaptive=ADAPTIVE_RECORD, gain_table="i8", **fields)
 
 
 @njit(cache=True)
 def adapt(m, table, pid, h, z, F, J, F_ref):
-    """What comes before a call of the law.
+    """Update the options before a call of the law.
 
     Args:
-        table: address of the points of the schedule.
+        table: address of the schedule's points.
         pid: the force loop.
-        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
-        F_ref: reference of the force loop (N), in the call before.
+        z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
+        F_ref: reference of the force loop (N) in the previous call.
     """
     tissue, pressing = m.tissue, m.pressing
     update_tissue(tissue, h, z, F, J, pressing)
@@ -182,7 +182,7 @@ def adapt(m, table, pid, h, z, F, J, F_ref):
 
 @njit(cache=True)
 def write_outputs(m, pid, pressing, y):
-    """What comes after: note whether the force loop acts, and say what is recorded."""
+    """Store whether the force loop acts, and write the recorded outputs, after a call of the law."""
     m.pressing = pressing
     tissue = m.tissue
     y.k_hat, y.k_std, y.c_hat, y.excited = tissue.k, tissue.std_late, tissue.c, tissue.excited

@@ -1,15 +1,15 @@
-"""Compensation of the springs: the motors lead a force that changes, and give way to swings of the springs' torque.
+"""Compensation of the springs: the motors lead a changing force, and yield to swings of the springs' torque.
 
 The motors wind the springs up for a force that is about to change. The spring's torque is tau_l = k_s N eta (theta_m -
 N theta_l) (Eq. 20), so for a load F on the environment the motor leads by tau_l/(k_s N eta) with J^T tau_l = F (virtual
-work). A friction force that turns with the direction of motion, as on a circle, makes this lead change all the time;
-the position loop alone would lag behind by up to omega mu F/(K_xy kp), and the circle would come out too large.
+work). A friction force that turns with the direction of motion, as on a circle, changes this lead permanently; the
+position loop alone would lag by up to omega mu F/(K_xy kp), and the circle would become too large.
 
-The position loop moves the motors by what the platform does. With a drive without lag, x_m' = -kp x, platform mass m,
-spring stiffness K and joint friction b, m x'' = f - b x' with f = K (x_m - x), that drives the swing of the platform:
-it is stable for kp < b/m only. If the motors give way by g (m/s per N) of the spring's force, x_m' = -kp x - g f, it is
-so for kp < (b/m + g K)(1 + g b), by Routh's criterion on m s^3 + (b + g K m) s^2 + (K + g K b) s + K kp. A high-pass
-leaves steady forces alone.
+The position loop moves the motors in response to the platform. With a drive without lag, x_m' = -kp x, platform mass m,
+spring stiffness K and joint friction b, the platform obeys m x'' = f - b x' with f = K (x_m - x): its swing is stable
+for kp < b/m only. If the motors yield by g (m/s per N) of the spring's force, x_m' = -kp x - g f, stability extends to
+kp < (b/m + g K)(1 + g b), by Routh's criterion on m s^3 + (b + g K m) s^2 + (K + g K b) s + K kp. A high-pass leaves
+steady forces unchanged.
 """
 
 import math
@@ -22,11 +22,11 @@ from twin.robot.controller.pid import LOW_PASS_RECORD, cached_share
 from twin.robot.mechanism.geometry import Model
 
 REST_SPEED = 1e-3
-"""Speed (m/s) below which the friction fades out, for it has no direction at rest."""
+"""Speed (m/s) below which friction fades out, as it has no direction at rest."""
 
 
 class Damping(Settings):
-    """[controller.damping]: how the motors give way to swings of the springs' torque."""
+    """[controller.damping]: yielding of the motors to swings of the springs' torque."""
 
     gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")
     corner: float = setting("Hz", gt=0, help="swings slower than this are not damped")
@@ -36,17 +36,17 @@ DAMPER_RECORD = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PA
 
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
-    """A record of dtype `DAMPER_RECORD` that has felt nothing yet, unless its state is given: slow torques (3,), N m."""
+    """Initial record of dtype `DAMPER_RECORD`, at rest unless the slow torques (3,), N m, are given."""
     return (*numbers(damping).values(), slow, started, (0.0, 0.0, 0.0))
 
 
 @njit(cache=True)
 def damp(damper, torque_per_spring, tau_l, h, lead):
-    """Take from the motor speeds `lead` (3,), rad/s, what the motors give way.
+    """Subtract the motors' yielding from the motor speeds `lead` (3,), rad/s.
 
     Args:
-        torque_per_spring: N eta, by which the joint torques `tau_l` (3,) N m exceed the springs'.
-        h: time since the last call (s).
+        torque_per_spring: ratio N eta of the joint torques `tau_l` (3,) N m to the springs' torques.
+        h: time since the previous call (s).
     """
     share = cached_share(damper.low, damper.corner, h) if damper.started else 1.0
     damper.started = 1
@@ -57,7 +57,7 @@ def damp(damper, torque_per_spring, tau_l, h, lead):
 
 
 class FeedForward(Settings):
-    """[controller.feed_forward]: what the controller believes of the drives' lag and the friction under the head."""
+    """[controller.feed_forward]: believed lag of the drives and friction under the head."""
 
     lag: float = setting("ms", ge=0, help="believed lag of the drives")
     friction: float = setting(ge=0, field="mu", help="believed friction under the head")
@@ -66,7 +66,7 @@ class FeedForward(Settings):
 class FeedForwardModel(
     Values, parts=(setting_fields(Model, "k_s", "eta"), setting_fields(FeedForward)), first="k_s eta mu lag"
 ):
-    """What the feed-forward believes: spring and belt of the model, and its own settings."""
+    """Model of the feed-forward: believed spring and belt, and its own settings."""
 
 
 FEED_FORWARD_RECORD = record_of(FeedForwardModel)
@@ -74,14 +74,14 @@ FEED_FORWARD_RECORD = record_of(FeedForwardModel)
 
 @njit(cache=True)
 def friction_force(mu, F_n, v_x, v_y):
-    """(F_x, F_y): friction by the robot on the surface (N) when sliding at (v_x, v_y) m/s with normal force F_n (N)."""
+    """Friction force (F_x, F_y) in N by the robot on the surface, sliding at (v_x, v_y) m/s under F_n (N)."""
     speed = math.sqrt(v_x * v_x + v_y * v_y + REST_SPEED * REST_SPEED)
     return mu * F_n * v_x / speed, mu * F_n * v_y / speed
 
 
 @njit(cache=True, error_model="numpy")
 def load_torques(J, f_x, f_y, f_z):
-    """Torques tau_l (N m) of the three joints with J^T tau_l = F, J (9,) row by row."""
+    """Joint torques tau_l (N m) with J^T tau_l = F, for the Jacobian J (9,) row by row."""
     a, b, c, d, e, f, g, h, i = J[0], J[1], J[2], J[3], J[4], J[5], J[6], J[7], J[8]
     # rows of the inverse of J^T are the cross products of J's rows
     x_1, y_1, z_1 = e * i - f * h, f * g - d * i, d * h - e * g

@@ -1,15 +1,13 @@
 """The paper's controller (Fig. 3 B-D): robot model, estimator, force-position law, waypoints.
 
-What the controller believes of the robot: its own model, not the plant's parameters.
+It uses its own model of the robot, not the plant's parameters. The estimator computes position and force from encoder
+counts alone (Fig. 3 C, D): kinematics, then statics, with one Jacobian for both.
 
-Position and force from encoder counts alone (Fig. 3 C, D): kinematics, then statics, one Jacobian for both.
+The law is hybrid force-position control (Fig. 3 B): the outer force loop shifts the z reference of the inner position
+loop. The position loop converts the Cartesian error to motor speeds, omega_ref = N J PID(p_cmd - p_est). The force loop
+is triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID(F_z_ref - F_z), within +-limit.
 
-Hybrid force-position control (Fig. 3 B): the outer force loop shifts the z reference, position is the inner loop.
-
-The position loop turns the Cartesian error into motor speeds, omega_ref = N J PID(p_cmd - p_est). The force loop is
-triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID(F_z_ref - F_z), within +-limit.
-
-The pre-defined way as a component of its own, for a controller that does not bring one.
+The waypoints also exist as a separate component, for a third-party controller without its own reference.
 """
 
 from collections.abc import Sequence
@@ -48,7 +46,7 @@ ESTIMATOR_OUTPUTS = (
     Port("valid", 1, "1", "whether these follow from the newest counts; if not, from the last that fit a pose", "bool"),
 )
 ESTIMATE_RECORD = port_record(ESTIMATOR_OUTPUTS[:-1])
-"""All of them but `valid`."""
+"""All outputs except `valid`."""
 ESTIMATE_SIZE = ESTIMATE_RECORD.itemsize // 8
 NO_POSE = 2
 LAW_INPUTS = (
@@ -71,6 +69,7 @@ LAW_OUTPUTS = (
 )
 P_REF_B = next(port for port in LAW_OUTPUTS if port.name == "p_ref_B")
 WAY_MEMORY = record(segment=state("i8", below="way_points"), way_points="i8", times="i8", points="i8")
+Ports = tuple[Port, ...]
 
 
 class Belief(
@@ -82,9 +81,9 @@ class Belief(
         setting_fields(Processor, "dead_zone"),
     ),
 ):
-    """The controller's model, SI: [controller.model], and as `backlash` the half width of the springs' dead zone.
+    """The controller's model, SI: [controller.model], and the half width `backlash` of the springs' dead zone.
 
-    That is on the motor's side; 0: the paper's estimator, blind to it.
+    The dead zone is on the motor's side; 0 for the paper's estimator, which ignores it.
     """
 
 
@@ -98,15 +97,15 @@ ESTIMATOR_MEMORY = record(
 
 @njit(cache=True)
 def angle(count, counts_per_turn, zero):
-    """Angle (rad) that an encoder count stands for."""
+    """Angle (rad) of an encoder count."""
     return count * (2.0 * np.pi / counts_per_turn) - zero
 
 
 @njit(cache=True)
 def estimate(belief, gravity_compensation, count_m, count_l, y):
-    """The record `y` of `ESTIMATE_RECORD` from motor and joint counts (3,) each; NaN where no pose fits.
+    """Compute the record `y` of `ESTIMATE_RECORD` from motor and joint counts, (3,) each; NaN where no pose fits.
 
-    The springs' dead zone is taken off the deflection as far as the belief knows it.
+    The believed dead zone of the springs is subtracted from the deflection.
     F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
     J^T tau_l, the paper's own form.
     """
@@ -133,7 +132,7 @@ def estimate(belief, gravity_compensation, count_m, count_l, y):
 def estimator_step(m, t, h, u, y):
     estimate(m.belief, m.gravity_compensation, u.count_m, u.count_l, m.newest)
     newest = carray(doubles_at(address_of(m.newest)), ESTIMATE_SIZE)
-    # one sum is NaN or infinite if any of them is; a lost or garbled sample may not take the controller with it
+    # the sum is NaN or infinite if any value is: a lost or corrupt sample must not disturb the controller
     y.valid = np.isfinite(np.sum(newest))
     if y.valid:
         given = carray(doubles_at(address_of(y)), ESTIMATE_SIZE)
@@ -148,8 +147,8 @@ class Estimator(NativeComponent):
 
     Args:
         belief: the controller's model of the robot.
-        gravity_compensation: take the robot's own weight out of the force.
-        period: in ticks.
+        gravity_compensation: whether to subtract the robot's own weight from the force.
+        period: period in ticks.
     """
 
     def __init__(self, belief: Belief, gravity_compensation: bool = True, period: int = 1):
@@ -160,21 +159,18 @@ class Estimator(NativeComponent):
         return "found no pose that fits the first encoder counts"
 
 
-Ports = tuple[Port, ...]
-
-
 def controller_ports(inputs: Ports, outputs: Ports, adaptive: bool, tank: bool) -> tuple[Ports, Ports]:
-    """Those of a controller that adapts or does not, and has an energy tank behind it or has none."""
+    """Ports of a controller with or without adaptive options, and with or without an energy tank behind it."""
     return inputs + (SHARE_PORT,) * tank, outputs + ADAPTIVE_OUTPUTS * adaptive
 
 
 class Law(
     Values, parts=(setting_fields(Model, "N"), setting_fields(Processor, "speed_limit"), setting_fields(ForceLoop))
 ):
-    """Settings of the force-position law, SI: the belt ratio as believed, limits, and what starts the force loop.
+    """Settings of the force-position law, SI: believed belt ratio, limits, and start of the force loop.
 
-    It starts at a pressing force F_z above `trigger_force`, as in the caption of Fig. 4, or at `trigger_time`; a pull
-    starts nothing. Infinity: never.
+    It starts at a pressing force F_z above `trigger_force`, as in the caption of Fig. 4, or at `trigger_time`; infinity
+    disables either. A pulling force never starts it.
     """
 
 
@@ -194,15 +190,15 @@ LAW_MEMORY = record(
 
 @njit(cache=True)
 def reference_position(times, points, segment, t):
-    """Point (m) of the trajectory at `t` (s), and the segment it lies in.
+    """Point (m) of the trajectory at `t` (s), and the index of its segment.
 
     Args:
         times: (n,) ascending, s.
         points: (n, 3), m.
-        segment: any index at or before the right one; pass the one returned last.
+        segment: any index at or before the right one, such as the one returned last.
 
     Returns:
-        (x, y, z, segment). Before the first way point the first, after the last the last.
+        (x, y, z, segment); constant before the first and after the last waypoint.
     """
     last = times.shape[0] - 1
     while segment < last and t >= times[segment + 1]:
@@ -221,7 +217,7 @@ def reference_position(times, points, segment, t):
 
 @njit(cache=True)
 def force_correction(law, pid, e, h):
-    """dp_z (m) of the force loop for the force error `e` = F_z_ref - F_z (N)."""
+    """Shift dp_z (m) by the force loop for the force error `e` = F_z_ref - F_z (N)."""
     u, integral = proposal(pid, e, h)
     if abs(u) <= law.dp_z_max:
         accept(pid, integral)
@@ -230,15 +226,15 @@ def force_correction(law, pid, e, h):
 
 @njit(cache=True, error_model="numpy")
 def unwind_integral(pid, z, share, h):
-    """Let the integral go to where the share of the last command leads that an energy tank has passed on.
+    """Reduce the integral by the share of the last command that an energy tank has withheld.
 
-    What does not get through winds up nothing: back-calculation within half of the integral's own time kp/ki (Åström
-    and Hägglund 2006, Advanced PID Control, Sec. 3.5). A way back up is never held back.
+    This back-calculation prevents windup, within half of the integral's own time kp/ki (Åström and Hägglund 2006,
+    Advanced PID Control, Sec. 3.5). Upward motion is never withheld.
 
     Args:
         pid: the force loop.
-        z: what the position loop was off by in the call before (m); negative: it was to go down.
-        share: of that command.
+        z: error of the position loop in the previous call (m); negative for a downward motion.
+        share: share of that command that was passed on.
     """
     if share < 1.0 and pid.started and z < 0.0 and pid.ki > 0.0:
         pid.integral += (1.0 - share) * min(2.0 * pid.ki * h / pid.kp, 1.0) * z
@@ -246,9 +242,9 @@ def unwind_integral(pid, z, share, h):
 
 @njit(cache=True)
 def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
-    """omega_ref (3,) of the position loop from `p_B` to `p_cmd_B` (3,), m, plus feed-forward `lead` (3,), rad/s.
+    """Compute omega_ref (3,), rad/s, of the position loop from `p_B` to `p_cmd_B` (3,), m.
 
-    Each is kept within +-omega_max.
+    The feed-forward `lead` (3,), rad/s, is added; each speed is limited to +-omega_max.
     """
     ux, ix = proposal(pids[0], p_cmd_B[0] - p_B[0], h)
     uy, iy = proposal(pids[1], p_cmd_B[1] - p_B[1], h)
@@ -266,7 +262,7 @@ def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
 
 @njit(cache=True, inline="always")
 def control(m, t, h, u, y, shift):
-    """A call of the law, its z reference shifted by `shift` (m) besides."""
+    """Execute one call of the law, with its z reference additionally shifted by `shift` (m)."""
     times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
     p_ref_B = y.p_ref_B
     p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
@@ -284,7 +280,7 @@ ADAPTIVE_MEMORY = with_adaptive(LAW_MEMORY)
 
 @cache
 def make_step(adaptive, tank):
-    """The step of the law with or without all that comes before and after it, and an energy tank behind it."""
+    """Compile the step of the law, with or without adaptive options and an energy tank behind it."""
 
     @step_function(
         ADAPTIVE_MEMORY if adaptive else LAW_MEMORY, *controller_ports(LAW_INPUTS, LAW_OUTPUTS, adaptive, tank)
@@ -312,13 +308,13 @@ class Controller(NativeComponent):
     Args:
         law: settings.
         position, force: gains of the two loops; position acts on m and gives m/s, force acts on N and gives m.
-        times, points: way points of the reference, (n,) s ascending and (n, 3) m.
-        period: in ticks.
-        adapting: what it does besides; None: nothing.
-        tank: whether an energy tank stands behind it, and tells what it passes on.
+        times, points: waypoints of the reference, (n,) s ascending and (n, 3) m.
+        period: period in ticks.
+        adapting: adaptive options; None for the paper's law alone.
+        tank: whether an energy tank behind it reports the share that it passes on.
 
     Attributes:
-        points: the array that it reads.
+        points: waypoints (n, 3) that the step reads.
     """
 
     def __init__(
@@ -361,11 +357,11 @@ class WayPointReference(NativeComponent):
     """Sampled component: the point of the trajectory at t_k.
 
     Args:
-        times, points: way points, (n,) s ascending and (n, 3) m.
-        period: in ticks.
+        times, points: waypoints, (n,) s ascending and (n, 3) m.
+        period: period in ticks.
 
     Attributes:
-        points: the array that it reads.
+        points: waypoints (n, 3) that the step reads.
     """
 
     def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]], period: int = 1):

@@ -1,6 +1,4 @@
-"""Loops of the robot's computer for drives that take no speed: a discrete PI for torque, current or voltage, and an
-integrator for a commanded angle.
-"""
+"""Loops before drives without a speed command: a PI for torque, current or voltage, an integrator for an angle."""
 
 import math
 from typing import NamedTuple
@@ -39,9 +37,9 @@ class DriveSpeedLoop(NativeComponent):
 
     Args:
         gains: PI from rad/s to the command's SI unit.
-        limit: of the command, either side.
+        limit: largest magnitude of the command.
         command: port of the output.
-        period: in ticks of the drive's own system.
+        period: period in ticks of the drive's own system.
     """
 
     def __init__(self, gains: Gains, limit: float, command: Port, period: int = 1):
@@ -50,14 +48,14 @@ class DriveSpeedLoop(NativeComponent):
 
 
 class Servo(NamedTuple):
-    """How a servo counts its angle phi, and which commands it takes: phi = ratio (theta_m - zero).
+    """Angle convention and limits of a servo, whose angle is phi = ratio (theta_m - zero).
 
     Attributes:
         zero: motor angle at phi = 0 (rad).
-        ratio: turns of its shaft per turn of the motor shaft, negative if it turns the other way.
+        ratio: turns of its shaft per turn of the motor shaft, negative for the opposite direction.
         lower, upper: limits of phi (rad).
-        wrap: phi is counted from here over one turn (rad); infinite: it counts on.
-        lead: most by which the commanded motor angle is ahead of the motor, either way (rad).
+        wrap: start of the turn over which phi is counted (rad); infinity for unlimited counting.
+        lead: maximum difference between commanded and actual motor angle, in either direction (rad).
     """
 
     zero: float
@@ -73,7 +71,7 @@ POSITION_MEMORY = record_of(Servo, command=state("f8"))
 
 @step_function(POSITION_MEMORY, POSITION_INPUTS, POSITION_OUTPUTS)
 def position_step(m, t, h, u, y):
-    # where it has to be when the next command comes
+    # position at the time of the next command
     command = m.command + u.omega_ref * h
     command = min(max(command, u.theta_m - m.lead), u.theta_m + m.lead)
     phi = min(max(m.ratio * (command - m.zero), m.lower), m.upper)
@@ -86,12 +84,12 @@ def position_step(m, t, h, u, y):
 
 
 class DriveSpeedIntegrator(NativeComponent):
-    """Sampled component: speed in, angle of the drive out. What limit and lead take away is not made up for later.
+    """Sampled component: speed in, angle command of the drive out; motion cut by limits and lead is not made up for.
 
     Args:
-        servo: what stands behind it.
-        theta_m: motor angle at t = 0 (rad), where the command begins.
-        period: in ticks of the drive's own system.
+        servo: angle convention and limits of the drive.
+        theta_m: motor angle at t = 0 (rad), where the command starts.
+        period: period in ticks of the drive's own system.
     """
 
     def __init__(self, servo: Servo, theta_m: float, period: int = 1):

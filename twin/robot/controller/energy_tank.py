@@ -1,27 +1,28 @@
-"""An energy tank behind the controller: the energy given to the environment comes from a store of known size.
+"""An energy tank behind the controller: energy for the environment comes from a store of known size.
 
-The observer adds up F_ee.dp as the estimator feels it (Hannaford and Ryu 2002), at every force: below a threshold a
-light stroke would get what it likes. That is the energy given, what moves, and what the joints' own friction takes; the
-motion comes back when it ends. As long as something is touched, `bias` along the way of each joint is charged besides,
-which is more than an error of the estimated torques can hide. What the springs hold of the force is as good as given,
-for the body gets it if it yields. All of it is taken from the store. In other words the store pays for what the motors
-put in, tau.omega/N with tau the joint torques of the force, and the body gets no more than that.
+The observer integrates the estimated F_ee.dp (Hannaford and Ryu 2002) at every force: below a threshold, a light stroke
+would be unlimited. The sum contains the energy given to the body, kinetic energy, which returns when the motion ends,
+and losses in the joints' friction. During contact, `bias` times the travel of each joint is charged in addition, an
+upper bound for errors of the estimated torques. Energy of the force stored in the springs counts as given, as the body
+receives it if it yields. All of this is taken from the store. Equivalently, the store pays for the work of the motors,
+tau.omega/N with the joint torques tau of the force, and the body never receives more than that.
 
-A valve then scales the commanded motor speeds so that the store lasts for another `horizon` T even against a wall,
-where the force grows by the springs' stiffness:
+A valve then scales the commanded motor speeds by s, so that the store lasts for another `horizon` T even against a
+wall, where the force grows by the springs' stiffness:
 
-    s P T + s^2 Q T^2/2 <= what is left,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
+    s P T + s^2 Q T^2/2 <= remaining energy,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
 
-What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
-presses on (tanks: Ferraguti, Secchi and Fantuzzi 2013).
+Energy that lagging motors will still deliver is subtracted before. The emptier the store, the slower the robot presses
+on (tanks: Ferraguti, Secchi and Fantuzzi 2013).
 
-Where more is gone than there was, and no share of the command brings it back in time, standing still is not enough: the
-weight pulls the robot down through drives that yield to load. Then each motor gives way to its torque, by itself, and
-further if the command asks for it; always in proportion, for full speed at each change of sign would swing. Each takes
-energy back by that, tau_i omega_i <= 0. What the head has sunk is taken back, too. All three motors may turn up as fast
-as they are commanded to, whatever is left: the body below gets no energy by that. The controller receives the share.
-Energy that comes back fills the store, up to its size. While a message is late the energy that leaves is not known: the
-motors stand still until the next one.
+If the store is overdrawn, and no share of the command refills it in time, stopping is not enough: the weight pulls the
+robot down through drives that yield to load. Then each motor yields to its torque, and further if the command asks for
+it; always in proportion, as full speed at each change of sign would oscillate. Each motor takes energy back that way,
+tau_i omega_i <= 0. The sinking of the head is also reversed. All three motors may always turn up at their commanded
+speeds: the body below receives no energy from that. The controller receives the share.
+
+Returned energy refills the store, up to its size. While an encoder message is late, the outgoing energy is unknown, and
+the motors stop until the next one.
 """
 
 import math
@@ -52,36 +53,40 @@ TANK_OUTPUTS = (
     Port("given", 1, "J", "energy given to what was touched, to motion and joints, less what came back, as believed"),
 )
 COASTING_SHARE = 1.0 / 3.0
-"""Of the horizon: how long motors follow the command before."""
+"""Time constant of motors that still follow previous commands, as a share of the horizon."""
 LARGEST_SAMPLE = 2.0**53
-"""Beyond, a double does not count whole numbers."""
+"""Bound of the message counter: beyond it, a double does not represent every integer."""
 UNNUMBERED_STATUS = 2
-"""Status of the step: a message has no number."""
+"""Step status for a message without a number."""
 RETURN_GAIN = 0.5
-"""Over the horizon: gain (1/s) of each of the two loops by which an overdrawn tank moves the robot."""
+"""Gain, times the horizon, of the two loops (1/s) that move the robot when the tank is overdrawn."""
 JOINT_PLAY = 1e-3
-"""Angle (rad) of a joint that counts as no way: rounding goes to and fro by less."""
+"""Travel (rad) at each reversal of a joint that is not charged, as rounding causes smaller ones."""
 
 
 class EnergyTank(Settings):
-    """[controller.energy_tank]: a store of energy, out of which comes what the robot gives to what it touches."""
+    """[controller.energy_tank]: a store of the energy that the robot gives to its environment."""
 
-    size: float = setting("J", gt=0, examples=[0.15], help="energy that may go into what is touched")
+    size: float = setting("J", gt=0, examples=[0.15], help="energy that the touched body may receive")
     horizon: float = setting(
         "ms",
         default=100.0,
         gt=0,
-        help="how long it has to last whatever happens: longer than delays and the drives' lag",
+        help="time that it must last in any case: longer than delays and the drives' lag",
     )
-    touch: float = setting("N", default=0.3, gt=0, help="estimated force from which on something is touched")
+    touch: float = setting("N", default=0.3, gt=0, help="estimated force that counts as contact")
     release: float | None = optional(
-        "s", gt=0, example=0.5, absent=math.inf, help="after so long without touch it is full again; without it never"
+        "s",
+        gt=0,
+        example=0.5,
+        absent=math.inf,
+        help="time without contact after which it is refilled; without it never",
     )
     bias: float = setting(
         "N m",
         default=4e-3,
         ge=0,
-        help="how far the estimated torque of a joint may be off: charged along its way while touched",
+        help="bound for errors of a joint's estimated torque, charged along its travel during contact",
     )
 
 
@@ -89,7 +94,7 @@ class Tank(
     Values,
     parts=(
         setting_fields(EnergyTank),
-        {"late": setting("s", help="how old the newest message of the encoders may be")},
+        {"late": setting("s", help="maximum age of the encoders' newest message")},
         setting_fields(Model, "k_s", "N", "eta"),
     ),
 ):
@@ -111,9 +116,9 @@ def passed_share(left, horizon, P, Q):
     """Share of a command that uses no more than `left` (J) within `horizon` (s).
 
     Args:
-        left: may be negative; then what gives most of it back.
+        left: remaining energy; if negative, the result is the share that returns most of the deficit.
         P: power of the whole command now (W).
-        Q: what makes more power of it if the head is held (N m^2/(m s^2)).
+        Q: rate of increase of the power if the head is blocked (N m^2/(m s^2)).
     """
     if Q <= 0.0 or horizon * (P + 0.5 * Q * horizon) <= left:
         return 1.0
@@ -124,18 +129,18 @@ def passed_share(left, horizon, P, Q):
 
 @njit(cache=True, error_model="numpy")
 def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
-    """More is gone than there was: every motor gives way to its torque, and by itself if no command does.
+    """Compute the motor speeds for an overdrawn store: every motor yields to its torque, even without a command.
 
     Args:
-        tau: joint torques (3,), N m. No motor gives way to what may be their error.
-        left: < 0 (J). It is to come back within the horizon, if the loop of motor and spring is stable with that.
-        rise: how far the head is below where it has been since (m).
+        tau: joint torques (3,), N m; motors do not yield to torques within the error `bias`.
+        left: remaining energy, < 0 (J). It is returned within the horizon, as far as motor and spring stay stable.
+        rise: height that the head has sunk since (m).
         J: Jacobian (9,), rad/m.
-        omega_ref: commanded (3,), rad/s.
-        passed: to be commanded instead (3,), written.
+        omega_ref: commanded speeds (3,), rad/s.
+        passed: speeds to pass on (3,), rad/s, written.
 
     Returns:
-        The share of the command that is left.
+        Remaining share of the command.
     """
     most = 1.0 / (tank.k_s * tank.N * tank.eta * tank.horizon)
     squares = 0.0
@@ -157,14 +162,19 @@ def _yield_to_torque(tank, tau, left, rise, J, omega_ref, passed):
 
 @njit(cache=True)
 def _lift(omega_ref, F, touch):
-    """Speed (rad/s, <= 0) at which all motors are commanded to turn up, if none pulls at anything: what lies below gets
-    nothing by that."""
+    """Common upward speed (rad/s, <= 0) of all motors if none pulls at the environment.
+
+    Such a motion gives the body below no energy.
+    """
     return min(max(omega_ref[0], omega_ref[1], omega_ref[2]), 0.0) if F[2] < touch else 0.0
 
 
 @njit(cache=True)
 def _joint_travel(turned, J, p, p_before):
-    """Way of the joints (rad) from `p_before` to `p` (3,), m, less PLAY at each turn; `turned` (3,) keeps account."""
+    """Travel of the joints (rad) from `p_before` to `p` (3,), m, less JOINT_PLAY at each reversal.
+
+    `turned` (3,) is its state.
+    """
     way = 0.0
     for i in range(3):
         here = turned[i]
@@ -179,7 +189,7 @@ def _joint_travel(turned, J, p, p_before):
 @step_function(TANK_MEMORY, TANK_INPUTS, TANK_OUTPUTS)
 def tank_step(m, t, h, u, y):
     tank = m.tank
-    # not >=: that would let NaN pass
+    # not >=, which would accept NaN
     if not abs(u.sample) < LARGEST_SAMPLE:
         return UNNUMBERED_STATUS
     fresh = u.valid != 0.0 and u.sample != m.sample
@@ -234,16 +244,16 @@ def tank_step(m, t, h, u, y):
 
 
 class TankValve(NativeComponent):
-    """Sampled component: commanded motor speeds in, those that the tank allows out.
+    """Sampled component: commanded motor speeds in, permitted speeds out.
 
     Args:
         tank: settings.
-        period: in ticks.
+        period: period in ticks.
     """
 
     def __init__(self, tank: Tank, period: int = 1):
         memory = memory_of(TANK_MEMORY, tank=tuple(tank), level=tank.size)
-        # the controller knows of the call before, and before the first one nothing is held back
+        # the controller reads the share of the previous call; before the first one it is 1
         first = np.zeros(width(TANK_OUTPUTS))
         by_port(TANK_OUTPUTS, first)["share"][:] = 1.0
         super().__init__("tank", TANK_INPUTS, TANK_OUTPUTS, True, tank_step, memory, first, period=period)

@@ -1,6 +1,6 @@
-"""The state machine that walks through a table of phases (Sec. III.B) and turns it into references.
+"""State machine that steps through a table of phases (Sec. III.B) and computes references.
 
-The reference of a phase moves on straight lines with smooth ends, or on circles that are spiralled into and out of.
+The reference of a phase moves on straight lines with smooth ends, or on circles with spirals at both ends.
 """
 
 import math
@@ -29,23 +29,23 @@ MACHINE_RECORD = record(
 )
 """State of the machine, SI.
 
-index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
-length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
-contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
-tapped: when the last tap began.
-touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
-last call, and the height at which it was felt.
-depth, calibrated: from there to the lowest point, and whether the first tap has found it.
-z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
-t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
+index, passes: phase, and number of passes of a loop's end. entered, total: start time and duration of the phase.
+length, start, end: line of the phase. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
+contact_force: threshold of contact. lost, patience: time without contact, and the tolerated time.
+tapped: start time of the last tap.
+touching, z_before, F_before, z_felt: whether contact was detected since the descent began, height and force at the
+previous call, and height of the contact.
+depth, calibrated: distance from contact to the lowest point, and whether the first tap has measured it.
+z_turn: planned lowest height of a tap. z_lowest: lowest height reached in it.
+t_turn: lead time for reversing a tap. learning: share of the error that the next one corrects.
 """
 MAX_TURN_TIME = 0.1
-"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
+"""Maximum of t_turn (s): five times the reversal time of the slowest drive."""
 
 
 @njit(cache=True)
 def smooth(x):
-    """The cubic 3 x^2 - 2 x^3 that goes from 0 to 1 with both slopes zero; 0 before, 1 after."""
+    """The cubic 3 x^2 - 2 x^3 from 0 to 1 with zero slope at both ends; 0 before, 1 after."""
     x = min(max(x, 0.0), 1.0)
     return x * x * (3.0 - 2.0 * x)
 
@@ -58,14 +58,14 @@ def _smooth_area(x):
 
 @njit(cache=True)
 def line_speed(phase, length):
-    """Speed (m/s) on a line of `length` (m): the wanted one, less where the line is too short for both ramps."""
+    """Speed (m/s) on a line of `length` (m): the requested one, or less if the line is too short for both ramps."""
     ramps = phase.ramp_in + phase.ramp_out
     return phase.speed if 2.0 * length >= phase.speed * ramps else 2.0 * length / ramps
 
 
 @njit(cache=True)
 def line_time(phase, length):
-    """Time (s) the line takes."""
+    """Duration (s) of the motion on a line of `length` (m)."""
     if length == 0.0:
         return 0.0
     return length / line_speed(phase, length) + 0.5 * (phase.ramp_in + phase.ramp_out)
@@ -73,16 +73,17 @@ def line_time(phase, length):
 
 @njit(cache=True)
 def line_share(phase, length, t):
-    """(path, speed): how far (m) and how fast (m/s) along a line of `length` at `t` (s) from its start.
+    """Path (m) and speed (m/s) along a line of `length` at `t` (s) from its start.
 
     The speed rises along `smooth` within ramp_in and falls likewise within ramp_out, so position, speed and
-    acceleration are continuous, except that a ramp of 0 starts or ends at once.
+    acceleration
+    are continuous, except that a ramp of 0 is a step in speed.
     """
     total = line_time(phase, length)
     if t >= total or length == 0.0:
         return length, 0.0
     v = line_speed(phase, length)
-    # a line that begins between two calls may do so a rounding after the second; without a ramp that would be t/0
+    # rounding may set t slightly below 0 for a line that begins between two calls; without a ramp that would be t/0
     t = max(t, 0.0)
     if t < phase.ramp_in:
         x = t / phase.ramp_in
@@ -95,13 +96,13 @@ def line_share(phase, length, t):
 
 @njit(cache=True)
 def circle_time(phase):
-    """Time (s) of a circle with the turns that lead into and out of it."""
+    """Duration (s) of a circle including its spirals."""
     return (phase.turns + 2.0) / phase.rate
 
 
 @njit(cache=True)
 def circle_offset(phase, t):
-    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest there at both ends."""
+    """Offset (x, y) in m and velocity (v_x, v_y) in m/s from the centre at `t` (s); at rest there at both ends."""
     total = circle_time(phase)
     if t <= 0.0 or t >= total:
         return 0.0, 0.0, 0.0, 0.0
@@ -117,13 +118,13 @@ def circle_offset(phase, t):
 
 @njit(cache=True)
 def motion_time(phase, length):
-    """Time (s) the phase's motion takes on a line of `length` (m), or on its circle."""
+    """Duration (s) of the phase's motion, on a line of `length` (m) or on its circle."""
     return circle_time(phase) if phase.radius > 0.0 else line_time(phase, length)
 
 
 @njit(cache=True)
 def motion(phase, start, end, length, t, p, v):
-    """Reference position into `p` (3,) m and velocity into `v` (3,) m/s at `t` (s) after the phase began."""
+    """Compute the reference position `p` (3,) m and velocity `v` (3,) m/s at `t` (s) after the phase began."""
     for i in range(3):
         p[i], v[i] = start[i], 0.0
     if phase.radius > 0.0:
@@ -139,7 +140,7 @@ def motion(phase, start, end, length, t, p, v):
 
 @njit(cache=True)
 def enter_line(m, phase):
-    """Lay the phase's line from the present reference to its end."""
+    """Set the phase's line from the present reference to its end."""
     squared = 0.0
     for i in range(3):
         m.start[i] = m.p[i]
@@ -154,17 +155,17 @@ def enter_line(m, phase):
 def enter_phase(m, phases, index, t, F_z, dp_z):
     """Begin phase `index` at `t` (s) from the present reference, at the pressing force `F_z` (N).
 
-    Where the force loop ends, its correction `dp_z` (m) stays in the reference, so that this does not jump.
+    If the force loop ends, its correction `dp_z` (m) is added to the reference, which then does not jump.
     """
     before, phase = phases[m.index], phases[index]
     if before.force_on and not phase.force_on:
         m.p[2] += dp_z
     m.index, m.entered, m.lost = index, t, 0.0
     if phase.task != before.task:
-        # a task that was cut short had passes to go
+        # an aborted task may have passes left
         m.passes = 0
     enter_line(m, phase)
-    # the force reference starts where the force is, so the force loop starts without a jump
+    # the force reference starts at the present force, so the force loop starts without a jump
     m.F_start = m.F_ref if before.force_on else max(F_z, 0.0)
     m.total = max(motion_time(phase, m.length), phase.duration)
     if phase.period > 0.0:
@@ -177,14 +178,14 @@ def enter_phase(m, phases, index, t, F_z, dp_z):
 
 @njit(cache=True)
 def _due_phase(m, phase, t, h, z, v_z, F_z, F_rate):
-    """Index of the phase that is due now; the present one if it goes on."""
+    """Index of the phase that is due now: the present one or a successor."""
     over = t - m.entered > m.total - 0.5 * h
     if phase.until == PhaseEnd.FELT:
         if F_z >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
     if phase.until == PhaseEnd.TURN:
-        # between this call and the next, of which `advance_machine` makes the right moment
+        # the turn is due before the next call; `advance_machine` computes its exact time
         reached = z + v_z * (m.t_turn + h) <= m.z_turn
         if (reached and (m.touching or not m.calibrated)) or F_z + F_rate * m.t_turn >= phase.level:
             return phase.next
@@ -205,7 +206,7 @@ def _due_phase(m, phase, t, h, z, v_z, F_z, F_rate):
 
 @njit(cache=True)
 def _time_to_turn(m, phase, z, h):
-    """How long (s, at most `h`) a tap that is to turn round before the next call may still go on; 0: none does."""
+    """Remaining time (s, at most `h`) of a tap before its reversal, if that is due before the next call; else 0."""
     if phase.until != PhaseEnd.TURN or m.v[2] >= 0.0:
         return 0.0
     return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)
@@ -213,15 +214,16 @@ def _time_to_turn(m, phase, z, h):
 
 @njit(cache=True)
 def _detect_surface(m, phase, t, z, F):
-    """Note where on its way down the platform meets the surface, which may have moved since the last tap.
+    """Detect the height at which the descending platform meets the surface, which may have moved since the last tap.
 
-    The unfiltered force `F` (N) is taken, because a low-pass would find contact deeper the faster the way down. It
-    holds the inertia of the platform, so nothing is felt while that gets to speed. What is left of it, the robot's own
-    compliance makes a tap feel the surface too late; the first tap after a probe tells by how much.
+    The unfiltered force `F` (N) is used, as a low-pass would detect contact deeper the faster the descent. It contains
+    the
+    platform's inertia, so detection waits until the platform is at speed. The robot's own compliance still delays
+    detection in taps; the first tap after a probe measures by how much.
     """
     if not m.touching and F >= m.contact_force and t - m.entered >= phase.ramp_in:
         m.touching = 1
-        # where contact was there before the platform was at its speed, nothing can be said of the place
+        # if contact existed before the platform was at speed, its height is unknown
         if m.F_before < m.contact_force:
             share = (m.contact_force - m.F_before) / (F - m.F_before)
             m.z_felt = m.z_before + share * (z - m.z_before)
@@ -235,9 +237,10 @@ def _detect_surface(m, phase, t, z, F):
 
 @njit(cache=True)
 def _turn_within(m, phase, t, h, rest):
-    """Turn round `rest` seconds after `t`, before the next call at `t + h`.
+    """Reverse a tap `rest` seconds after `t`, before the next call at `t + h`.
 
-    The command is held until then, so its speed is the mean of down and up: a turn at the call before or after would
+    The command is held until then, so its speed is the mean of down and up: a reversal at the previous or next call
+    would
     miss the depth by up to h times the speed.
     """
     down = m.v[2]
@@ -251,14 +254,14 @@ def _turn_within(m, phase, t, h, rest):
 
 @njit(cache=True)
 def advance_machine(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
-    """Advance to `t` (s): phase, references `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
+    """Advance phase and references to `t` (s): `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
 
     Args:
-        h: time since the last call (s).
+        h: time since the previous call (s).
         z: estimated height of the platform (m).
         F: pressing force (N).
-        F_z, F_rate: low-passed, its rate (N/s).
-        F_delay: by how much F_z lags F (s).
+        F_z, F_rate: low-passed pressing force (N) and its rate (N/s).
+        F_delay: lag of F_z behind F (s).
         dp_z: correction of the force loop (m).
     """
     if m.index < 0:

@@ -1,6 +1,6 @@
-"""PID loops of the robot's computer: settings, gains over the stiffness, filters, and the discrete law.
+"""PID loops of the robot's computer: settings, scheduled gains, filters, and the discrete law.
 
-The integral is rectangular and stops at the limit; the derivative passes a low-pass of first order.
+The integral is rectangular and stops at the limit; the derivative has a first-order low-pass.
 """
 
 import math
@@ -15,9 +15,9 @@ from twin.kernel.cosim.port import record, record_of, states
 from twin.kernel.settings import Settings, Values, numbers, optional, setting, setting_fields
 
 MAX_STIFFNESS_RATIO = 3.0
-"""Largest ratio of stiffness of two neighbours in a schedule."""
+"""Maximum ratio of stiffness between neighbouring points of a schedule."""
 LOW_PASS_RECORD = record(corner="f8", h="f8", share="f8")
-"""The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
+"""Cache of a low-pass's share, with its arguments: an exponential takes as long as a loop."""
 
 
 class Processor(Settings):
@@ -26,31 +26,33 @@ class Processor(Settings):
     mode: Literal["force_position", "position"] = setting(help="force and position, or position alone")
     period: float = setting("ms", gt=0, help="time between two commands")
     delay_ticks: int = setting(default=0, ge=0, le=1000, help="computation delay")
-    bus_delay_ticks: int = setting(default=0, ge=0, le=1000, help="delay of the bus to the drives, behind the monitor")
+    bus_delay_ticks: int = setting(default=0, ge=0, le=1000, help="delay of the bus from the monitor to the drives")
     speed_limit: float = setting("rad/s", gt=0, field="omega_max", help="largest motor speed it commands")
-    gravity_compensation: bool = setting(help="take the robot's own weight out of the estimated force")
+    gravity_compensation: bool = setting(help="whether the estimated force excludes the robot's own weight")
     dead_zone: float = setting(
         "deg",
         default=0.0,
         ge=0,
         field="backlash",
-        help="believed half width of the backlash, which the estimator takes off; 0: the paper's estimator",
+        help="believed half width of the backlash, which the estimator subtracts; 0: the paper's estimator",
     )
 
 
 @njit(cache=True)
 def state_variable(damping, g, fast, slow, x):
-    """(low-passed `x`, its derivative over 2 pi f, its second over (2 pi f)^2, the two states after it).
+    """Step of a state-variable filter for the input `x`.
 
-    By the trapezoidal rule, so the derivatives are those of the output itself (Zavalishin 2012, The Art of VA Filter
-    Design, Ch. 4).
+    Returned are the low-passed `x`, its derivative over 2 pi f, its second derivative over (2 pi f)^2, and the two new
+    states. It uses the trapezoidal rule, so the derivatives belong exactly to the output (Zavalishin 2012, The Art of
+    VA
+    Filter Design, Ch. 4).
 
     Args:
         damping: 1/Q.
-        g: tan(pi f h), of the corner f (Hz) and the period h (s).
-        fast, slow: states after the call before; at rest 0 and the signal.
+        g: tan(pi f h), with the corner f (Hz) and the period h (s).
+        fast, slow: states after the previous call; at rest 0 and the signal.
     """
-    # a factor, which does not wait for x and is one for all stages of a filter
+    # a factor independent of x, shared by all stages of a filter
     high = (x - (damping + g) * fast - slow) * (1.0 / (1.0 + g * (damping + g)))
     band = g * high + fast
     low = g * band + slow
@@ -60,13 +62,13 @@ def state_variable(damping, g, fast, slow, x):
 class ScheduledGains(Settings):
     """[[controller.force.schedule]]: gains of the force loop on a tissue of one stiffness."""
 
-    stiffness: float = setting("N/m", gt=0, le=20_000, examples=[300.0], help="of the tissue")
+    stiffness: float = setting("N/m", gt=0, le=20_000, examples=[300.0], help="stiffness of the tissue")
     kp: float = setting("mm/N", gt=0, le=1000, examples=[2.0], help="shift of the z reference per force error")
     ki: float = setting("mm/(N s)", gt=0, le=10_000, examples=[40.0], help="integral gain")
 
 
 def schedule_error(points: Sequence[ScheduledGains]) -> str:
-    """Why `points` are no schedule; "" if they are one, or none."""
+    """Return an error message for invalid schedule points; "" for a valid schedule, or an empty one."""
     if len(points) == 1:
         return "one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s"
     for number, (below, above) in enumerate(pairwise(points), start=2):
@@ -74,7 +76,7 @@ def schedule_error(points: Sequence[ScheduledGains]) -> str:
             order = f"point {number} is at {above.stiffness:g} N/m, after {below.stiffness:g}"
             return f"{order}; expected the softest first"
         if above.stiffness > MAX_STIFFNESS_RATIO * below.stiffness:
-            gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m, in which no set of gains holds"
+            gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m without valid gains"
             return f"{gap}; expected points at most {MAX_STIFFNESS_RATIO:g}-fold apart"
     return ""
 
@@ -91,7 +93,7 @@ class PositionLoop(Settings):
 
 
 class ForceLoop(Settings):
-    """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
+    """[controller.force]: PID from force error (N) to a shift of the z reference (m), and its trigger."""
 
     reference: float | None = optional(
         "N", gt=0, le=50, example=5.0, field="F_z_ref", absent=0.0, tunable=True, help="pressing force to hold"
@@ -100,7 +102,7 @@ class ForceLoop(Settings):
         "N", ge=0, example=0.6, field="trigger_force", absent=math.inf, help="pressing force that starts the force loop"
     )
     trigger_time: float | None = optional(
-        "s", ge=0, example=6.0, absent=math.inf, help="when the force loop starts, whatever the force"
+        "s", ge=0, example=6.0, absent=math.inf, help="time at which the force loop starts at any force"
     )
     kp: float = setting(
         "mm/N", ge=0, le=1000, into="gains", tunable=True, help="shift of the z reference per force error"
@@ -143,7 +145,7 @@ class Gains(Values, parts=(setting_fields(PositionLoop),)):
 
 
 def force_gains(table: ForceLoop) -> Gains:
-    """Those of the force loop."""
+    """Return the gains of the force loop."""
     return Gains(**numbers(table, into="gains"))
 
 
@@ -157,16 +159,16 @@ def loop_record(gains: Gains) -> tuple:
 
 @njit(cache=True)
 def low_pass_share(corner, h):
-    """How much of a new sample a first-order low-pass with `corner` (Hz) takes over per period `h` (s)."""
+    """Share of a new sample that a first-order low-pass with `corner` (Hz) takes over per period `h` (s)."""
     return 1.0 - math.exp(-2.0 * math.pi * corner * h) if corner > 0.0 else 1.0
 
 
 @njit(cache=True)
 def cached_share(cache, corner, h):
-    """`low_pass_share`, worked out where corner or period are not those of the call before.
+    """`low_pass_share`, recomputed only for a changed corner or period.
 
     Args:
-        cache: a record of `LOW_PASS_RECORD`; at first 0.
+        cache: a record of `LOW_PASS_RECORD`, initially 0.
     """
     if cache.corner != corner or cache.h != h:
         cache.corner, cache.h, cache.share = corner, h, low_pass_share(corner, h)
@@ -175,10 +177,11 @@ def cached_share(cache, corner, h):
 
 @njit(cache=True)
 def proposal(pid, e, h):
-    """(output, integral): what the loop would do for error `e`; `accept` keeps the integral.
+    """Return the output of the loop for error `e`, and the new integral, which `accept` stores.
 
-    The derivative acts on the error and starts at 0. A caller that limits the output accepts the integral only if it
-    was within its limit: conditional integration, so nothing winds up.
+    The derivative acts on the error and starts at 0. A caller with an output limit accepts the integral only within
+    that
+    limit, which prevents windup by conditional integration.
     """
     if pid.started and pid.kd != 0.0:
         rate = (e - pid.error) / h
@@ -191,11 +194,11 @@ def proposal(pid, e, h):
 
 @njit(cache=True)
 def accept(pid, integral):
-    """Keep the proposed integral."""
+    """Store the proposed integral."""
     pid.integral = integral
 
 
 @njit(cache=True)
 def reset_loop(pid):
-    """Forget every error so far."""
+    """Reset the state of the loop."""
     pid.integral, pid.derivative, pid.error, pid.started = 0.0, 0.0, 0.0, 0

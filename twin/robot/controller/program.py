@@ -1,9 +1,7 @@
-"""The four tasks of Sec. III.B as phases: approach, gentle descent, force build-up, hold, tap, circle or push, release.
+"""Tasks of Sec. III.B as tables of phases: approach, descent, force build-up, hold, tap, circle or push, release.
 
-A program is a table of `Phase`s for the whole sequence. Each phase begins where the reference is, so tasks of any order
-follow one another without a jump.
-
-A task as data: a table of phases that the compiled machine walks through.
+A program is a table of `Phase`s for the whole sequence, which the compiled machine steps through. Each phase begins at
+the present reference, so tasks of any order follow one another without a jump.
 """
 
 import math
@@ -16,9 +14,12 @@ from pydantic import model_validator
 from twin.kernel.cosim.port import record_of
 from twin.kernel.settings import Settings, Triple, setting
 
+Point = tuple[float, float]
+"""x and y in the base frame (m)."""
+
 
 class PhaseKind(IntEnum):
-    """What the robot is doing; the words are those of Sec. III.B."""
+    """Kind of a phase, in the words of Sec. III.B."""
 
     TRAVEL = 1
     DESCEND = 2
@@ -36,43 +37,44 @@ class PhaseKind(IntEnum):
 
     @property
     def phrase(self) -> str:
-        """For the time line: `build-up`."""
+        """Text for the time line: `build-up`."""
         return self.name.lower().replace("_", "-")
 
 
 class PhaseEnd(IntEnum):
-    """What ends a phase."""
+    """Condition that ends a phase."""
 
     ELAPSED = 0
-    """its motion has arrived and its duration is over."""
+    """Its motion has arrived and its duration is over."""
     FELT = 1
-    """the pressing force reaches `level`; if the motion arrives without it, `otherwise` follows."""
+    """The pressing force reaches `level`; if the motion arrives before, `otherwise` follows."""
     TURN = 2
-    """the platform will have reached the depth of the pre-defined force by the time a turn takes effect, or the force
-    will have reached `level` by then; if the motion arrives without either, `otherwise` follows."""
+    """By the time a reversal takes effect, the platform will be at the depth of the pre-defined force, or the force at
+    `level`; if the motion arrives before, `otherwise` follows."""
 
 
 class Phase(NamedTuple):
-    """One phase, SI. Its motion starts wherever the reference is, so a sequence of phases cannot jump.
+    """One phase, SI. Its motion starts at the present reference, so a sequence of phases cannot jump.
 
     Attributes:
-        kind: what it is.
-        task: which task it belongs to, counted from 1.
+        kind: kind of the phase.
+        task: number of its task, from 1.
         target: end of the straight line (m); NaN keeps a coordinate.
-        lift: if > 0, it ends so far (m) above the height at which a probe felt the pre-defined force.
-        speed: along the line (m/s).
-        ramp_in, ramp_out: time in which it gets there and back to rest (s).
-        radius, rate, turns: of a circle about the starting point (m, Hz, 1), with one turn more to spiral out to it and
-            one to spiral back; radius 0: a straight line.
+        lift: if > 0, end height (m) above the height of a probe at the pre-defined force.
+        speed: speed along the line (m/s).
+        ramp_in, ramp_out: acceleration and deceleration time (s).
+        radius, rate, turns: circle about the starting point (m, Hz, 1), with one more turn to spiral out to it and one
+            to
+            spiral back; radius 0 for a straight line.
         force_on: whether the force loop acts.
-        F_end: where its reference goes within `duration` (N).
-        duration: shortest time it takes (s).
-        period: it ends this long after the last tap began (s), if > 0.
-        until: what ends it.
-        level: force that does (N).
-        next, otherwise: index of the phase that follows, and of the one that does if `until` never comes, or if contact
-            is lost while the force loop acts.
-        again, times: `next` is taken after `times` passes, `again` before.
+        F_end: force reference reached within `duration` (N).
+        duration: minimum duration (s).
+        period: if > 0, the phase ends this long after the last tap began (s).
+        until: condition that ends it.
+        level: force of that condition (N).
+        next, otherwise: index of the next phase, and of the one that follows if `until` is never met, or if contact is
+            lost while the force loop acts.
+        again, times: `next` follows after `times` passes, `again` before.
     """
 
     kind: PhaseKind
@@ -100,19 +102,15 @@ class Phase(NamedTuple):
 PHASE_RECORD = record_of(Phase)
 
 
-Point = tuple[float, float]
-"""x and y in the base frame (m)."""
-
-
 class Approach(Settings):
-    """[approach]: how all tasks come and go."""
+    """[approach]: motion of all tasks to and from the body."""
 
     height: float = setting("mm", help="z at which the robot travels between tasks")
     floor: float = setting("mm", help="z below which it never searches for contact")
     speed: float = setting("mm/s", gt=0, help="speed of travelling")
-    descent: float = setting("mm/s", gt=0, help="speed of going down until it touches")
-    ramp: float = setting("ms", gt=0, help="time in which a speed changes")
-    release: float = setting("s", gt=0, help="time in which the force is taken back")
+    descent: float = setting("mm/s", gt=0, help="speed of the descent until contact")
+    ramp: float = setting("ms", gt=0, help="time of a change of speed")
+    release: float = setting("s", gt=0, help="time in which the force is released")
 
     @model_validator(mode="after")
     def _floor_is_below(self) -> "Approach":
@@ -122,27 +120,27 @@ class Approach(Settings):
 
 
 class TaskOnPoint(Settings):
-    """What every task has."""
+    """Keys common to all tasks."""
 
-    point: Point = setting("mm", help="where (x, y)")
+    point: Point = setting("mm", help="position (x, y)")
     force: float = setting("N", gt=0, help="pressing force")
 
 
 class Press(TaskOnPoint):
-    """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
+    """[[task]] kind = "press": force on one point, which grows, is held, and is released."""
 
     kind: Literal["press"]
-    build_up: float = setting("s", gt=0, help="time in which the force grows")
-    hold: float = setting("s", gt=0, help="time for which it is held")
+    build_up: float = setting("s", gt=0, help="rise time of the force")
+    hold: float = setting("s", gt=0, help="time at full force")
 
 
 class Tap(TaskOnPoint):
-    """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
+    """[[task]] kind = "tap": repeated fast strokes down to the force and up again."""
 
     kind: Literal["tap"]
-    speed: float = setting("mm/s", gt=0, help="speed of going down and up")
+    speed: float = setting("mm/s", gt=0, help="speed down and up")
     lift: float = setting("mm", gt=0, help="height above the surface between two taps")
-    period: float = setting("s", gt=0, help="from tap to tap")
+    period: float = setting("s", gt=0, help="time from tap to tap")
     times: int = setting(ge=1, help="number of taps")
 
 
@@ -150,7 +148,7 @@ class Roll(TaskOnPoint):
     """[[task]] kind = "roll": a small circle under a constant force."""
 
     kind: Literal["roll"]
-    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    build_up: float = setting("s", gt=0, help="rise time of the force")
     radius: float = setting("mm", gt=0, help="radius of the circle")
     rate: float = setting("Hz", gt=0, help="turns per time")
     turns: float = setting(ge=1, help="number of turns")
@@ -160,8 +158,8 @@ class Push(TaskOnPoint):
     """[[task]] kind = "push": along a line under a constant force."""
 
     kind: Literal["push"]
-    build_up: float = setting("s", gt=0, help="time in which the force grows")
-    to: Point = setting("mm", help="where the line ends (x, y)")
+    build_up: float = setting("s", gt=0, help="rise time of the force")
+    to: Point = setting("mm", help="end of the line (x, y)")
     speed: float = setting("mm/s", gt=0, help="speed along the line")
 
     @model_validator(mode="after")
@@ -173,16 +171,16 @@ class Push(TaskOnPoint):
 
 Task = Press | Tap | Roll | Push
 TASK_KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
-"""By the key `kind` of their tables."""
+"""Task tables by their key `kind`."""
 
 
 def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
-    """The phases of `tasks` in their order; the last phase holds for ever above the last point.
+    """Return the phases of `tasks` in order; the last phase stays above the last point for ever.
 
     Args:
-        approach: how all tasks come and go.
-        contact_force: pressing force that counts as touching (N).
-        tasks: see there.
+        approach: motion between tasks.
+        contact_force: pressing force that counts as contact (N).
+        tasks: tasks in order.
     """
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):
@@ -235,11 +233,11 @@ def _force_phases(approach: Approach, contact_force: float, task: Press | Roll |
 
 def _tap_phases(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
-    # a gentle touch first: where the force is reached is what the taps then aim at
+    # a gentle probe first: its height at the pre-defined force is the aim of the taps
     yield down._replace(speed=approach.descent, until=PhaseEnd.FELT)
     up = Phase(PhaseKind.RETRACT, number, lift=task.lift, speed=approach.speed, ramp_in=approach.ramp)
     yield up._replace(ramp_out=approach.ramp)
-    # a tap turns at once: a smooth turn would be a longer one
+    # a tap reverses at once: a smooth reversal would take longer
     yield down._replace(kind=PhaseKind.TAP, speed=task.speed, ramp_in=approach.ramp, until=PhaseEnd.TURN)
     yield up._replace(kind=PhaseKind.RISE, speed=task.speed, ramp_in=0.0, ramp_out=approach.ramp)
     # `again` is relative until the phases are linked

@@ -1,12 +1,12 @@
-"""Gains of the force loop over the stiffness that is estimated, without bumps.
+"""Scheduling of the force loop's gains by the estimated stiffness, without bumps.
 
-Between two points of the table 1/gain is linear in the stiffness, because the gain that a loop bears falls with the
-stiffness it sees. Where the estimate is poor, the gains go back to those of the experiment's file, the safe set. Both
-the stiffness they are taken at and the share that the table has in them change no faster than a rate; but where the
-estimate does not fit the force any more, the safe set is back in the same call. A change of kp moves the integral by
-what the error makes of it, so that the output does not move (Åström and Hägglund 2006, Advanced PID Control, Sec. 9.4).
+Between two points of the table 1/gain is linear in the stiffness, because a loop's largest stable gain falls with the
+stiffness. If the estimate is poor, the gains return to the experiment's own, the safe set. Both the stiffness
+of the lookup and the table's share in the gains are rate-limited; but if the estimate contradicts the force, the safe
+set is restored in the same call. A change of kp shifts the integral by its effect on the error, so that the output
+stays (Åström and Hägglund 2006, Advanced PID Control, Sec. 9.4).
 
-A change of the reference is fed forward: the tissue gives way by dF/k, and the springs deflect by dF/k_spring.
+A change of the reference is fed forward: the tissue yields by dF/k, and the springs deflect by dF/k_spring.
 """
 
 from collections.abc import Sequence
@@ -29,30 +29,28 @@ class Scheduling(
     parts=(setting_fields(Tissue, "tolerance"), setting_fields(ForceLoop, "rate", "follow", "kp", "ki")),
     first="tolerance",
 ):
-    """Settings, SI: up to which standard error over k_hat the estimate is trusted, and how gains follow; kp and ki are
-    the safe set."""
+    """Settings, SI: tolerated standard error over k_hat, and rates of the gains; kp and ki are the safe set."""
 
 
 POINT_RECORD = record_of(SchedulePoint)
 SCHEDULE_RECORD = record_of(
     Scheduling, count="i8", segment=state("i8", below="count"), **states(at="f8", share="f8", F_ref="f8")
 )
-"""Settings and state: number of points, the segment last used, stiffness that the gains are taken at, share of the
-table, last reference."""
+"""Settings and state: number of points, last segment, stiffness of the lookup, share of the table, last reference."""
 _points_at = pointer_to(POINT_RECORD)
 
 
 def schedule_table(points: Sequence[SchedulePoint]) -> np.ndarray:
-    """The points as the compiled code takes them."""
+    """Return the points as an array for the compiled code."""
     return np.array([tuple(point) for point in points], dtype=POINT_RECORD)
 
 
 @njit(cache=True, error_model="numpy")
 def gains_at(points, segment, k):
-    """(kp, ki, segment) at the stiffness `k` (N/m); beyond the ends those of the end.
+    """Gains kp and ki at the stiffness `k` (N/m), constant beyond the ends, and the index of the segment.
 
     Args:
-        segment: any; pass the one returned last.
+        segment: any index, such as the one returned last.
     """
     last = points.shape[0] - 1
     if k <= points[0].stiffness:
@@ -71,7 +69,7 @@ def gains_at(points, segment, k):
 
 @njit(cache=True, error_model="numpy")
 def schedule_gains(m, table, tissue, pid, h):
-    """Put the gains into the force loop `pid` that the `tissue` asks for.
+    """Set the gains of the force loop `pid` for the estimated `tissue`.
 
     Args:
         table: address of the points.
@@ -82,12 +80,12 @@ def schedule_gains(m, table, tissue, pid, h):
     trusted = tissue.known and tissue.std <= m.tolerance * tissue.k
     step = m.rate * h
     if trusted:
-        # what has no share yet may begin where it likes
+        # without a share yet, the lookup may start anywhere
         at = m.at if m.share > 0.0 else tissue.k
         m.at = min(max(tissue.k, at * (1.0 - step)), at * (1.0 + step))
     m.share = min(max(1.0 if trusted else 0.0, m.share - step), m.share + step)
     if tissue.std >= tissue.k:
-        # nothing is known: not even of how wrong these gains are
+        # not even the error of these gains is known: the safe set at once
         m.share = 0.0
     kp, ki = m.kp, m.ki
     if m.share > 0.0:
@@ -99,7 +97,7 @@ def schedule_gains(m, table, tissue, pid, h):
 
 @njit(cache=True, error_model="numpy")
 def follow_reference(m, spring, pid, F_ref, pressing, h):
-    """Rate (m/s) at which the motors have to go for the reference `F_ref` (N); the integral follows it."""
+    """Feed-forward speed (m/s) of the motors for the reference `F_ref` (N); the integral is shifted accordingly."""
     change = F_ref - m.F_ref if pressing else 0.0
     m.F_ref = F_ref
     if m.share == 0.0 or change == 0.0:

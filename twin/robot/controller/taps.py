@@ -1,13 +1,13 @@
-"""Taps that learn from their force: what the last one pressed too hard, the next one goes less deep.
+"""Learning of taps from their force: if one pressed too hard, the next one is less deep.
 
-The force of statics lacks the platform's inertia, as much as a light tap where it turns round, and the friction of the
-joints. Height and force pass one low-pass, whose derivatives of the height tell how the platform moves:
+The force of statics lacks the platform's inertia, which is as large as a light tap at its reversal, and the friction of
+the joints. Height and force pass the same low-pass, whose derivatives of the height give the platform's motion:
 
     F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
 
-with b from the way through the air, where F is 0. The probe tells the stiffness, and how deep the surface is pressed in
-from the touch to the force that is asked for. A tap turns that much below the height at which it feels the surface, at
-whatever height that is by then; its largest F less the one asked for, over the stiffness, is what it was too deep.
+with b from the motion through the air, where F is 0. The probe measures the stiffness, and the indentation from contact
+to the requested force. A tap reverses that far below the detected surface; the excess of its largest F over the
+requested one, divided by the stiffness, is its depth error.
 """
 
 import math
@@ -21,15 +21,15 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.controller.tissue import MAX_STIFFNESS, MIN_STIFFNESS, moving_mass
 
 LOW_PASS_CORNER = 35.0
-"""Of the low-pass (Hz): a tap at 100 mm/s loses 2 % of its peak, rounding adds 0.03 N."""
+"""Corner frequency (Hz) of the low-pass: a tap at 100 mm/s loses 2 % of its peak, rounding adds 0.03 N."""
 LOW_PASS_DAMPING = 1.4
-"""1/Q of the low-pass: no peak of its own."""
+"""1/Q of the low-pass, which has no resonance."""
 AIR_CLEARANCE = 2e-3
-"""Height (m) above where the probe touched from which on there is air."""
+"""Minimum height (m) above the probe's contact that counts as air."""
 MIN_AIR_VELOCITY = 0.02
-"""Speed (m/s) from which on friction in the air is looked at."""
+"""Minimum speed (m/s) for estimating friction in the air."""
 UNREACHED_HEIGHT = 1e-4
-"""Height (m) above its turn at which a tap is over before it got there: its force ended it."""
+"""Minimum height (m) of a tap's lowest point above its planned reversal for a tap that was ended early by its force."""
 
 TAPS_RECORD = record(
     share="f8",
@@ -41,18 +41,20 @@ TAPS_RECORD = record(
         **fields_of_form("f8", "peak level speed t_turn"),
     ),
 )
-"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
-phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of
-the call before. vF, vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe
-began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the
-call before. felt: whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked
-for (N). speed, t_turn: its speed, and how long before its lowest point it was to turn.
+"""State of the learning.
+
+share: share of the error that the next tap corrects. mass: moving mass (kg) at the beginning of the phase. g: filter
+coefficient; 0 while the filters are stopped. z_fast .. F_slow: filter states, relative to the height z_0.
+kind: phase of the previous call. vF, vv: sums of speed times force and of squared speed in the air. z_begun, F_begun:
+start of the probe. k, depth: stiffness measured by it (N/m), and depth of a tap from contact (m). z_before, F_before:
+height and force of the previous call. felt: whether the current tap has detected the surface. peak, level: its largest
+and its requested force (N). speed, t_turn: its speed, and the planned lead time of its reversal.
 """
 
 
 @njit(cache=True, error_model="numpy")
 def _update_probe(m, z, F):
-    """The probe goes on: what it has felt by now."""
+    """Update stiffness and depth measured by the probe so far."""
     if m.kind != PhaseKind.PROBE:
         m.z_begun, m.F_begun, m.k = z, F, 0.0
     elif z < m.z_begun:
@@ -62,21 +64,21 @@ def _update_probe(m, z, F):
 
 @njit(cache=True, error_model="numpy")
 def _update_tap(m, machine, phase, elapsed, z, F):
-    """A tap goes down: feel the surface, and turn as far below it as was learnt."""
+    """Detect the surface during a tap, and plan its reversal at the learned depth below."""
     if m.kind != PhaseKind.TAP:
         m.felt, m.peak, m.level, m.speed, m.t_turn = 0, 0.0, phase.level, phase.speed, machine.t_turn
     m.peak = max(m.peak, F)
     if not m.felt and m.k > 0.0 and elapsed >= phase.ramp_in and F >= m.F_begun:
         m.felt = 1
         share = (m.F_begun - m.F_before) / (F - m.F_before) if m.F_before < m.F_begun else 0.0
-        # where contact was there before, the surface is as far up as the force tells
+        # if there was contact before, the surface is estimated from force and stiffness
         surface = m.z_before + share * (z - m.z_before) if share > 0.0 else z + (F - m.F_begun) / m.k
         machine.z_turn = surface - m.depth
 
 
 @njit(cache=True, error_model="numpy")
 def _correct_depth(m, machine):
-    """The tap is over: what it was too deep, the next one turns higher, or earlier if its force has ended it."""
+    """Correct the depth of the next tap by the error of the last one, or its lead time if its force ended it."""
     too_deep = m.share * (m.peak - m.level) / m.k
     if machine.z_lowest - machine.z_turn > UNREACHED_HEIGHT:
         machine.t_turn = min(max(m.t_turn + too_deep / m.speed, 0.0), MAX_TURN_TIME)
@@ -88,13 +90,13 @@ def _correct_depth(m, machine):
 
 @njit(cache=True, error_model="numpy")
 def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
-    """Note the force of a tap; when it is over, correct the depth of the next one.
+    """Track the force of a tap; after it, correct the depth of the next one.
 
     Args:
-        tissue: what is known of the robot's own mass.
-        machine: of the phases; where its taps turn is corrected.
-        phase: in which the call before ended.
-        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
+        tissue: state of the tissue estimate, with the robot's own mass.
+        machine: state machine, whose planned reversal is corrected.
+        phase: phase at the end of the previous call.
+        z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
     """
     kind, omega = phase.kind, 2.0 * math.pi * LOW_PASS_CORNER
     if kind != PhaseKind.DESCEND and (kind < PhaseKind.RETRACT or kind > PhaseKind.WAIT):

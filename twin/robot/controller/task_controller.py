@@ -1,10 +1,8 @@
-"""The task controller: the state machine of phases in front of the force-position law of Fig. 3 B.
+"""Task controller: the state machine of phases in front of the force-position law of Fig. 3 B; table [controller].
 
-As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
-the deflection of the springs are fed forward, oscillations of the platform on its springs are damped, and the force
-loop acts in the phases that press, from the present force on, so that neither it nor the reference ever jumps.
-
-[controller]: all tables of the robot's computer.
+It differs from `controller.py` in four ways. The reference is a machine that reacts to contact (`machine.py`). Velocity
+and deflection of the springs are fed forward. Oscillations of the platform on its springs are damped. The force loop
+acts in pressing phases only, starting from the present force, so neither the loop nor the reference jumps.
 """
 
 from collections.abc import Sequence
@@ -79,17 +77,18 @@ TASK_MEMORY = record(
     **states(low=LOW_PASS_RECORD, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
 )
 ADAPTIVE_TASK_MEMORY = with_adaptive(TASK_MEMORY)
+_phases_at = pointer_to(PHASE_RECORD)
 
 
 class Touch(Settings):
-    """[controller.touch]: how the controller feels contact in a task."""
+    """[controller.touch]: detection of contact in a task, and learning of taps."""
 
     contact: float = setting(
-        "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as touching"
+        "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as contact"
     )
-    patience: float = setting("ms", gt=0, help="how long contact may be lost while pressing")
+    patience: float = setting("ms", gt=0, help="maximum time without contact while pressing")
     turn: float = setting(
-        "ms", ge=0, le=100, field="t_turn", help="how long before its lowest point the first tap turns round"
+        "ms", ge=0, le=100, field="t_turn", help="time from the reversal of the first tap to its lowest point"
     )
     learning: float = setting(ge=0, le=1, help="share of a tap's depth error that the next one corrects")
     force_learning: float = setting(
@@ -102,24 +101,22 @@ class Touch(Settings):
     )
 
 
-_phases_at = pointer_to(PHASE_RECORD)
-
-
 @njit(cache=True)
 def write_feed_forward(m, phase, J, t, h, v_shift):
-    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' deflection, ahead of `t` by `lag`,
-    and for a velocity `v_shift` (m/s) in z besides.
+    """Write the feed-forward motor speeds (rad/s) into `m.lead`, predicted by the drives' `lag` from `t`.
+
+    They follow the reference's motion, the springs' deflection, and an additional velocity `v_shift` (m/s) in z.
     """
     machine, forward = m.machine, m.forward
     elapsed = t - machine.entered
     if elapsed >= 0.0:
         motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag, m.p, m.v)
     else:
-        # the machine turns round before the next call and has set the mean speed until then
+        # the machine reverses before the next call, and has set the mean speed until then
         m.v[0], m.v[1], m.v[2] = machine.v[0], machine.v[1], machine.v[2]
     for i in range(3):
         m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * (m.v[2] + v_shift))
-    # what stands still rubs the same a call later
+    # friction at rest is constant, so only moving phases need its feed-forward
     if phase.force_on and (phase.radius > 0.0 or machine.length > 0.0):
         F_x, F_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
         motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag + h, m.p, m.v)
@@ -131,7 +128,7 @@ def write_feed_forward(m, phase, J, t, h, v_shift):
 
 @njit(cache=True, inline="always")
 def control(m, t, h, u, y, shift, v_shift):
-    """A call of machine and law, its z reference shifted by `shift` (m) besides, which moves at `v_shift` (m/s)."""
+    """Execute one call of machine and law, with a z reference shifted by `shift` (m), moving at `v_shift` (m/s)."""
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
     share = cached_share(m.low, m.law.corner, h)
     before = m.F_z
@@ -159,7 +156,7 @@ def control(m, t, h, u, y, shift, v_shift):
 
 @cache
 def make_step(adaptive, tank):
-    """As that of the law alone."""
+    """Compile the step of the task controller, with or without adaptive options and an energy tank behind it."""
 
     @step_function(
         ADAPTIVE_TASK_MEMORY if adaptive else TASK_MEMORY, *controller_ports(TASK_INPUTS, TASK_OUTPUTS, adaptive, tank)
@@ -184,17 +181,17 @@ def make_step(adaptive, tank):
 
 
 class TaskController(NativeComponent):
-    """Sampled component: estimates in, motor speeds out, a program of phases in between.
+    """Sampled component: estimates in, motor speeds out, with a program of phases in between.
 
     Args:
         law: settings; its F_z_ref and triggers are not used.
         position, force: gains, see `Controller`.
-        feed_forward, damping, touch: see there.
-        phases: the program; the last one holds for ever.
-        start: where the platform is at the beginning (3,), m.
-        period: in ticks.
-        adapting: what it does besides; None: nothing.
-        tank: whether an energy tank stands behind it, and tells what it passes on.
+        feed_forward, damping, touch: settings, see their classes.
+        phases: the program; the last phase is permanent.
+        start: initial platform position (3,), m.
+        period: period in ticks.
+        adapting: adaptive options; None to disable them.
+        tank: whether an energy tank behind it reports the share that it passes on.
     """
 
     def __init__(
@@ -247,7 +244,7 @@ class Computer(Processor):
 
 
 def set_hold_point(system: System, p_B: Sequence[float]) -> None:
-    """From now on the last way point, and the phase that goes on, are at `p_B` (3,), m."""
+    """Move the last waypoint, and the line of the current phase, to `p_B` (3,), m."""
     for component in system.components:
         if isinstance(component, (Controller, WayPointReference)):
             component.points[-1] = p_B

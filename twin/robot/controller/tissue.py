@@ -1,21 +1,19 @@
-"""Tissue stiffness estimated while pressing: recursive least squares with exponential forgetting.
+"""Estimation of tissue stiffness while pressing: recursive least squares with exponential forgetting.
 
-Force and height while pressing are F = k (p_0 - z) - c dz/dt, with p_0 the height of a surface that is not known
-of and that breathes. Both pass the same band-pass, which leaves nothing of p_0, for breath is slow; what is left obeys
+While pressing, force and height obey F = k (p_0 - z) - c dz/dt, with the unknown height p_0 of a surface that breathes.
+Both pass the same band-pass, which removes p_0, as breathing is slow. The rest obeys
 
     F_f = -k z_f - c v_f,                                                                                        (K1)
 
 linear in k and c. The force of statics lacks the platform's inertia, which is added before: F = F_est + m d2z/dt2. The
-normal equations of (K1) are kept with forgetting (Ljung 1999, System Identification, Sec. 11.2), which is recursive
-least squares in its information form. They are left as they are where the height moves by no more than encoders round.
+normal equations of (K1) are accumulated with forgetting (Ljung 1999, System Identification, Sec. 11.2), the information
+form of recursive least squares. They are not updated while the height moves by no more than the encoders' rounding.
+Without other motion the reference is dithered: a sine in the middle of the band, until k is known well enough.
 
-Where nothing moves by itself the reference is moved: a sine in the middle of the band, as long as k is not known well
-enough.
-
-Tissue may stiffen under the head without a new touch. So the force that (K1) leaves of the last half swing is compared
-with what the standard error of the estimate explains (a test of the innovation; Bar-Shalom, Li and Kirubarajan 2001,
-Estimation with Applications to Tracking and Navigation, Sec. 5.4). Where it leaves more, the estimate is not trusted
-any more from that call on, all that was learnt is dropped, and learning begins anew.
+Tissue may stiffen under the head without a new touch. Therefore the residual of (K1) over the last half swing is
+compared with the standard error of the estimate (a test of the innovation; Bar-Shalom, Li and Kirubarajan 2001,
+Estimation with Applications to Tracking and Navigation, Sec. 5.4). A larger residual invalidates the estimate at once,
+and learning restarts.
 """
 
 import math
@@ -26,47 +24,47 @@ from twin.kernel.settings import FieldSource, Settings, Values, fields_of_form, 
 from twin.robot.controller.pid import state_variable
 
 BAND_DAMPING = 0.5
-"""Of each of the two stages of the band-pass: 1/Q. Less would take longer to settle, more would let breath through."""
+"""1/Q of each of the two stages of the band-pass. Less would settle more slowly, more would pass breathing."""
 BAND_STAGES = 2
 SETTLING_TIME_CONSTANTS = 3.0
-"""Time constants of a stage, Q/(pi f), after which what the start of contact has left in the filters is gone."""
+"""Time constants of a stage, Q/(pi f), until the filters' transient at the start of contact has decayed."""
 EXCITATION_RATIO = 10.0
-"""Rms of the band-passed height over that of the rounding noise in it, from which on something moves."""
+"""Minimum ratio of the band-passed height's rms to the rms of its rounding noise, for motion to count."""
 DRIFT_RATE = 0.03
-"""Share of k_hat by which the tissue may change in a second in which nothing is learnt and the height moves."""
+"""Assumed relative change of stiffness per second (1/s) while the height moves without learning."""
 MISFIT_RATIO = 3.0
-"""Force that the estimate leaves, over what its standard error explains, from which on it does not hold any more."""
+"""Minimum ratio of the residual force to the standard error's effect that invalidates the estimate."""
 COUNT_NOISE_RATIO = math.sqrt(12.0)
-"""A count over the rms of its rounding. What changes by less than one now and then is no misfit."""
+"""One count divided by the rms of its rounding, as occasional changes of less than one count are not a misfit."""
 DITHER_GROWTH = 2.0
-"""Of the dither's amplitude per swing, from what makes no more than the force asked for on rock: if the tissue has
-become stiff unnoticed, the first swings show it before they make much force."""
+"""Growth of the dither's amplitude per swing, from one that produces the requested force on rigid ground: if the tissue
+has become stiff unnoticed, the first swings reveal it at small forces."""
 STIFFENING_SHARE = 0.7
-"""Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
+"""Relative change of stiffness per relative change of force that is assumed possible; 1 would be proportional."""
 MIN_STIFFNESS, MAX_STIFFNESS = 50.0, 20000.0
-"""Bounds of k_hat (N/m): softer than any body, stiffer than what these springs can tell from rigid."""
+"""Bounds of k_hat (N/m): softer than any body, and stiffer than these springs can distinguish from rigid."""
 DITHER_END_SHARE, DITHER_START_SHARE = 0.4, 0.7
-"""Shares of the tolerance at which the dither ends, and begins anew: before the estimate is no longer trusted."""
+"""Shares of the tolerance that end and restart the dither, before the estimate becomes untrusted."""
 STAGE_RECORD = record(fast="f8", slow="f8")
 PRODUCTS_RECORD = record(zz="f8", zv="f8", vv="f8", zF="f8", vF="f8", FF="f8")
 
 
 class Tissue(Settings):
-    """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
+    """[controller.tissue]: estimation of the tissue's stiffness while pressing."""
 
     frequency: float = setting(
-        "Hz", default=5.0, ge=0.5, help="middle of the band that is looked at, and of the dither"
+        "Hz", default=5.0, ge=0.5, help="middle of the evaluated band, and frequency of the dither"
     )
-    window: float = setting("s", default=0.5, gt=0, le=100, help="how long what was seen is remembered")
+    window: float = setting("s", default=0.5, gt=0, le=100, help="time constant of forgetting")
     dither: float = setting(
         "N",
         default=0.15,
         ge=0,
         le=2,
-        help="amplitude of the force that moves the tissue where nothing else does; 0: none",
+        help="force amplitude of the dither, in the absence of other motion; 0: none",
     )
     tolerance: float = setting(
-        default=0.3, gt=0, le=1, help="standard error over stiffness from which on it is not trusted"
+        default=0.3, gt=0, le=1, help="maximum standard error over stiffness of a trusted estimate"
     )
 
 
@@ -77,16 +75,20 @@ class Sensing(
         {
             "enough": FieldSource(Tissue, "tolerance", times=DITHER_END_SHARE),
             "doubtful": FieldSource(Tissue, "tolerance", times=DITHER_START_SHARE),
-            "contact": setting("N", help="pressing force below which nothing is learnt"),
-            "mass": setting("kg", help="of the platform"),
-            "inertia": setting("kg m2", help="of what turns with a joint"),
-            "joint_spring": setting("N m/rad", help="torque on a joint per angle of it with the motors held"),
-            "angle_rounding": setting("rad", help="rms of what rounding makes of a joint's angle"),
-            "torque_rounding": setting("N m", help="rms of what rounding makes of a joint's torque"),
+            "contact": setting("N", help="minimum pressing force for learning"),
+            "mass": setting("kg", help="mass of the platform"),
+            "inertia": setting("kg m2", help="inertia that turns with a joint"),
+            "joint_spring": setting("N m/rad", help="torque on a joint per joint angle with the motors held"),
+            "angle_rounding": setting("rad", help="rms of the rounding error of a joint's angle"),
+            "torque_rounding": setting("N m", help="rms of the rounding error of a joint's torque"),
         },
     ),
 ):
-    """How the tissue is looked at, SI; `enough`, `doubtful`: standard errors over k_hat, see ENOUGH and DOUBTFUL."""
+    """Parameters of the tissue estimate, SI.
+
+    `enough` and `doubtful` are standard errors over k_hat: the dither ends below the first and restarts above the
+    second.
+    """
 
 
 TISSUE_RECORD = record_of(
@@ -114,20 +116,21 @@ TISSUE_RECORD = record_of(
 )
 """Settings and state.
 
-g .. growth: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of what the
-dither turns by in a call, what is kept of the past per call, calls per independent value in the band, which are also
-those by which the band-pass is late, when it has settled (s), share of a call in `recent`, growth of the dither in a
-call, share of a call in `off`. squares .. F_noise: of the pose in which contact began: sum of the squares of the
-Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of
-rounding in the band, of height (m) and force (N), with `least` the power from which on something moves. z, F: the
-band-passes. z_0, F_0: what they began from. z_1, z_2, F_1: of the calls before. F_late: force, as late as what has
-passed the band. since: time in contact (s). recent: means over the last half swing. n, zzz, zzF, zzF_late, zz .. FF:
-the normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it
-was made, z_k, F_k, F_k_late, age: at which mean height and force, with that which the band-pass was late by, and how
-long ago. std: what may be wrong with it by now, which decides; std_late: the same with the lag of the band-pass,
-which is recorded. F_ref: reference in the call before (N); leading, falling: whether it moves, and down. off, notch,
-off_squared: force error, low-passed (N), without the dither, and its mean square (N^2). phase, amplitude, sine, cosine:
-of the dither (rad, m, 1, 1).
+g .. growth, computed at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of the dither's angle per call,
+forgetting factor per call, calls per independent value in the band (also its delay in calls), settling time of the
+band-pass (s), share of a call in `recent`, growth of the dither per call, share of a call in `off`.
+squares .. F_noise, for the pose at the start of contact: sum of the squares of the Jacobian's z column (rad^2/m^2),
+moving mass (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band of height (m) and force
+(N); `least` is the minimum power of a motion that counts.
+z, F: the band-passes. z_0, F_0: their initial values. z_1, z_2, F_1: values of previous calls. F_late: force delayed
+like the band-pass. since: time in contact (s). recent: means over the last half swing. n, zzz, zzF, zzF_late, zz .. FF:
+the normal equations.
+known: whether an estimate exists. k, c: the estimate (N/m, N s/m). error: its standard error when it was made. z_k,
+F_k, F_k_late, age: its mean height, its force, the same force with the band-pass's delay, and its age. std: its present
+standard error, used for decisions; std_late: the same with the band-pass's delay, which is recorded.
+F_ref: reference of the previous call (N). leading, falling: whether it changes, and falls. off, notch, off_squared:
+low-passed force error (N) without the dither, and its mean square (N^2). phase, amplitude, sine, cosine: state of the
+dither (rad, m, 1, 1).
 """
 
 
@@ -142,7 +145,7 @@ def _prepare(m, h):
     m.settling = SETTLING_TIME_CONSTANTS / (math.pi * m.frequency * BAND_DAMPING)
     m.smoothing = m.omega * h / (1.0 + m.omega * h)
     m.growth = DITHER_GROWTH ** (m.frequency * h)
-    # half a swing
+    # over half a swing
     m.averaging = 2.0 * m.frequency * h
 
 
@@ -154,13 +157,13 @@ def squares_of(J):
 
 @njit(cache=True)
 def moving_mass(m, J):
-    """What moves up and down (kg) in the pose of the Jacobian `J` (9,)."""
+    """Mass (kg) that moves up and down in the pose of the Jacobian `J` (9,)."""
     return m.mass + m.inertia * squares_of(J)
 
 
 @njit(cache=True, error_model="numpy")
 def update_pose(m, J):
-    """What of the robot itself depends on its pose, from the Jacobian `J` (9,) there."""
+    """Update the robot's own pose-dependent properties from the Jacobian `J` (9,)."""
     m.squares = squares_of(J)
     m.moving = moving_mass(m, J)
     m.spring = m.joint_spring * m.squares
@@ -171,7 +174,7 @@ def update_pose(m, J):
 
 @njit(cache=True)
 def band_pass(stages, g, x):
-    """(what is left of `x` in the band, its derivative over 2 pi f), each of gain 1 in the middle: of two filters."""
+    """Band-pass `x` by two filters of gain 1 in the middle; return the output and its derivative over 2 pi f."""
     high = x
     for i in range(BAND_STAGES):
         stage = stages[i]
@@ -182,7 +185,7 @@ def band_pass(stages, g, x):
 
 @njit(cache=True)
 def _start_filters(m, z, F):
-    """Contact begins, or is there again: the filters start from rest."""
+    """Reset the filters to rest at the present height and force, at the start of contact."""
     for i in range(BAND_STAGES):
         m.z[i].fast, m.z[i].slow, m.F[i].fast, m.F[i].slow = 0.0, 0.0, 0.0, 0.0
     m.z_0, m.F_0, m.z_1, m.z_2, m.F_1 = z, F, z, z, F
@@ -192,25 +195,26 @@ def _start_filters(m, z, F):
 
 @njit(cache=True)
 def reset_estimate(m):
-    """The next estimate is of what comes, the last one stands until then."""
+    """Clear the normal equations; the last estimate stays until the next one."""
     m.n, m.zzz, m.zzF, m.zzF_late = 0.0, 0.0, 0.0, 0.0
     m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
 def invalidate_estimate(m):
-    """What was learnt is of another place: nothing is known from now on."""
+    """Discard the estimate, as it belongs to another place."""
     reset_estimate(m)
     m.known, m.dithering, m.phase, m.age = 0, 0, 0.0, 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _stiffness_variance(m, error, k, F_k, age, F):
-    """Square of what may be wrong with k by now.
+    """Present variance of k, including possible changes of the tissue since the estimate.
 
-    Tissue stiffens with force, at most in proportion, and differs elsewhere. Time alone makes no doubt: what is
-    softer or stiffer by dk under the same force gives way by F dk/k^2 more or less, so where the height has not moved
-    but as far as the force explains, nothing has changed.
+    Tissue stiffens with force, at most in proportion, and differs between places. Time alone causes no doubt: tissue
+    softer
+    or stiffer by dk yields by F dk/k^2 more or less under the same force, so if the height has moved only as far as the
+    force explains, the stiffness is unchanged.
     """
     changed = STIFFENING_SHARE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
     moved = abs(m.z_1 - m.z_k + (F - F_k) / k)
@@ -220,20 +224,20 @@ def _stiffness_variance(m, error, k, F_k, age, F):
 
 @njit(cache=True, error_model="numpy")
 def _solve_normal_equations(m, F):
-    """k, c and the standard error of k from the normal equations, as of the mean force that they remember."""
+    """Solve the normal equations for k, c and the standard error of k, at their mean force."""
     det = m.zz * m.vv - m.zv * m.zv
-    # z and v of one swing are a quarter apart; where they are not, a swing has only begun
+    # z and v are a quarter swing apart; if they are not, a swing has only begun
     if det < 0.1 * m.zz * m.vv or m.n * m.keep < m.in_band:
         return
     k = -(m.zF * m.vv - m.vF * m.zv) / det
     c = -(m.vF * m.zz - m.zF * m.zv) / det
     left = max(m.FF + k * m.zF + c * m.vF, 0.0) / m.n
     scatter = max(left, m.F_noise * m.F_noise) * m.in_band * m.vv / det
-    # rounding of the joints moves height and force together, as a spring would
+    # rounding of the joints moves height and force together, like a spring
     rounding = (abs(k) + m.spring) * m.noise * m.noise * m.n / m.zz
     error = math.sqrt(scatter + rounding * rounding) + max(k - MAX_STIFFNESS, 0.0)
     F_k = m.zzF / m.zz
-    # more to be doubted by now than the last one, and no contradiction to it: no news
+    # a result less certain than the present one and consistent with it is ignored
     if (
         m.known
         and _stiffness_variance(m, error, k, F_k, 0.0, F) > m.std * m.std
@@ -241,7 +245,7 @@ def _solve_normal_equations(m, F):
     ):
         return
     if k < MIN_STIFFNESS:
-        # no tissue does that: something else moves height and force, a surface that jumps
+        # impossible for tissue: another cause moves height and force, such as a surface that jumps
         m.error = max(m.error, m.k)
         reset_estimate(m)
         return
@@ -252,7 +256,7 @@ def _solve_normal_equations(m, F):
 
 @njit(cache=True)
 def _update_means(recent, share, z_f, v_f, F_f):
-    """A call's part of the means over the last half swing."""
+    """Update the means over the last half swing by one call."""
     recent.zz += share * (z_f * z_f - recent.zz)
     recent.zv += share * (z_f * v_f - recent.zv)
     recent.vv += share * (v_f * v_f - recent.vv)
@@ -263,35 +267,35 @@ def _update_means(recent, share, z_f, v_f, F_f):
 
 @njit(cache=True)
 def _is_consistent(m):
-    """Whether what the estimate leaves of the force, F_f + k z_f + c v_f, is no more than what may be wrong with it."""
+    """Whether the residual F_f + k z_f + c v_f is within the uncertainty of the estimate."""
     recent, k, c = m.recent, m.k, m.c * m.omega
     crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
     left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv
     explained = MISFIT_RATIO * m.std
-    # where little moves rounding is no noise, but a count now and then, in all of the spectrum
+    # with little motion, rounding is not noise but a single count now and then, of broad spectrum
     rounding = COUNT_NOISE_RATIO * COUNT_NOISE_RATIO * m.in_band
     if m.falling and m.off > math.sqrt(rounding) * m.F_noise and -recent.zF > 2.0 * k * recent.zz:
-        # through many counts, which are noise, and by more than one too fast: fed forward with less than half of the
-        # stiffness that there is, which is worse than nothing
+        # the force falls through many counts, so rounding is noise, and by more than one count too fast: it is fed
+        # forward with less than half of the true stiffness, which is worse than none
         explained, rounding = max(explained, k), m.in_band
     return left <= explained * explained * (recent.zz + recent.vv) + rounding * m.F_noise * m.F_noise
 
 
 @njit(cache=True)
 def _is_learning(m):
-    """Whether what moves is learnt from: what the robot moves by itself, or else what there is, where k is in doubt.
+    """Whether the present motion is used for learning: motion caused by the robot, or any motion while k is in doubt.
 
-    A surface that is bumpy enough to move in the band looks like soft tissue: force and height rise together.
+    A surface bumpy enough to move in the band looks like soft tissue: force and height rise together.
     """
     return m.dithering or m.leading or m.dither == 0.0 or m.std > m.doubtful * m.k
 
 
 @njit(cache=True)
 def _drop_estimate(m, z, F):
-    """The estimate does not hold any more: nothing is trusted of it, and learning begins at once.
+    """Discard an estimate that contradicts the force, and restart learning at once.
 
-    The filters start from rest, and from the values of now, so (K1) holds from here on: what the change itself moves is
-    learnt from.
+    The filters start from rest at the present values, so (K1) holds from here on, and the change itself is learned
+    from.
     """
     reset_estimate(m)
     _start_filters(m, z, F)
@@ -300,10 +304,10 @@ def _drop_estimate(m, z, F):
 
 @njit(cache=True, error_model="numpy")
 def update_tissue(m, h, z, F, J, pressing):
-    """Learn from a call.
+    """Update the estimate by one call.
 
     Args:
-        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
+        z, F, J: estimated height (m), pressing force (N) and Jacobian (9,), unfiltered.
         pressing: whether the force loop acts.
     """
     if m.g == 0.0:
@@ -318,7 +322,7 @@ def update_tissue(m, h, z, F, J, pressing):
             _start_filters(m, z, F)
             update_pose(m, J)
         m.since += h
-        # the second difference is that of a call ago
+        # the second difference belongs to the previous call
         inertia = m.moving * (z - 2.0 * m.z_1 + m.z_2) / (h * h)
         z_f, v_f = band_pass(m.z, m.g, m.z_1 - m.z_0)
         F_f, _ = band_pass(m.F, m.g, m.F_1 + inertia - m.F_0)
@@ -330,7 +334,7 @@ def update_tissue(m, h, z, F, J, pressing):
         elif m.since > m.settling and m.recent.zz > m.least and _is_learning(m):
             m.excited = 1
             m.n = m.keep * m.n + 1.0
-            # what moved most tells most, and of the force that was there then
+            # weighted by the motion, as is the force at that time
             m.zzF = m.keep * m.zzF + z_f * z_f * F
             m.zzz = m.keep * m.zzz + z_f * z_f * z
             m.zzF_late = m.keep * m.zzF_late + z_f * z_f * m.F_late
@@ -343,7 +347,7 @@ def update_tissue(m, h, z, F, J, pressing):
 
 @njit(cache=True, error_model="numpy")
 def _update_error(m, h, F):
-    """Keep what may be wrong with the estimate by now."""
+    """Update the standard error of the estimate."""
     if not m.known:
         m.std = m.std_late = MAX_STIFFNESS
         return

@@ -1,4 +1,4 @@
-"""The ports every drive offers, and the parts that complete a drive which lacks some of them."""
+"""Drive contract: the ports that every drive offers, and components that complete a drive without some of them."""
 
 import math
 from typing import Literal, NamedTuple
@@ -18,16 +18,16 @@ UNWRAP_MEMORY = record(turn="f8", theta=state("f8"))
 
 
 class Role(NamedTuple):
-    """A quantity of the contract.
+    """A quantity of the drive contract.
 
     Attributes:
         port: name, SI unit and meaning.
-        causality: as FMI calls it.
-        dimension: what its unit has to measure.
-        required: whether a drive without it is refused.
-        synonyms: words by which suppliers call it, for the proposal of a mapping.
-        mechanical: how sign and gear ratio act on it: 1 an angle or speed (the FMU's shaft turns `gear_ratio` times as
-            far), -1 a torque (it carries that much less), 0 not at all.
+        causality: causality in FMI's terms.
+        dimension: required physical dimension.
+        required: whether a drive must have it.
+        synonyms: suppliers' names for it, used to propose a mapping.
+        mechanical: effect of sign and gear ratio: 1 for an angle or speed (the FMU's shaft turns `gear_ratio` times as
+            far), -1 for a torque (divided by it), 0 without effect.
     """
 
     port: Port
@@ -60,7 +60,7 @@ COMMAND_ROLES: dict[Command, Role] = {
         ("theta_ref", "phi_ref", "position_ref", "goal_position", "q_ref", "position", "angle", "cmd", "ref"), 1,
     ),
 }  # fmt: skip
-"""The one command role, by what the drive is commanded with."""
+"""The command role, by kind of command."""
 
 LOAD_ROLE = Role(
     Port("tau_load", 1, "N m", "load on the motor shaft, positive opposes +omega_m"), "input", TORQUE, True,
@@ -96,18 +96,19 @@ OPTIONAL_INPUT_ROLES = (
     Role(Port("enable", 1, "1", "drive enabled"), "input", NUMBER, False, ("enable", "enabled", "on")),
     Role(Port("v_bus", 1, "V", "voltage of the supply"), "input", VOLTAGE, False, ("v_bus", "v_dc", "u_bus", "supply")),
 )
-"""What some drives also want; a value in [drive.parameters] sets it, else its own start value stands."""
+"""Inputs that only some drives have; a value in [drive.parameters] replaces their start value."""
 
 SHAFT_INPUT_ROLES = tuple(role._replace(causality="input", required=False) for role in (OMEGA_M_ROLE, THETA_M_ROLE))
-"""The inputs by which a drive with a simulated rotor learns how its shaft moves."""
+"""Inputs for the shaft's motion, of a drive whose rotor is simulated here."""
 
 
 def drive_roles(command: Command, rotor: bool = False) -> tuple[Role, ...]:
-    """Every role of a drive, inputs first.
+    """Return every role of a drive, inputs first.
 
     Args:
-        command: what it is commanded with.
-        rotor: whether the shaft is ours: the FMU gives a torque then, and may have an input for how the shaft moves.
+        command: kind of command.
+        rotor: whether twin simulates the shaft: the FMU then outputs a torque, and may have inputs for the shaft's
+            motion.
     """
     if not rotor:
         return (COMMAND_ROLES[command], LOAD_ROLE, *OPTIONAL_INPUT_ROLES, *OUTPUT_ROLES)
@@ -127,10 +128,10 @@ ROTOR_OUTPUTS = (THETA_M_ROLE.port, OMEGA_M_ROLE.port)
 
 @step_function(ROTOR_MEMORY, ROTOR_INPUTS, ROTOR_OUTPUTS)
 def rotor_step(m, t, h, u, y):
-    # J d omega/dt = tau_motor - tau_load - b omega, exactly, for torques held over the step
+    # exact solution of J d omega/dt = tau_motor - tau_load - b omega for torques held over the step
     alpha = (u.tau_motor - u.tau_load - m.b * m.omega) / m.J
     x = m.b * h / m.J
-    # the first two phi functions of exponential integrators, at -x; (1 - phi_1)/x would cancel for small x
+    # first two phi functions of exponential integrators at -x; (1 - phi_1)/x would cancel for small x
     phi_1 = -math.expm1(-x) / x if x > 0.0 else 1.0
     phi_2 = (1.0 - phi_1) / x if x > 1e-2 else 0.5 - x / 6.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0)))
     m.theta += h * (m.omega + h * alpha * phi_2)
@@ -145,7 +146,7 @@ class DriveRotor(NativeComponent):
     Args:
         J: inertia at the motor shaft (kg m2).
         b: viscous friction (N m per rad/s).
-        theta_m: angle at t = 0 (rad), where it is at rest.
+        theta_m: initial angle (rad), at rest.
     """
 
     def __init__(self, J: float, b: float, theta_m: float):
@@ -158,18 +159,18 @@ UNWRAP_OUTPUTS = (THETA_M_ROLE.port,)
 
 @step_function(UNWRAP_MEMORY, UNWRAP_INPUTS, UNWRAP_OUTPUTS)
 def unwrap_step(m, t, h, u, y):
-    # no shaft turns by half a turn within a step
+    # a shaft turns by less than half a turn within a step
     m.theta = u.wrapped - m.turn * round((u.wrapped - m.theta) / m.turn)
     y.theta_m = m.theta
     return 0
 
 
 class AngleUnwrapper(NativeComponent):
-    """Continuous component behind the drive's FMU: its angle in, the same without jumps by whole turns out.
+    """Continuous component behind a drive's FMU: wrapped angle in, continuous angle out.
 
     Args:
-        turn: of the servo, as an angle of the motor shaft (rad).
-        theta_m: angle at t = 0 (rad).
+        turn: one turn of the servo, as an angle of the motor shaft (rad).
+        theta_m: initial angle (rad).
     """
 
     def __init__(self, turn: float, theta_m: float):

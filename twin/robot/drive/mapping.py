@@ -1,8 +1,8 @@
-"""The mapping of a third-party drive: which variable plays which role, with units and signs.
+"""Mapping of a third-party drive: the variable for each role, with units and signs.
 
-What the user maps is taken as said, if it can be right; what is left is proposed from names, units, causality and
-descriptions, and only if there is one answer. Otherwise the error is the TOML to paste. Between the parts of a drive
-wires are proposed where names or units leave one answer.
+The user's mapping is used if it is valid. Missing roles are proposed from names, units, causality and descriptions if
+there is a single answer; otherwise the error message contains the TOML to paste. Wires between the parts of a drive are
+proposed where names or units leave one answer.
 """
 
 import difflib
@@ -27,16 +27,16 @@ from twin.robot.drive.contract import (
 )
 
 ANGLE_FACTORS = (1.0, RAD_PER_TURN / 360.0, RAD_PER_TURN)
-"""rad, degree, turn: what tells an angle from any other pure number."""
+"""rad, degree, turn: the factors that distinguish an angle from any other pure number."""
 _IN_UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*[^\[\]\d][^\[\]]*)\]")
 FED_INPUT_WORDS = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
-"""In names of inputs that are the robot's to feed."""
+"""Words in the names of inputs that the robot feeds."""
 SUPPLY_WORDS = {word for role in OPTIONAL_INPUT_ROLES for word in (role.port.name, *role.synonyms)}
 COMMAND_DIMENSIONS = [role.dimension for role in COMMAND_ROLES.values()]
 
 
 def unit_allows(variable: Variable, role: Role) -> bool:
-    """Whether the variable's unit allows the role; no stated unit does."""
+    """Whether the variable's unit allows the role; a missing unit does."""
     if not variable.unit:
         return True
     if variable.conversion is None or variable.conversion.dimension != role.dimension:
@@ -52,15 +52,15 @@ def can_play(variable: Variable, role: Role) -> bool:
 
 
 def _type_allows(variable: Variable, role: Role) -> bool:
-    """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
+    """Whether type and unit allow the role: no strings or clocks; booleans and enumerations only if optional."""
     counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
     return counted and unit_allows(variable, role)
 
 
 def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
-    """Those not `taken` whose causality, type and unit allow `role`, most similar names first.
+    """Return the variables whose causality, type and unit allow `role`, most similar names first, without `taken` ones.
 
-    Locals if no output does; those that state a unit if any does.
+    Local variables are used if no output fits; variables with a unit are preferred.
     """
     causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
     offered = [
@@ -74,8 +74,7 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
 
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others, of
-    these one that is called like a command."""
+    """Return the probable kind of command from the inputs outside `taken`; units count most, then names."""
     free = {command: candidates(variables, role, taken) for command, role in COMMAND_ROLES.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
     called = [
@@ -87,8 +86,8 @@ def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) ->
 
 
 def best_candidates(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
-    """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
-    # a command in "1" is a share of something, hardly an angle
+    """Return the variables of the right causality and unit whose names match `role` best."""
+    # a command in "1" is a ratio, hardly an angle
     unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
     fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and can_play(v, role)]
     if role.dimension == NUMBER and not role.required:
@@ -99,7 +98,7 @@ def best_candidates(variables: Mapping[str, Variable], role: Role, taken: set[st
 
 
 def name_score(name: str, variable: Variable, role: Role) -> int:
-    """How well name and description fit: 3 a synonym itself, 2 contains one, 1 described by one."""
+    """Score the match of name and description: 3 for a synonym, 2 if it contains one, 1 if described by one, else 0."""
     lower = name.lower().rpartition(".")[2]
     words = re.split(r"[^a-z0-9]+", lower)
     if lower in role.synonyms:
@@ -111,7 +110,7 @@ def name_score(name: str, variable: Variable, role: Role) -> int:
 
 
 class AmbiguousRoles(InputRefused):
-    """A required role has no or several answers; the sentence says which."""
+    """A required role has no variable or several candidates; the message names the role."""
 
 
 def ambiguity_message(
@@ -122,15 +121,15 @@ def ambiguity_message(
     unsure: list[Role],
     rotor: bool,
 ) -> str:
-    """The sentence and the TOML that ends the doubt.
+    """Return the error message for unresolved roles, with the TOML that resolves them.
 
     Args:
-        file: what the sentence calls the drive.
-        variables: its variables by the name the user knows them by.
-        roles: of its contract.
-        chosen: variable by role, where that is clear.
-        unsure: roles where it is not.
-        rotor: whether its shaft is ours.
+        file: name of the drive in the message.
+        variables: its variables, by the user's names.
+        roles: roles of its contract.
+        chosen: variable by resolved role.
+        unsure: unresolved roles.
+        rotor: whether twin simulates the shaft.
     """
     lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
     likely = likely_command(variables, set(chosen.values())) if COMMAND_ROLES["velocity"] in unsure else "velocity"
@@ -168,15 +167,16 @@ def ambiguity_message(
 
 @dataclass(frozen=True)
 class Wiring:
-    """What the user says of a drive.
+    """The user's mapping of a drive.
 
     Attributes:
-        command: what it is commanded with.
-        sign: -1 if the FMU turns the other way.
+        command: kind of command.
+        sign: -1 if the FMU turns in the opposite direction.
         gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
-        inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way, "name[rpm]" if its
-            FMU states no unit.
-        rotor: whether the shaft is ours.
+        inputs, outputs: role -> the FMU's variable; "-name" if only that variable has the opposite sign, "name[rpm]" if
+            its
+            FMU declares no unit.
+        rotor: whether twin simulates the shaft.
     """
 
     command: Command = "velocity"
@@ -189,15 +189,14 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Binding:
-    """One role filled: contract value = gain * FMU value + offset.
+    """A role and its variable: contract value = gain * FMU value + offset.
 
     Attributes:
-        role: of the contract.
-        variable: that fills it.
-        name: by which the user knows it, with its part if the drive has parts.
-        gain: of the contract's value.
-        offset: of the contract's value.
-        turned: whether this one alone counts the other way.
+        role: role of the contract.
+        variable: variable that fills it.
+        name: user's name of the variable, with its part if the drive has parts.
+        gain, offset: conversion to the contract's value.
+        turned: whether only this variable has the opposite sign.
     """
 
     role: Role
@@ -209,12 +208,12 @@ class Binding:
 
     @property
     def port(self) -> Port:
-        """The contract's port, as wide as the variable: 3 for a drive with three axes in one FMU."""
+        """Port of the contract, as wide as the variable: 3 for a drive with three axes in one FMU."""
         return replace(self.role.port, size=self.variable.size)
 
     @property
     def mapped_name(self) -> str:
-        """The variable as a mapping names it."""
+        """Name of the variable as written in a mapping."""
         return f"-{self.name}" if self.turned else self.name
 
     def __str__(self) -> str:
@@ -232,12 +231,12 @@ def split_unit(text: str) -> tuple[str, str]:
 def with_units(
     file: str, variables: Mapping[str, Variable], mappings: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Variable], list[dict[str, Any]]]:
-    """Give variables whose FMU states no unit those of the `mappings`, and return the mappings without them.
+    """Add the units in `mappings` to variables whose FMU declares no unit; return the mappings without units.
 
-    A whole name of a variable, as `x[2]`, is no name with a unit. A mapping has a name, or several, by role.
+    A complete variable name such as `x[2]` is not split. A mapping has a name, or several, by role.
 
     Raises:
-        InputRefused: a unit is unknown, or the FMU states another one.
+        InputRefused: a unit is unknown, or the FMU declares another one.
     """
     known = dict(variables)
 
@@ -248,7 +247,7 @@ def with_units(
         alike = [n for n in known if n == name or n.startswith(f"{name}[")]
         if not spelled or plain in known or not alike:
             return text
-        # what the contract has no name for may be a unit of a log
+        # a unit that the contract does not use may be a unit of a log
         other = known_unit(spelled)
         read = si_conversion(spelled) or (Conversion(other.dimension._replace(rad=0), other.scale) if other else None)
         if read is None:
@@ -268,12 +267,12 @@ def with_units(
 
 
 class RoleChoice(NamedTuple):
-    """Who plays which role.
+    """The variable for each role.
 
     Attributes:
         chosen: role -> variable.
-        turned: roles whose variable alone counts the other way.
-        unsure: required roles with no or several answers.
+        turned: roles whose variable alone has the opposite sign.
+        unsure: required roles with no or several candidates.
     """
 
     chosen: dict[str, str]
@@ -282,15 +281,16 @@ class RoleChoice(NamedTuple):
 
 
 def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
-    """Every role of the contract that the drive fills: inputs first, in the contract's order.
+    """Return a binding for every role of the contract that the drive fills: inputs first, in the contract's order.
 
     Args:
-        file: what an error calls the drive.
-        variables: the FMU's variables by the name the user knows them by.
-        wiring: what the user says.
+        file: name of the drive in error messages.
+        variables: the FMU's variables, by the user's names.
+        wiring: the user's mapping.
 
     Raises:
-        InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
+        InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several
+            candidates.
     """
     variables, (inputs, outputs) = with_units(file, variables, (wiring.inputs, wiring.outputs))
     wiring = replace(wiring, inputs=inputs, outputs=outputs)
@@ -310,14 +310,14 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
 def fill_roles(
     file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
 ) -> tuple[Binding, ...]:
-    """Those of `roles`, none of them required, that variables play, in their order.
+    """Return the bindings of the optional `roles` that variables fill, in order.
 
     Args:
-        file: what an error calls the FMU.
-        variables: of the FMU, by the name the user knows them by.
-        wiring: what the user says.
+        file: name of the FMU in error messages.
+        variables: the FMU's variables, by the user's names.
+        wiring: the user's mapping.
         roles: inputs or outputs of a part of the robot.
-        table: of the experiment that says it.
+        table: table of the experiment with the mapping.
 
     Raises:
         InputRefused: see `bindings`.
@@ -339,7 +339,7 @@ def _bind_roles(
         name = chosen[role.port.name]
         _, factor, offset = variables[name].conversion or Conversion(role.dimension)
         ratio = wiring.sign * wiring.gear_ratio
-        # no gear changes a voltage or a current, but the shaft turns with its sign
+        # a gear does not change voltage or current, but the shaft's direction does
         electrical = float(wiring.sign) if role in COMMAND_ROLES.values() else 1.0
         alone = role.port.name in turned
         mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if alone else 1.0)
@@ -348,10 +348,10 @@ def _bind_roles(
 
 
 def choose_variables(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> RoleChoice:
-    """What the user says, and of the other `roles` those that have one answer.
+    """Choose the variables of the user's mapping, and of the other `roles` where there is a single answer.
 
     Raises:
-        InputRefused: unknown variable, wrong causality or unit, or one for two roles.
+        InputRefused: unknown variable, wrong causality or unit, or one variable for two roles.
     """
     chosen: dict[str, str] = {}
     turned: set[str] = set()
@@ -391,13 +391,13 @@ def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owne
 
 
 def _check_variable(file: str, variables: Mapping[str, Variable], role: Role, name: str) -> str:
-    """`name`, if the variable the user gave to `role` can play it."""
+    """Return `name` if that variable can fill `role`."""
     if name not in variables:
         offered = [n for n, v in variables.items() if v.causality == role.causality]
         there = f"its {role.causality}s are {', '.join(offered)}" if offered else f"it has no {role.causality}"
         raise InputRefused(f"{file}: has no variable '{name}' for {role.port.name}; {there}")
     variable = variables[name]
-    # some tools leave their outputs marked as local; they cannot be written, but they can be read
+    # some tools declare their outputs as local; these cannot be written, but they can be read
     allowed = ("input",) if role.causality == "input" else ("output", "local")
     if variable.causality not in allowed:
         raise InputRefused(
@@ -415,7 +415,7 @@ def _check_variable(file: str, variables: Mapping[str, Variable], role: Role, na
 
 
 class WireProposal(NamedTuple):
-    """A wire that may be: from output `source` to input `target`, "part.variable" each; `sure`: nothing else may."""
+    """A possible wire from output `source` to input `target`, "part.variable" each; `sure` if it has no alternative."""
 
     source: str
     target: str
@@ -423,15 +423,15 @@ class WireProposal(NamedTuple):
 
 
 def part_name(name: str) -> str:
-    """The part of a variable that is called "part.variable"."""
+    """Return the part of a variable called "part.variable"."""
     return name.partition(".")[0]
 
 
 def wire_error(variables: Mapping[str, Variable], source: str, target: str) -> str:
-    """Why no wire can lead from `source` to `target`; "" if one can."""
+    """Return the reason why a wire from `source` to `target` is impossible; "" if it is possible."""
     for end, causalities in ((source, ("output", "local")), (target, ("input",))):
         if end not in variables:
-            return f"there is no {end}"
+            return f"{end} does not exist"
         if variables[end].causality not in causalities or variables[end].kind < 0:
             return f"{end} has causality {variables[end].causality} and type {variables[end].type}"
     a, b = variables[source].conversion, variables[target].conversion
@@ -441,13 +441,14 @@ def wire_error(variables: Mapping[str, Variable], source: str, target: str) -> s
 
 
 def propose_wires(variables: Mapping[str, Variable]) -> list[WireProposal]:
-    """A wire for each input that an output of another part is called like, or alone measures what it does.
+    """Propose a wire for each input with an equally named output of another part, or a single one of its dimension.
 
-    What is left to feed has to include a load and a command, so by its unit alone no input is wired that is called like
-    one; and if none were left, nothing by unit is sure.
+    The inputs left for the robot must include a load and a command: so inputs named like these are never wired by
+    dimension
+    alone, and if no input is left, no wire by dimension is sure.
 
     Args:
-        variables: of all parts, as "part.variable".
+        variables: variables of all parts, as "part.variable".
     """
     inputs = [name for name, v in variables.items() if v.causality == "input" and v.kind >= 0]
     found: list[WireProposal] = []

@@ -1,1 +1,1 @@
-"""An experiment: one TOML file, read, checked and turned into SI. Unit suffixes end here. Knows no component."""
+"""Experiments: TOML files that are read, checked and converted to SI, independent of any component."""

@@ -1,4 +1,4 @@
-"""The command line of a run, and of one that repeats a stored run."""
+"""Command lines that start a run, or repeat a stored run."""
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,15 +9,15 @@ from twin.robot.experiment.differences import flatten
 from twin.robot.experiment.source import COMMAND_LINE, toml_value
 
 OPTION_KEYS = {"drive.fmu": "--drive", "contact.body": "--body"}
-"""Keys with an option of their own."""
+"""Keys with a command-line option of their own."""
 
 
 def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
-    """The words that have set what was set on the command line: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
+    """Return the command-line words that set values: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
 
     Args:
-        values: of the experiment, as they are recorded.
-        origins: by dotted key.
+        values: recorded values of the experiment.
+        origins: origin of each value, by dotted key.
     """
     words: list[str] = []
     stated, whole = dict(flatten(values)), set()
@@ -36,35 +36,36 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
 def run_words(
     experiment: str | Path, settings: Iterable[str] = (), drive: str | None = None, body: str | None = None
 ) -> tuple[str, ...]:
-    """Return the words behind `twin run` that run `experiment`; arguments as of `load_experiment`."""
+    """Return the arguments of `twin run` that run `experiment`, from the arguments of `load_experiment`."""
     given = [("--drive", drive), ("--body", body), *(("--set", text) for text in settings)]
     return (str(experiment), *(word for option, value in given if value is not None for word in (option, value)))
 
 
 def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str]) -> list[str]:
-    """Return the words behind `twin run` that repeat a stored run.
+    """Return the arguments of `twin run` that repeat a stored run.
 
-    A recording names files without their folders, so only the summary beside it has paths as they were typed.
+    A recording names files without their folders; only the summary beside it has the paths as typed.
 
     Args:
-        summary: read beside the recording; it may come from anybody.
-        name: of the experiment, and `words`: its `options`, as recorded; used where the summary has no such words.
+        summary: summary of the run; untrusted input.
+        name: experiment name, a fallback for a summary without typed words.
+        words: recorded `options` of the experiment, likewise.
     """
     typed = summary.get("typed")
     if not isinstance(typed, list) or not typed or not all(isinstance(word, str) for word in typed):
         return [name, *words]
-    # a summary that was forged adds no other option to a command that is copied into a shell
+    # users copy the command into a shell, so a forged summary must not add other options
     plain = not typed[0].startswith("-") and {"--drive", "--body", "--set"}.issuperset(typed[1::2])
     return typed if plain and len(typed) % 2 else [name, *words]
 
 
 def run_command(words: Iterable[str]) -> str:
-    """Return the command `twin run` with `words`, for a shell."""
+    """Return the shell command `twin run` with `words`."""
     return shlex.join(["twin", "run", *words])
 
 
 def _toml(value: object) -> str:
-    """A value as --set takes it."""
+    """Format a value for --set."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Values of experiments key by key, as people write them, and how experiments differ in them."""
+"""Differences between experiments, key by key, in readable form."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,16 +16,16 @@ from twin.robot.experiment.template import ROBOT_FILE
 from twin.robot.paths import PROJECT_FOLDER
 
 FROM_ROBOT = ("plant", "controller.model")
-"""Tables that hold the robot's own values wherever they do not say otherwise."""
+"""Tables whose missing values are taken from [robot]."""
 HASH_LENGTH = 12
-"""Characters of a hash by which files are distinguished."""
+"""Number of displayed characters of a file's hash."""
 
 ComparableValues = Mapping[str, str]
-"""Everything by which experiments may differ, as text, by dotted key."""
+"""Text of every value that may differ between experiments, by dotted key."""
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted key, value) of nested tables; items of arrays of tables by their number from 1."""
+    """Yield (dotted key, value) of nested tables; items of arrays of tables are numbered from 1."""
     for key, value in values.items():
         if isinstance(value, Mapping):
             yield from flatten(value, f"{prefix}{key}.")
@@ -38,7 +38,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 @cache
 def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
-    """Key of an experiment file -> its name without the unit, of every key that has one."""
+    """Return the names without unit of all keys with a unit, by key of the experiment file."""
     tables: dict[str, type[Settings]] = {
         **declared.tables,
         "drive": schema.Drive,
@@ -52,7 +52,7 @@ def _names_by_key(declared: DeclaredTables) -> dict[str, str]:
 
 
 def name_and_unit(declared: DeclaredTables, key: str) -> tuple[str, str]:
-    """`controller.force.kp_mm_per_N` as `controller.force.kp`, `mm/N`; a drive's parameters keep names of their own."""
+    """Split `controller.force.kp_mm_per_N` into `controller.force.kp` and `mm/N`; names of drive parameters stay."""
     tables, dot, last = key.rpartition(".")
     name = _names_by_key(declared).get(last, last) if ".parameters" not in tables else last
     words = last.removeprefix(f"{name}_").split("_") if name != last else []
@@ -65,17 +65,17 @@ def name_and_unit(declared: DeclaredTables, key: str) -> tuple[str, str]:
 
 
 def toml_text(value: Any) -> str:
-    """A value of a TOML file as people write it."""
+    """Format a value of a TOML file for display."""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
 def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, str]:
-    """Of the experiment that a recording was made of: its values, and the SHA-256 of every FMU's file.
+    """Return the comparable values of a recording's experiment, with the SHA-256 of every FMU file.
 
     Raises:
-        InputRefused: as `recorded_values` and `recorded_fmus`.
+        InputRefused: see `recorded_values` and `recorded_fmus`.
     """
     fmus = recorded_fmus(metadata, where)
     return comparable_values(
@@ -84,15 +84,15 @@ def recorded_comparable_values(declared: DeclaredTables, metadata: Metadata, whe
 
 
 def comparable_values(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
-    """The same of checked values and of hashes by file name."""
+    """Return the comparable values of checked values, with hashes by file name."""
     stated = {key: toml_text(value) for key, value in flatten(values) if key != "title"}
     return stated | {f"sha256 of {file}": sha256[:HASH_LENGTH] for file, sha256 in hashes.items()}
 
 
 def differing_values(facts: Sequence[ComparableValues]) -> dict[str, tuple[str, ...]]:
-    """What is not the same in all of `facts`: its value in each, "-" where there is none, by key.
+    """Return the values that differ between `facts`, by key, one per experiment; "-" if missing.
 
-    What follows from the robot's own values is listed once, and no hash of a file that only one has.
+    Values derived from [robot] are listed once; hashes of files that only one experiment has are left out.
     """
     found = {}
     for key in dict.fromkeys(key for one in facts for key in one):
@@ -104,7 +104,7 @@ def differing_values(facts: Sequence[ComparableValues]) -> dict[str, tuple[str, 
 
 
 def _follows(key: str, facts: Sequence[ComparableValues]) -> bool:
-    """Whether a value differs only because the robot's own does, which is listed once."""
+    """Whether a value differs only because the value of [robot] does, which is listed already."""
     for filled in FROM_ROBOT:
         own = f"robot{key.removeprefix(filled)}"
         if key.startswith(f"{filled}.") and all(one.get(own) == one.get(key) for one in facts):
@@ -115,12 +115,12 @@ def _follows(key: str, facts: Sequence[ComparableValues]) -> bool:
 def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[str, int]:
     """Count the robot's own values, and the inherited ones that are assumptions.
 
-    A value is inherited if it is the one of the robot that comes with twin, its origin included, whether the experiment
-    extends that file or `twin init` wrote it out. All others are own.
+    A value is inherited if value and origin match the robot shipped with twin, whether the experiment extends
+    that file or `twin init` copied it. All others are own.
 
     Args:
-        values: of the experiment, keys with units.
-        origins: by dotted key; an assumption begins with "assumed".
+        values: values of the experiment, keys with units.
+        origins: origin of each value, by dotted key; an assumption begins with "assumed".
     """
     shipped = read_source(PROJECT_FOLDER / "experiments" / ROBOT_FILE)
     found = {key: value for key, value in values.get("robot", {}).items() if key != "name"}
@@ -136,6 +136,6 @@ def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[
 
 
 def robot_values_text(counts: Mapping[str, int]) -> str:
-    """Return the counts of `robot_values` as text."""
+    """Format the counts of `robot_values`."""
     own = f"{counts['own']} own value{'s' * (counts['own'] != 1)}"
     return f"{own}, {counts['assumed']} inherited assumptions; twin accuracy ranks them"

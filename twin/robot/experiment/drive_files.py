@@ -1,4 +1,4 @@
-"""Drive files: from [drive] to a complete table per joint. Drive folders bring a mapping, joints their differences."""
+"""Completion of [drive]: the mapping file of its folder, and the differences of each joint."""
 
 import copy
 import os
@@ -17,22 +17,22 @@ from twin.robot.paths import locate_file
 MAPPING_FILE = "mapping.toml"
 JOINT_TABLES = ("joint_1", "joint_2", "joint_3")
 FILE_PREFIX = "file:"
-"""Before the name of a file that is a parameter of a drive, as seen from the file that says it."""
+"""Prefix of a file name that is a parameter of a drive, relative to the file with the parameter."""
 MAX_MAPPINGS = 8
-"""Mappings that name another mapping as their drive."""
+"""Maximum number of mappings that name another mapping as their drive."""
 
 
 def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
-    """The three joints' tables, FMUs as absolute paths.
+    """Return the complete tables of the three joints, with absolute paths of FMUs.
+
+    A drive named by its folder takes missing values from the folder's mapping.toml.
 
     Args:
-        drive: the experiment's [drive] with its joint tables.
-        folder: the experiment's, where names are looked up.
-
-    A drive named by its folder takes what stands in the folder's mapping.toml wherever [drive] does not say otherwise.
+        drive: [drive] of the experiment, with its joint tables.
+        folder: folder of the experiment, where names are looked up.
 
     Raises:
-        InputRefused: no such drive, or a mapping that is not TOML.
+        InputRefused: the drive is missing, or its mapping is not TOML.
     """
     common = {key: value for key, value in drive.items() if key not in JOINT_TABLES}
     tables = []
@@ -45,13 +45,13 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
 
 
 def load_drive(fmu: str, folder: Path) -> schema.Drive:
-    """The drive that a user names on the command line: an .fmu, a mapping, a folder, or a name in fmus/.
+    """Load the drive named on the command line: an .fmu, a mapping, a folder, or a name in fmus/.
 
     Args:
-        fmu: as seen from the current folder; or a name in fmus/ as seen from `folder` upwards.
+        fmu: path relative to the current folder, or a name in fmus/, searched from `folder` upwards.
 
     Raises:
-        InputRefused: no such drive, or its mapping has mistakes.
+        InputRefused: the drive is missing, or its mapping has errors.
     """
     table = joint_tables({"fmu": locate_drive(fmu, folder)}, folder)[0]
     try:
@@ -61,14 +61,14 @@ def load_drive(fmu: str, folder: Path) -> schema.Drive:
 
 
 def drive_names(shelf: Path) -> list[str]:
-    """The names of the folders in `shelf` that hold a drive, sorted."""
+    """Return the sorted names of the folders in `shelf` that contain a drive."""
     return sorted(f.name for f in shelf.glob("*") if (f / MAPPING_FILE).is_file() or any(f.glob("*.fmu")))
 
 
 def locate_drive(fmu: str, folder: Path) -> str:
-    """`fmu` as an absolute path: as seen from the current folder, else in fmus/ as seen from `folder` upwards."""
+    """Return the absolute path of `fmu`, relative to the current folder or in fmus/, searched from `folder` upwards."""
     path = Path(fmu)
-    # not Path.exists, which raises for a name that is too long
+    # not Path.exists, which raises for a too long name
     if not os.path.exists(path):
         on_shelf = locate_file(f"fmus/{fmu}", folder)
         path = on_shelf if os.path.exists(on_shelf) else path
@@ -76,7 +76,7 @@ def locate_drive(fmu: str, folder: Path) -> str:
 
 
 def complete_drive(table: dict[str, Any], folder: Path, mappings: int = MAX_MAPPINGS) -> dict[str, Any]:
-    """`table` of a drive, or of another part, with its mapping file, which may name another, and absolute paths."""
+    """Merge `table` of a drive or another part with its mapping file, which may name another; make paths absolute."""
     table = copy.deepcopy(table)
     if isinstance(table.get("fmu"), str):
         path = locate_file(table["fmu"], folder)
@@ -101,7 +101,7 @@ def complete_drive(table: dict[str, Any], folder: Path, mappings: int = MAX_MAPP
 
 
 def _locate_parameter_files(table: Any, folder: Path) -> None:
-    """Make the paths of files among the parameters of `table` absolute."""
+    """Make paths of files among the parameters of `table` absolute."""
     given = table.get("parameters") if isinstance(table, dict) else None
     if not isinstance(given, dict):
         return
@@ -117,13 +117,9 @@ def _file_parameter(value: Any, folder: Path) -> Any:
 
 
 def _distribute_parameters(table: dict[str, Any], parts: Any) -> dict[str, Any]:
-    """`table` with the parameters "part.name" of a drive made of `parts` where those of the part stand.
-
-    Raises:
-        InputRefused: one is of no part, or is given in both places.
-    """
+    """Move the parameters "part.name" of a drive made of `parts` into the tables of the parts."""
     given, own = table.get("parameters"), table.get("parts", {})
-    # what is no table is refused with all other mistakes
+    # values that are not tables are refused later, with all other errors
     if not (isinstance(parts, dict) and isinstance(given, dict) and _are_tables(own)):
         return table
     moved: dict[str, Any] = {}
@@ -145,7 +141,7 @@ def _are_tables(parts: Any) -> bool:
 
 
 def _fmu_file(path: Path, folder: Path) -> Path:
-    """The .fmu file meant by `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder."""
+    """Return the .fmu file for `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder."""
     if os.path.isdir(path):
         inside = path / f"{path.name}.fmu"
         if os.path.isfile(inside):
@@ -157,7 +153,7 @@ def _fmu_file(path: Path, folder: Path) -> Path:
         shelf = locate_file("fmus", folder)
         beside = suggestion(path).removeprefix("; ")
         hint = nearest(path.stem, drive_names(shelf), beside or "expected an .fmu file or a folder of fmus/")
-        # a name without folders became a path here; its user looks for the name
+        # a bare name became a path here, but its user looks for the name
         shown = path.name if path.parent == Path.cwd() else path
         raise InputRefused(f"{shown}: no such drive; {hint}")
     return path

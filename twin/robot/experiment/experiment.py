@@ -1,8 +1,6 @@
-"""An experiment: its checked tables and the quantities derived from them.
+"""Experiments: checked tables, derived quantities, and variants with one change; all in SI.
 
-SI inside. And the same experiment with one thing changed, SI: what studies of the twin itself are made of.
-
-An author changes keys of the file; the classes here change what has already been checked.
+Authors change keys of the file; the classes and functions here change checked values, for studies of the twin itself.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ from twin.robot.experiment.source import RETAINED_KEYS, Source, with_numbers
 from twin.robot.experiment.stand_in import StandIn, check_third_party_table, find_stand_in_table
 
 if TYPE_CHECKING:
-    # what the tables of parts are called, for the type checker alone
+    # the tables of the parts, imported for the type checker only
     from twin.robot.controller.program import Approach, Task
     from twin.robot.controller.task_controller import Computer
     from twin.robot.monitor.limits import Monitor
@@ -49,17 +47,17 @@ OPTIONAL_TABLES: dict[str, type[Settings]] = {
     "estimator": StandIn,
     "body": StandIn,
 }
-"""Tables that are no part's: an experiment needs the first ones."""
+"""Optional tables that belong to no part."""
 TABLE_ARRAYS = ("task", "fault", "change", "measure")
-"""Arrays of tables."""
+"""Names of arrays of tables."""
 SEPARATE_TABLES = ("drive", *TABLE_ARRAYS)
-"""What is checked elsewhere than the tables that are declared."""
+"""Tables that are checked separately from the declared ones."""
 EXACT_COUNTS = 2**40
-"""Counts per turn of an encoder that might as well not be there: a count is 6e-12 rad."""
+"""Counts per turn of a practically exact encoder: a count is 6e-12 rad."""
 
 
 class TopLevelKeys(Settings):
-    """The keys of an experiment that stand in no table."""
+    """The keys of an experiment outside any table."""
 
     title: str = setting(min_length=1, help="for people")
     duration: float = setting("s", gt=0, help="simulated time")
@@ -68,28 +66,28 @@ class TopLevelKeys(Settings):
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything a run needs, checked, SI.
+    """A checked experiment with everything that a run needs, SI.
+
+    The tables are declared by the parts, by `schema.py` and by `program.py`.
 
     Attributes:
-        name: the file's stem.
-        title: for people.
-        seed: of the encoders' noise.
+        name: stem of the file name.
+        title: displayed title.
+        seed: seed of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
-        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come and
-            go.
-        scale: the display; None: what the robot presses on has none.
-        monitor: None: without a monitor.
-        faults: what breaks, in ticks.
-        changes: what of the controller changes on the way, in ticks.
-        measures: what `twin check` measures.
+        reference: waypoints, also of a shape; None if `tasks` lead the robot, with motions by `approach`.
+        scale: display of the scale; None without one.
+        monitor: safety monitor; None without one.
+        faults: faults, in ticks.
+        changes: scheduled parameter changes, in ticks.
+        measures: measures of `twin check`.
         drives: one per joint, complete, FMUs as absolute paths.
-        recording: what of the run is kept.
-        values: the merged file as it was checked, keys with units.
-        origins: where each value comes from.
-        stand_ins: third-party parts by the name of their table; of [controller], [monitor] and [scale] only what
-            acts all the same is in their own.
-        typed: words behind `twin run` that load it; empty if it was not loaded from a file.
-    The tables are those that the parts declare, and those of `schema.py` and `task.py`.
+        recording: recording settings.
+        values: merged and checked file, keys with units.
+        origins: origin of each value.
+        stand_ins: third-party parts by table name; only their retained keys stay in [controller], [monitor] and
+            [scale].
+        typed: arguments of `twin run` that load it; empty if it was not loaded from a file.
     """
 
     name: str
@@ -121,7 +119,7 @@ class Experiment:
 
     @property
     def start(self) -> Triple:
-        """Where the platform rests at the beginning (m)."""
+        """Initial platform position (m), at rest."""
         if self.reference is not None:
             return self.reference.p[0]
         assert self.approach is not None
@@ -130,12 +128,12 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Tables:
-    """What of an experiment's file is right by itself, SI.
+    """The valid tables of an experiment's file, SI.
 
     Attributes:
-        by_name: the tables; "head": the keys that stand in none.
-        duration: of the experiment (s); inf if the file does not rightly say.
-        tasks: by their numbers.
+        by_name: tables; "head" has the keys outside any table.
+        duration: duration of the experiment (s); inf if missing or invalid.
+        tasks: tasks by number.
         ticks: durations and periods by name.
         faults, changes, measures, drives, stand_ins: as in `Experiment`.
     """
@@ -152,13 +150,13 @@ class Tables:
 
 
 def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mistakes: list[str]) -> Tables:
-    """The tables of `source`, which is completed in place.
+    """Check the tables of `source`, which is completed in place.
 
     Args:
-        declared: what may be said in them.
-        source: of all files.
-        folder: from which bodies and drives are looked up.
-        mistakes: gets a sentence for each mistake.
+        declared: tables that an experiment may have.
+        source: merged values of all files.
+        folder: folder for looking up bodies and drives.
+        mistakes: list that receives an error message for each error.
     """
     _fill_from_robot(declared, source.values)
     values = source.values
@@ -166,13 +164,13 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
         fill_from_body(source, folder)
     except InputRefused as problem:
         mistakes.append(str(problem))
-        # all that the body would have said is missing now, and that is no second mistake
+        # values missing without the body are not reported as further errors
         values = {**values, "contact": None}
     by_name, stand_ins = _check_tables(declared, values, folder, mistakes)
     tasks = checked_tasks(declared.tasks, source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(by_name, mistakes)
-    # without a tick there are no ticks to count a fault's onset in
+    # without a tick, the onset of a fault cannot be counted in ticks
     tick = by_name["cosim"].tick if "cosim" in by_name else 1e-9
     faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
     length = by_name["head"].duration if "head" in by_name else math.inf
@@ -182,12 +180,12 @@ def checked_tables(declared: DeclaredTables, source: Source, folder: Path, mista
 
 
 def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
-    """The experiment that `tables`, of which none is missing, make.
+    """Build the experiment from complete `tables`.
 
     Args:
-        name: of the experiment.
-        reference: its [reference] as way points.
-        source: that of the tables.
+        name: experiment name.
+        reference: its [reference] as waypoints.
+        source: source of the tables.
     """
     found, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
     head, monitor = found["head"], found.get("monitor")
@@ -217,7 +215,7 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
 
 
 def _fill_from_robot(declared: DeclaredTables, values: dict[str, Any]) -> None:
-    """[plant] and [controller.model] are the robot's own values wherever they do not say otherwise."""
+    """Fill missing values of [plant] and [controller.model] from [robot], in place."""
     robot = values.get("robot")
     if not isinstance(robot, dict):
         return
@@ -235,7 +233,7 @@ def _fill_from_robot(declared: DeclaredTables, values: dict[str, Any]) -> None:
 
 
 def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
-    """A table's `own` values, of which single numbers of three may be named: `joint_zero_deg.2`, of those `known`."""
+    """Return a table's `own` values, with elements such as `joint_zero_deg.2` merged into the vectors of `known`."""
     numbered = {
         key: with_numbers(value, known[key], f"{table}.{key}")
         for key, value in own.items()
@@ -247,7 +245,7 @@ def _with_numbered_values(known: dict[str, Any], own: dict[str, Any], table: str
 def _check_tables(
     declared: DeclaredTables, values: dict[str, Any], folder: Path, mistakes: list[str]
 ) -> tuple[dict[str, Any], dict[str, StandIn]]:
-    """The tables that are right, and third-party parts; what is wrong with the others goes to `mistakes`."""
+    """Return valid tables and third-party parts; errors of the others are added to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
     known = declared.tables
@@ -272,7 +270,7 @@ def _check_tables(
                 right[name] = section
         elif (section := check_table(model, table, name, found)) is not None:
             right[name] = section
-        # a mistake in [robot] is reported once, not again for each table that is filled from it
+        # an error in [robot] is reported once, not again for each table filled from it
         reported = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
         found = [sentence.replace("[head] ", "") for sentence in found]
         mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in reported]
@@ -282,7 +280,7 @@ def _check_tables(
 
 
 def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
-    """Durations and periods as whole ticks."""
+    """Return durations and periods as whole ticks, by name."""
     wanted = {
         "duration": ("head", "duration", "duration_s"),
         "controller": ("controller", "period", "[controller] period_ms"),
@@ -298,7 +296,7 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
         if table in tables:
             length = getattr(tables[table], attribute)
             if length == 0.0:
-                # no latency; of all others 0 is refused already
+                # no latency; for all others 0 has been refused already
                 continue
             ticks[name] = whole_ticks(length, tick) or 0
             if length / tick > MAX_TICKS:
@@ -309,7 +307,7 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
 
 
 def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.Drive]:
-    """The three joints' complete drives; a mistake they share is reported once."""
+    """Check the complete drives of the three joints; a common error is reported once."""
     if not isinstance(drive, dict):
         mistakes.append("missing table [drive]" if drive is None else f"[drive] = {drive!r}: expected a table")
         return []
@@ -325,25 +323,25 @@ def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.
 
 
 def with_plant(experiment: Experiment, **values: Any) -> Experiment:
-    """With other true values of [plant]."""
+    """Return a copy of the experiment with other true values in [plant]."""
     return replace(experiment, plant=experiment.plant.model_copy(update=values))
 
 
 def with_model(experiment: Experiment, **values: Any) -> Experiment:
-    """With other beliefs of the controller, [controller.model]."""
+    """Return a copy of the experiment with other beliefs of the controller, [controller.model]."""
     computer = experiment.controller
     model = computer.model.model_copy(update=values)
     return replace(experiment, controller=computer.model_copy(update={"model": model}))
 
 
 def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
-    """With another tick (s), scheme, way of inputs or number of iterations; whatever is counted in ticks stays as long.
+    """Return a copy with another tick (s), scheme, input mode or iteration count; durations in seconds stay.
 
     Args:
-        experiment: without faults, whose onsets are counted too.
+        experiment: experiment without faults, whose onsets are counted in ticks, too.
 
     Raises:
-        InputRefused: a duration, a period, a delay or the time of a change is not a whole number of the new ticks.
+        InputRefused: a duration, a period, a delay or the time of a change is not a whole number of new ticks.
     """
     cosim = experiment.cosim.model_copy(update=values)
 
@@ -373,13 +371,13 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
 
 
 def with_exact_encoders(experiment: Experiment) -> Experiment:
-    """With encoders that neither round nor add noise, and a controller that knows them."""
+    """Return a copy with encoders without rounding and noise, known to the controller."""
     counts = {"motor_counts_per_turn": EXACT_COUNTS, "joint_counts_per_turn": EXACT_COUNTS}
     return with_model(with_plant(experiment, motor_noise=0.0, joint_noise=0.0, **counts), **counts)
 
 
 def shorten(experiment: Experiment, duration: float) -> Experiment:
-    """The first `duration` seconds of it, to whole periods of the controller; all of it if it is shorter."""
+    """Return a copy limited to the first `duration` seconds, in whole periods of the controller."""
     period = experiment.controller_ticks
     ticks = max(1, round(duration / (period * experiment.cosim.tick))) * period
     return replace(experiment, duration_ticks=min(ticks, experiment.duration_ticks))

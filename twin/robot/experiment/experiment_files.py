@@ -1,4 +1,4 @@
-"""Experiment, sweep and body files by path or name."""
+"""Lookup of experiment, sweep and body files by path or name."""
 
 import os
 from pathlib import Path
@@ -13,19 +13,19 @@ BODY_FOLDERS = ("bodies", "experiments/bodies")
 
 
 def known_experiments() -> dict[str, Path]:
-    """The files of the experiments that come with twin, by name."""
+    """Return the files of the experiments shipped with twin, by name."""
     return {path.stem: path for path in sorted(PROJECT_FOLDER.glob("experiments/*.toml"))}
 
 
 def experiment_file(experiment: str | Path) -> Path:
-    """The file of an experiment.
+    """Find the file of an experiment.
 
     Args:
-        experiment: a path as seen from the current folder, or from the repository if it is not there; or a name:
-            NAME.toml here, in experiments/ here or above, or of those that come with twin.
+        experiment: a path relative to the current folder or the repository; or a name: NAME.toml in the current folder,
+            in experiments/ here or above, or among the experiments shipped with twin.
 
     Raises:
-        InputRefused: nothing has that name. Else a path that leads nowhere is returned, to be refused when it is read.
+        InputRefused: the name is unknown. A path to a missing file is returned, to be refused when it is read.
     """
     path = Path(experiment)
     found = _experiment_file(path, "experiments")
@@ -37,10 +37,10 @@ def experiment_file(experiment: str | Path) -> Path:
 
 
 def sweep_file(sweep: Path) -> Path:
-    """The file of a sweep: a path or a name, looked up as `experiment_file` does, names in experiments/sweeps/.
+    """Find the file of a sweep by path or name, like `experiment_file`, names in experiments/sweeps/.
 
     Raises:
-        InputRefused: nothing has that name. Else a path that leads nowhere is returned, to be refused when it is read.
+        InputRefused: the name is unknown. A path to a missing file is returned, to be refused when it is read.
     """
     found = _experiment_file(sweep, SWEEP_FOLDER)
     if found:
@@ -50,8 +50,8 @@ def sweep_file(sweep: Path) -> Path:
 
 
 def _experiment_file(path: Path, shelf: str) -> Path | None:
-    """The file meant by `path`; of a name that of `shelf`, None if there is none."""
-    # not Path.is_file, which raises where a name is too long
+    """Return the file for a path, or for a name in `shelf`; None if the name is unknown."""
+    # not Path.is_file, which raises for a too long name
     if os.path.isfile(path):
         return path
     if path.suffix == ".toml" or len(path.parts) > 1:
@@ -61,15 +61,15 @@ def _experiment_file(path: Path, shelf: str) -> Path | None:
 
 
 def fill_from_body(source: Source, folder: Path) -> None:
-    """Complete the [contact] of `source` from the body file that it names, values and origins, in place.
+    """Complete [contact] of `source` from the body file that it names, values and origins, in place.
 
-    What [contact] says itself stays. Without `body` nothing is done.
+    Its own values stay. Without the key `body` nothing is done.
 
     Args:
-        folder: the experiment's, from which bodies are looked up like `extends` and fmus/.
+        folder: folder of the experiment, for looking up bodies like `extends` and fmus/.
 
     Raises:
-        InputRefused: no such body, or its file is not a [contact] table.
+        InputRefused: the body is missing, or its file is not a [contact] table.
     """
     contact = source.values.get("contact")
     if not isinstance(contact, dict) or "body" not in contact:
@@ -91,7 +91,7 @@ def _body_file(name: Any, folder: Path) -> Path:
     shelves = [locate_file(shelf, folder) for shelf in BODY_FOLDERS]
     known = sorted({path.stem for shelf in shelves for path in shelf.glob("*.toml")})
     for shelf in shelves:
-        # not Path.is_file, which raises for a name that is too long
+        # not Path.is_file, which raises for a too long name
         if os.path.isfile(shelf / f"{name}.toml"):
             return shelf / f"{name}.toml"
     raise InputRefused(f'[contact] body = "{name}": no such body; {nearest(name, known)}')

@@ -1,8 +1,6 @@
-"""[[fault]]: the kinds of faults, and the faults of an experiment.
+"""Catalogue of fault kinds, and the [[fault]] tables of an experiment.
 
-Every kind of fault by name. `docs/faults_reference.md` shows it as a table, with the mechanisms.
-
-Each kind has a magnitude of its own, with its unit in the key.
+`docs/faults_reference.md` shows the kinds as a table. Each kind has its own magnitude, with its unit in the key.
 """
 
 from collections.abc import Mapping
@@ -18,19 +16,19 @@ from twin.robot.experiment.mistakes import check_table, numbered_tables
 from twin.robot.experiment.schema import whole_ticks
 
 Mechanism = Literal["counts", "message", "command", "drive", "parameter", "body"]
-"""counts, message, command: components in a wire. drive: one behind a drive. parameter: one that writes into another's
-memory. body: done by the component of what the robot presses on."""
+"""Implementation of a fault. counts, message, command: a component in a wire. drive: a component behind a drive.
+parameter: a component that writes into another one's memory. body: a motion of the surface."""
 
 Detection = Literal["yes", "if large", "no"]
 
 GLITCH_SHARE = 0.02
-"""Share of the samples that is hit where none is given, by kinds with a magnitude besides: ten a second at 2 ms."""
+"""Default share of samples hit, for kinds that also have a magnitude: ten per second at 2 ms."""
 ANY_MAGNITUDE = 0.0
-"""Said of a magnitude: every one of them, and kinds that have none."""
+"""Threshold that every magnitude reaches, also for kinds without one."""
 POSITIVE_BOUNDS = {"gt": 0.0}
 SHARE_BOUNDS = {"gt": 0.0, "le": 1.0}
 MAX_LISTED_NAMES = 10
-"""So many names are not listed in a sentence."""
+"""Maximum number of names listed in an error message."""
 _JOINT_TARGETS = tuple(f"joint_{i}" for i in (1, 2, 3))
 _DRIVE_TARGETS = tuple(f"drive_{i}" for i in (1, 2, 3))
 _ENCODER_TARGETS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
@@ -42,22 +40,22 @@ TARGET_GROUPS: dict[str, tuple[str, ...]] = {
     "all joints": _JOINT_TARGETS,
     "power": ("drives",),
 }
-"""What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
+"""Groups of targets with a common cause: one bus or driver board, one supply, one batch or one repair."""
 _SAME_ENCODER = "force and pose are estimated from the same encoder"
 _BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
 _NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
 _DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
 _DEFLECTION_JUMP = "the deflection jumps faster than shaft and link can move"
 NO_END_TICK = 1 << 62
-"""The end, in ticks, of a fault that stays."""
+"""End tick of a permanent fault."""
 
 
 class DetectionThreshold(NamedTuple):
-    """What is said, before any run, of the safety monitor: from which magnitude on it sees a fault that stays.
+    """Smallest magnitude of a permanent fault that the safety monitor is expected to detect, stated before any run.
 
     Attributes:
-        free: if it begins in free motion.
-        contact: if it begins in contact. None: not at any.
+        free: for an onset in free motion; None if it is undetectable.
+        contact: for an onset in contact; None if it is undetectable.
     """
 
     free: float | None = None
@@ -72,18 +70,17 @@ class FaultKind:
     """One kind of fault.
 
     Attributes:
-        mechanism: how it is done.
-        targets: what it can break; the first one is meant if none is named.
-        meaning: what happens, one line.
-        seen: from where on the safety monitor, which has the encoders' counts, the counter of their messages and the
-            controller's command, is said to see it.
-        reason: by what it sees it, or why it cannot.
-        unit: of the magnitude as its TOML key writes it ("share" and "factor": pure numbers), if there is a magnitude.
+        mechanism: implementation of the fault.
+        targets: possible targets; the first one is the default.
+        meaning: effect, in one line.
+        threshold: smallest magnitude that the safety monitor is expected to detect, from the encoders' counts, the
+            counter of their messages and the controller's command.
+        reason: symptom that the monitor detects, or the reason for its absence.
+        unit: unit of the magnitude in its TOML key ("share" and "factor" are pure numbers); None without a magnitude.
         magnitudes: small, medium and large, in that unit, for matrices of faults.
-        beyond: from which of them on the force is said to go beyond what the monitor is to keep it below; None: at
-            none.
-        bounds: of the magnitude, in that unit, as pydantic names them.
-        has_share: whether a second number, `share`, says how many samples it hits.
+        bounds: bounds of the magnitude in that unit, named as in pydantic.
+        has_share: whether a second number, `share`, sets the share of samples that it hits.
+        excess_from: smallest magnitude expected to raise the force above the monitor's limit; None if there is none.
     """
 
     mechanism: Mechanism
@@ -99,35 +96,35 @@ class FaultKind:
 
     @property
     def detection(self) -> Detection:
-        """Whether it is said to be seen: always, at some magnitudes or in some places, or never."""
+        """Expected detection: always, at some magnitudes or in some places, or never."""
         return "yes" if self.threshold == ALWAYS_DETECTED else "no" if self.threshold == NEVER_DETECTED else "if large"
 
     def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
-        """Whether a fault of one of `magnitudes` is."""
+        """Whether the monitor is expected to detect a fault of this magnitude, one of `magnitudes`."""
         return self._is_reached_by(magnitude, self.threshold.contact if in_contact else self.threshold.free)
 
     def expects_excess(self, magnitude: float | None) -> bool:
-        """Whether the force may, with a fault of one of `magnitudes`."""
+        """Whether the force is expected to exceed the monitor's limit at this magnitude, one of `magnitudes`."""
         return self._is_reached_by(magnitude, self.excess_from)
 
     def _is_reached_by(self, magnitude: float | None, start: float | None) -> bool:
         if start is None or start == ANY_MAGNITUDE or self.magnitudes is None or magnitude is None:
             return start is not None
-        # some kinds are larger the smaller their number is
+        # for some kinds a smaller number is a larger fault
         return self.magnitudes.index(magnitude) >= self.magnitudes.index(start)
 
     @property
     def magnitude_key(self) -> str | None:
-        """The TOML key of the magnitude."""
+        """TOML key of the magnitude; None without one."""
         return f"magnitude_{self.unit}" if self.unit else None
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Keys of `TARGET_GROUPS` that it can break at once."""
+        """Keys of `TARGET_GROUPS` whose members are all targets of this kind."""
         return tuple(group for group, members in TARGET_GROUPS.items() if set(members) <= set(self.targets))
 
     def members(self, target: str) -> tuple[str, ...]:
-        """The targets that `target`, one of them or a group, is."""
+        """Return the single targets of `target`, which is one of them or a group."""
         return TARGET_GROUPS[target] if target in self.groups else (target,)
 
 
@@ -138,8 +135,9 @@ _ENCODER_KINDS = {
         "deg", (0.1, 0.5, 2.0),
     ),
     "encoder_drift": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0, 2.0),
-        f"{_SAME_ENCODER}, and the force loop corrects what it believes; motors that lose speed under load show the "
+        "counts", _ENCODER_TARGETS, "the count runs away from the angle at a constant speed", DetectionThreshold(2.0,
+        2.0),
+        f"{_SAME_ENCODER}, and the force loop corrects the believed force; motors that lose speed under load show the "
         "force, behind others only the limits of deflection, depth or workspace end it",
         "deg_per_s", (0.1, 0.5, 2.0), excess_from=2.0,
     ),
@@ -149,7 +147,8 @@ _ENCODER_KINDS = {
         "deg", (0.2, 0.5, 2.0), POSITIVE_BOUNDS,
     ),
     "encoder_dropout_hold": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random, the last good count is repeated", DetectionThreshold(1.0, 1.0),
+        "counts", _ENCODER_TARGETS, "samples are lost at random, the last good count is repeated",
+        DetectionThreshold(1.0, 1.0),
         "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
         "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
@@ -159,7 +158,8 @@ _ENCODER_KINDS = {
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_dropout_nan": FaultKind(
-        "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED, "a count that is no number",
+        "counts", _ENCODER_TARGETS, "samples are lost at random and read NaN", ALWAYS_DETECTED,
+        "a count is NaN",
         "share", (0.001, 0.02, 1.0), SHARE_BOUNDS,
     ),
     "encoder_stuck": FaultKind(
@@ -167,15 +167,18 @@ _ENCODER_KINDS = {
         "the count stands still although the command moves the shaft; at rest there is nothing to see",
     ),
     "encoder_glitch": FaultKind(
-        "counts", _ENCODER_TARGETS, "a share of the samples, single ones at random, is off by an angle", DetectionThreshold(5.0, 5.0), _DEFLECTION_JUMP,
+        "counts", _ENCODER_TARGETS, "a share of the samples, single ones at random, is off by an angle",
+        DetectionThreshold(5.0, 5.0), _DEFLECTION_JUMP,
         "deg", (0.5, 5.0, 90.0), has_share=True,
     ),
     "encoder_flip": FaultKind(
-        "counts", _ENCODER_TARGETS, "the count has the other sign", ALWAYS_DETECTED, f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
+        "counts", _ENCODER_TARGETS, "the count has the other sign", ALWAYS_DETECTED,
+        f"{_DEFLECTION_JUMP}, unless the shaft is near 0",
     ),
     "encoder_swap": FaultKind(
         "counts", _ENCODER_TARGETS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", NEVER_DETECTED,
-        f"in a symmetric pose nothing jumps, and the matrix may well hit one; where the two angles differ, {_DEFLECTION_JUMP}",
+        f"in a symmetric pose nothing jumps, and the matrix may well hit one;"
+        f" where the two angles differ, {_DEFLECTION_JUMP}",
     ),
 }  # fmt: skip
 
@@ -186,29 +189,32 @@ _MESSAGE_KINDS = {
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "sample_jitter": FaultKind(
-        "message", ("encoder",), "messages arrive after a random time up to the magnitude", DetectionThreshold(10.0, 10.0),
+        "message", ("encoder",), "messages arrive after a random time up to the magnitude", DetectionThreshold(10.0,
+        10.0),
         "the counter stands still and then jumps",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "sample_loss": FaultKind(
-        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", DetectionThreshold(0.2, 0.2),
+        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", DetectionThreshold(0.2,
+        0.2),
         "the counter stands still",
         "share", (0.02, 0.2, 1.0), SHARE_BOUNDS,
     ),
     "controller_overrun": FaultKind(
         "message", ("controller",), "commands leave the controller late", NEVER_DETECTED,
-        "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
+        "a late command carries no counter, so only its effect on the motion is visible",
         "ms", (2.0, 10.0, 50.0), POSITIVE_BOUNDS,
     ),
     "command_held": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them keeps the last one",
+        "message", ("controller", "bus"), "commands are lost at random; the receiver keeps the last one",
         DetectionThreshold(1.0, None),
         "from the controller it is a command like any other, until it has led to a limit of force; on the bus the "
         "motors keep the speed that they had, and are off their command as soon as that is another one",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
     "command_lost": FaultKind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed", NEVER_DETECTED,
+        "message", ("controller", "bus"), "commands are lost at random; the receiver reads zero speed",
+        NEVER_DETECTED,
         "the robot stands still, or moves more slowly than asked",
         "share", (0.2, 0.8, 1.0), SHARE_BOUNDS,
     ),
@@ -216,7 +222,8 @@ _MESSAGE_KINDS = {
 
 _PARAMETER_KINDS = {
     "spring_softened": FaultKind(
-        "parameter", _JOINT_TARGETS, "the spring of the joint has this factor of its stiffness", NEVER_DETECTED, _BELIEVED_SPRING,
+        "parameter", _JOINT_TARGETS, "the spring of the joint has this factor of its stiffness", NEVER_DETECTED,
+        _BELIEVED_SPRING,
         "factor", (0.9, 0.7, 0.4), POSITIVE_BOUNDS,
     ),
     "spring_broken": FaultKind(
@@ -231,7 +238,8 @@ _PARAMETER_KINDS = {
         "factor", (1.5, 3.0, 10.0), POSITIVE_BOUNDS, excess_from=3.0,
     ),
     "backlash_growth": FaultKind(
-        "parameter", _JOINT_TARGETS, "the half width of the dead zone grows by this angle of the motor shaft", NEVER_DETECTED,
+        "parameter", _JOINT_TARGETS, "the half width of the dead zone grows by this angle of the motor shaft",
+        NEVER_DETECTED,
         "the estimator takes the way through the dead zone for deflection",
         "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
     ),
@@ -242,25 +250,29 @@ _PARAMETER_KINDS = {
         "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 0.8},
     ),
     "belt_slip": FaultKind(
-        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft and stays there", DetectionThreshold(-10.0, -30.0),
+        "parameter", _JOINT_TARGETS, "the belt slips by this angle of the motor shaft and stays there",
+        DetectionThreshold(-10.0, -30.0),
         f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
         f"{_SAME_ENCODER}",
         # a negative slip deflects the spring: the platform presses harder
         "deg", (-2.0, -10.0, -30.0), excess_from=-30.0,
     ),
     "belief_k_s": FaultKind(
-        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER_DETECTED, _NO_TRUE_FORCE,
+        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER_DETECTED,
+        _NO_TRUE_FORCE,
         "factor", (1.05, 1.2, 1.5), POSITIVE_BOUNDS,
     ),
     "belief_eta": FaultKind(
-        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER_DETECTED, _NO_TRUE_FORCE,
+        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER_DETECTED,
+        _NO_TRUE_FORCE,
         "factor", (0.95, 0.85, 0.7), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip
 
 _DRIVE_KINDS = {
     "drive_runaway": FaultKind(
-        "drive", _DRIVE_TARGETS, "the shaft turns at this speed whatever is commanded, until the power goes", ALWAYS_DETECTED,
+        "drive", _DRIVE_TARGETS, "the shaft turns at this speed whatever is commanded, until the power goes",
+        ALWAYS_DETECTED,
         f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
         "rad_per_s", (0.5, 2.0, 8.0),
     ),
@@ -278,7 +290,8 @@ _DRIVE_KINDS = {
         f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
     ),
     "drive_failure": FaultKind(
-        "drive", _DRIVE_TARGETS, "the drive's step fails and ends the run", ALWAYS_DETECTED, "the run ends and names the fault",
+        "drive", _DRIVE_TARGETS, "the drive's step fails and ends the run", ALWAYS_DETECTED,
+        "the run ends and names the fault",
     ),
     "drive_saturation": FaultKind(
         "command", _DRIVE_TARGETS, "the drive runs no faster than this", DetectionThreshold(0.3, 0.3),
@@ -291,14 +304,15 @@ _DRIVE_KINDS = {
         "share", (0.5, 0.05, 0.01), SHARE_BOUNDS,
     ),
     "power_off": FaultKind(
-        "command", ("power",), "the supply of all drives is gone: what they do without power, see [drive.unpowered]",
+        "command", ("power",), "the supply of all drives fails; [drive.unpowered] has their behaviour without power",
         ALWAYS_DETECTED, f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
     ),
 }  # fmt: skip
 
 _BODY_KINDS = {
     "surface_jump": FaultKind(
-        "body", ("contact",), "the surface jumps up by this much", DetectionThreshold(10.0, 5.0), "force and force rate jump",
+        "body", ("contact",), "the surface jumps up by this much", DetectionThreshold(10.0, 5.0),
+        "force and force rate jump",
         "mm", (2.0, 5.0, 10.0), excess_from=10.0,
     ),
     "contact_loss": FaultKind(
@@ -309,7 +323,7 @@ _BODY_KINDS = {
     ),
     "breathing": FaultKind(
         "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", NEVER_DETECTED,
-        "it is what a healthy body does; the force loop follows it",
+        "a healthy body does the same; the force loop follows it",
         "mm", (0.5, 2.0, 5.0), POSITIVE_BOUNDS,
     ),
 }  # fmt: skip
@@ -324,10 +338,10 @@ FAULT_KINDS: dict[str, FaultKind] = {
 
 
 def find_kind(number: int, name: str) -> FaultKind:
-    """The kind `name` of fault `number`.
+    """Return the kind `name` of fault `number`.
 
     Raises:
-        InputRefused: there is none.
+        InputRefused: the kind is unknown.
     """
     if name not in FAULT_KINDS:
         raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected_names(name, tuple(FAULT_KINDS))}')
@@ -335,10 +349,10 @@ def find_kind(number: int, name: str) -> FaultKind:
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
-    """Let pass only a target that a `kind` of the catalogue has, or a group of them.
+    """Refuse a target that is neither a target nor a group of `kind`.
 
     Raises:
-        InputRefused: `target` is none of them.
+        InputRefused: the target is invalid.
     """
     targets = FAULT_KINDS[kind].targets + FAULT_KINDS[kind].groups
     if target not in targets:
@@ -346,7 +360,7 @@ def refuse_target(number: int, kind: str, target: str) -> None:
 
 
 def expected_names(got: str, names: tuple[str, ...]) -> str:
-    """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
+    """Return `expected 'a', 'b'; did you mean 'b'?`; for many names only the likely ones."""
     hint = nearest(got, names, "", 3)
     if len(names) > MAX_LISTED_NAMES:
         return hint or "no such kind; docs/faults_reference.md lists them all, twin faults tries them"
@@ -355,18 +369,18 @@ def expected_names(got: str, names: tuple[str, ...]) -> str:
 
 @dataclass(frozen=True)
 class Fault:
-    """What breaks, where, when and how badly.
+    """A fault of an experiment: kind, target, time span and magnitude.
 
     Attributes:
         kind: a key of `FAULT_KINDS`.
         target: one of that kind's targets.
-        onset, end: active in ticks onset <= k < end. Of a continuous component: in the steps that begin at these.
-        magnitude: SI (rad, m, s, a share, a factor); 0 where the kind has none.
-        share: of an encoder's samples that a glitch hits, 0..1.
-        ramp: ticks over which a parameter fault grows from nothing to its magnitude; 0: at once.
-        seed: of the random kinds; the same seed gives the same faults.
-        table: number of its [[fault]] table, counted from 1; 0: of none. Those of a group have the same one, and draw
-            the same numbers.
+        onset, end: active in ticks onset <= k < end; for a continuous component, in the steps that begin there.
+        magnitude: SI (rad, m, s, a share, a factor); 0 for a kind without one.
+        share: share of an encoder's samples hit by a glitch, 0..1.
+        ramp: number of ticks over which a parameter fault grows from zero to its magnitude; 0 for a step.
+        seed: seed of random kinds; equal seeds give equal faults.
+        table: number of its [[fault]] table, from 1; 0 without one. Members of a group share it, and their random
+            numbers.
     """
 
     kind: str
@@ -381,39 +395,39 @@ class Fault:
 
 
 class FaultTable(Settings):
-    """The keys that every kind has; without `duration_s` the fault stays, without `target` it hits the kind's first."""
+    """Keys common to all kinds; without `duration_s` a fault is permanent, without `target` it hits the first one."""
 
     kind: str
-    target: str | None = setting(default=None, help="what breaks; without it the kind's first")
-    onset: float = setting("s", ge=0, help="when it begins")
-    duration: float | None = optional("s", gt=0, example=2.0, help="how long it lasts; without it to the end")
-    seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
+    target: str | None = setting(default=None, help="target; without it the kind's first")
+    onset: float = setting("s", ge=0, help="time at which it begins")
+    duration: float | None = optional("s", gt=0, example=2.0, help="duration; without it to the end")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of its random numbers")
 
 
 @cache
 def fault_table_model(known: FaultKind) -> type[FaultTable]:
-    """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
+    """Return the model of a kind's [[fault]] table: `FaultTable` plus the keys of this kind or its mechanism."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
         own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
     if known.has_share:
-        # more than every second sample could not be single ones
-        own["share"] = (float, setting(gt=0, le=0.5, help="of the samples that it hits"))
+        # more than every second sample would no longer be single ones
+        own["share"] = (float, setting(gt=0, le=0.5, help="share of the samples that it hits"))
     if known.mechanism == "parameter":
         own["ramp"] = (float | None, setting("s", default=None, gt=0, help="time in which it grows"))
     return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)
 
 
 def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault, ...]:
-    """The faults of the array of tables [[fault]], in whole ticks and SI.
+    """Check the array of tables [[fault]]; the faults are in whole ticks and SI.
 
     Args:
-        tables: what the file says; () if nothing.
-        tick: (s).
-        mistakes: gets a sentence for each mistake, with the number of its fault, counted from 1.
+        tables: array from the file; () if missing.
+        tick: duration of a tick (s).
+        mistakes: list that receives an error message for each error, with the number of its fault, from 1.
 
     Returns:
-        Those that are right, one for each member of a group.
+        The valid faults, one for each member of a group.
     """
     faults: list[Fault] = []
     for number, table in numbered_tables(tables, "fault", mistakes):
@@ -426,7 +440,7 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
 
 
 def member_faults(fault: Fault) -> list[Fault]:
-    """A fault of each member of its target; `fault` itself if that is no group."""
+    """Return a fault for each member of its target group; for a single target, `fault` itself."""
     return [replace(fault, target=target) for target in FAULT_KINDS[fault.kind].members(fault.target)]
 
 

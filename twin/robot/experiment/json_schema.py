@@ -1,8 +1,7 @@
-"""The JSON Schema (draft 2020-12) of experiment files, for editors that complete and check TOML.
+"""JSON Schema (draft 2020-12) of experiment files, for editors that complete and check TOML.
 
-Made of the models that check an experiment, so that the two cannot differ. The schema says what a single file may hold.
-What a whole experiment needs, and what its tables owe one another, only `load_experiment` knows: a file may leave
-anything to the file that it extends.
+It is generated from the models that check an experiment, so both always agree. It describes a single file, which may
+leave any key to the file that it extends; requirements on a whole experiment are checked by `load_experiment`.
 """
 
 import json
@@ -23,18 +22,18 @@ from twin.robot.experiment.stand_in import StandIn
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_FILE = "experiment.schema.json"
-"""The schema's file name by default."""
+"""Default file name of the schema."""
 
 Node = dict[str, Any]
 
 
 def schema_text(declared: DeclaredTables) -> str:
-    """The schema as a file."""
+    """Return the schema as the text of a file."""
     return json.dumps(experiment_json_schema(declared), indent=1) + "\n"
 
 
 def experiment_json_schema(declared: DeclaredTables) -> Node:
-    """The schema of an experiment file, and of what it extends: robots and bodies."""
+    """Build the schema of an experiment file, and of the robots and bodies that it extends."""
     defined: Node = {}
     head = _table(TopLevelKeys, defined)
     tables = {name: _table(model, defined) for name, model in declared.tables.items()}
@@ -44,8 +43,8 @@ def experiment_json_schema(declared: DeclaredTables) -> Node:
     joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINT_TABLES}
     drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}
     changed = {"enum": list(declared.changeable), "description": "What changes."}
-    changes = "What of the controller changes on the way."
-    extends = {"type": "string", "description": "A file whose values hold wherever this one says nothing."}
+    changes = "Scheduled changes of the controller."
+    extends = {"type": "string", "description": "File with values for all keys that this one does not set."}
     return {
         "$schema": SCHEMA_DIALECT,
         "title": "Experiment of twin",
@@ -58,18 +57,18 @@ def experiment_json_schema(declared: DeclaredTables) -> Node:
             "drive": drive,
             "task": _array(
                 _by_kind(declared.tasks, defined),
-                "What the robot does, one task after the other; instead of [reference].",
+                "Tasks of the robot, one after the other; instead of [reference].",
             ),
             "fault": _array(_faults(defined), "What breaks."),
             "change": _array([_array_item(ChangeTable, {"key": changed}, defined)], changes),
-            "measure": _array(_by_kind(MEASURES, defined), "What twin check measures."),
+            "measure": _array(_by_kind(MEASURES, defined), "Measures of twin check."),
         },
         "$defs": defined,
     }
 
 
 class _SchemaGenerator(GenerateJsonSchema):
-    """Without titles made of the keys: editors show the key itself."""
+    """Schema generator without titles derived from keys: editors show the key itself."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -92,21 +91,21 @@ def _array(tables: list[Node], description: str) -> Node:
 
 
 def _array_item(model: type[BaseModel], known: Node, defined: Node) -> Node:
-    """An item of an array of tables: it extends nothing, so it has every key that it needs."""
+    """Return the schema of an item of an array of tables, with required keys, as items extend nothing."""
     table = _table(model, defined)
     required = [info.alias or name for name, info in model.model_fields.items() if info.is_required()]
     return {**table, "properties": {**table["properties"], **known}, "required": required}
 
 
 def _table(model: type[BaseModel], defined: Node) -> Node:
-    """The schema of `model`; those that it refers to go to `defined`."""
+    """Return the schema of `model`; the schemas that it refers to are added to `defined`."""
     made = model.model_json_schema(schema_generator=_SchemaGenerator)
     defined |= {name: _as_toml(node) for name, node in made.pop("$defs", {}).items()}
     return _as_toml(made)
 
 
 def _as_toml(table: Node) -> Node:
-    """A pydantic model's schema as a table of the file: nothing is required, and a value may bring its source."""
+    """Convert a pydantic model's schema to a table of the file: no key is required, and values may have a source."""
     properties = {key: _value(node) for key, node in table["properties"].items()}
     return {
         "type": "object",
@@ -117,7 +116,7 @@ def _as_toml(table: Node) -> Node:
 
 
 def _value(node: Node) -> Node:
-    """A key's value: itself, or `{ value = .., source = ".." }` unless it is a table."""
+    """Return the schema of a value: bare, or `{ value = .., source = ".." }` unless it is a table."""
     described = {key: node[key] for key in ("description", "default", "examples") if node.get(key) is not None}
     bare = _without_null({key: node[key] for key in node if key not in ("description", "default", "examples")})
     if "$ref" in bare:
@@ -134,12 +133,12 @@ def _value(node: Node) -> Node:
 
 
 def _without_null(node: Node) -> Node:
-    """`node` as TOML can say it: there is no null, what is not said is left out."""
+    """Remove null from `node`: TOML has no null, missing keys are left out."""
     kinds = [kind for kind in node.get("anyOf", ()) if kind != {"type": "null"}]
     node = kinds[0] if len(kinds) == 1 else node
     entries = node.get("prefixItems", ())
     if entries and all(entry == entries[0] for entry in entries):
-        # older dialects, which many editors stop at, know this but no prefixItems
+        # many editors are limited to older dialects, which know this but not prefixItems
         node = {**{key: node[key] for key in node if key != "prefixItems"}, "items": _without_null(entries[0])}
     if "items" in node:
         node = {**node, "items": _without_null(node["items"])}

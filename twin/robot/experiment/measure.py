@@ -1,12 +1,12 @@
-"""[[measure]]: regression measures and requirements of an experiment.
+"""Measures of an experiment, [[measure]]: regression measures and requirements.
 
-A requirement is a formula of signal temporal logic (Maler and Nickovic 2004).
+A requirement is a formula of signal temporal logic (Maler and Nickovic 2004):
 
     always (|plant.F_ee_B| <= 18 N)
     controller.triggered implies eventually[0 s, 2 s] (controller.F_z >= 4.5 N)
 
-Numbers carry their units; a signal is one that a recording has. From weak to strong bind: implies, or, and, until, then
-not, always and eventually.
+Numbers carry their units; signals are recorded ones. Operators in order of increasing precedence: implies, or, and,
+until, then not, always and eventually.
 """
 
 import re
@@ -29,7 +29,7 @@ _TOKEN_PATTERN = re.compile(
     r"[A-Za-z%\N{DEGREE SIGN}\N{MICRO SIGN}](?:[\w%^*]|/(?=\w))*)?|(?P<word>[a-z]+)|(?P<mark><=|>=|[<>()|,+\-\[\]]))"
 )
 MAX_FORMULA_LENGTH = 2000
-"""Characters of a formula; deeper nesting than so many could make means nothing to anybody."""
+"""Maximum number of characters of a formula; longer ones could only nest absurdly deep."""
 SIGNAL_PATTERN = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
 _NAME_PATTERN = re.compile(r"[a-z0-9_]+")
 _SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
@@ -37,12 +37,13 @@ _SIGNAL_SCHEMA: JsonDict = {"pattern": f"^({SIGNAL_PATTERN.pattern})$"}
 
 @dataclass(frozen=True)
 class Term:
-    """A signal, a number or what stands between bars, with a sign.
+    """A signed term: a signal, a number, or an absolute value.
 
     Attributes:
-        what: the name of a signal as recorded, `topic.field`; a number in SI; or a sum whose size is taken.
-        index: of one component of the signal; None: all of it.
-        unit: of a number; None: that of the signal.
+        sign: 1 or -1.
+        value: name of a recorded signal, `topic.field`; a number in SI; or a sum between bars.
+        index: component of the signal; None for all.
+        unit: unit of a number; None for the unit of the signal.
     """
 
     sign: int
@@ -56,7 +57,7 @@ Sum = tuple[Term, ...]
 
 @dataclass(frozen=True)
 class Inequality:
-    """`smaller` <= `larger`; a strict comparison is the same, as its distance is."""
+    """`smaller` <= `larger`; strict comparisons are equivalent, as their robustness is the same."""
 
     smaller: Sum
     larger: Sum
@@ -64,21 +65,21 @@ class Inequality:
 
 @dataclass(frozen=True)
 class Predicate:
-    """A signal that is true or false is true."""
+    """A boolean signal is true."""
 
     signal: str
 
 
 @dataclass(frozen=True)
 class Negation:
-    """`of` does not hold."""
+    """Negation of `operand`."""
 
     operand: "Formula"
 
 
 @dataclass(frozen=True)
 class BooleanOp:
-    """Both hold, or one of them."""
+    """Conjunction or disjunction of two formulas."""
 
     operator: Literal["and", "or"]
     left: "Formula"
@@ -87,7 +88,7 @@ class BooleanOp:
 
 @dataclass(frozen=True)
 class Temporal:
-    """`of` holds always, or once, from `begin` to `end` (s) from now on; an `end` of None: to the end of the run."""
+    """`operand` holds always, or at least once, between `begin` and `end` (s) from now; None for the end of the run."""
 
     operator: Side
     operand: "Formula"
@@ -97,7 +98,7 @@ class Temporal:
 
 @dataclass(frozen=True)
 class UntilFormula:
-    """`goal` holds once in that time, and `hold` at all ticks before."""
+    """`goal` holds once within the interval, and `hold` at all ticks before."""
 
     hold: "Formula"
     goal: "Formula"
@@ -109,10 +110,10 @@ Formula = Inequality | Predicate | Negation | BooleanOp | Temporal | UntilFormul
 
 
 def parse_requirement(text: str) -> Formula:
-    """The formula that `text` spells.
+    """Parse a formula.
 
     Raises:
-        ValueError: it spells none; the sentence says from where on.
+        ValueError: the formula is invalid; the message shows the position.
     """
     if len(text) > MAX_FORMULA_LENGTH:
         raise ValueError(f"{len(text)} characters; expected at most {MAX_FORMULA_LENGTH}")
@@ -127,7 +128,7 @@ def parse_requirement(text: str) -> Formula:
 
 
 def signals_of(formula: Formula) -> Iterator[tuple[str, int | None]]:
-    """(name, index) of every signal in `formula`."""
+    """Yield (name, index) of every signal in `formula`."""
     match formula:
         case Inequality(smaller, larger):
             yield from _term_signals((*smaller, *larger))
@@ -149,7 +150,7 @@ def _term_signals(terms: Sum) -> Iterator[tuple[str, int | None]]:
 
 
 class _FormulaReader:
-    """Reads a formula from left to right; `token` is what comes next, "" at the end."""
+    """A recursive-descent parser; `token` is the next token, "" at the end."""
 
     def __init__(self, text: str):
         self._text, self._place = text, 0
@@ -280,11 +281,11 @@ class _FormulaReader:
 
 
 class Window(Settings):
-    """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
+    """Keys common to all [[measure]] tables: a name and a time interval; without `until_s` to the end."""
 
-    name: str = setting(examples=["z"], help="what its numbers are called by: small letters, digits, _")
-    begin: float = setting("s", default=0.0, ge=0, help="from when on")
-    until: float | None = optional("s", gt=0, example=3.5, help="until when; without it the end")
+    name: str = setting(examples=["z"], help="prefix of its numbers: small letters, digits, _")
+    begin: float = setting("s", default=0.0, ge=0, help="beginning of its window")
+    until: float | None = optional("s", gt=0, example=3.5, help="end of its window; without it the end of the run")
 
     @field_validator("name")
     @classmethod
@@ -317,27 +318,27 @@ class ReferenceMeasure(SignalMeasure):
     reference: str = setting(
         examples=["controller.p_ref_B[2]"],
         json_schema_extra=_SIGNAL_SCHEMA,
-        help="the signal that it should be, likewise",
+        help="reference signal, likewise",
     )
 
 
 class Step(ReferenceMeasure):
-    """[[measure]] kind = "step": the answer of a signal to a step of its reference at `begin_s`."""
+    """[[measure]] kind = "step": response of a signal to a step of its reference at `begin_s`."""
 
     kind: Literal["step"]
 
 
 class Tracking(ReferenceMeasure):
-    """[[measure]] kind = "tracking": how far a signal is from its reference."""
+    """[[measure]] kind = "tracking": deviation of a signal from its reference."""
 
     kind: Literal["tracking"]
 
 
 class Lag(ReferenceMeasure):
-    """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
+    """[[measure]] kind = "lag": delay of a signal behind its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = setting("s", default=2.0, gt=0, help="the most that it may lag; at most half the window")
+    longest: float = setting("s", default=2.0, gt=0, help="maximum lag; at most half the window")
 
 
 class SpreadMeasure(SignalMeasure):
@@ -347,38 +348,36 @@ class SpreadMeasure(SignalMeasure):
 
 
 class Oscillation(SignalMeasure):
-    """[[measure]] kind = "oscillation": the strongest sine in a signal."""
+    """[[measure]] kind = "oscillation": strongest sine in a signal."""
 
     kind: Literal["oscillation"]
-    lowest: float = setting(
-        "Hz", default=1.0, gt=0, help="slower motion is no oscillation; four periods of it fit the window"
-    )
+    lowest: float = setting("Hz", default=1.0, gt=0, help="minimum frequency; four periods of it must fit the window")
 
 
 class Onset(SignalMeasure):
-    """[[measure]] kind = "onset": when a signal that is true or false first is true."""
+    """[[measure]] kind = "onset": earliest time of a boolean signal being true."""
 
     kind: Literal["onset"]
 
 
 class Path(Window):
-    """[[measure]] kind = "path": how far the true platform is from the reference's path, whenever it was due there."""
+    """[[measure]] kind = "path": distance of the true platform from the reference's path, regardless of timing."""
 
     kind: Literal["path"]
 
 
 class Effort(Window):
-    """[[measure]] kind = "effort": how far the motors were sent, and the work of their shafts."""
+    """[[measure]] kind = "effort": total motion of the motors by their commands, and work of their shafts."""
 
     kind: Literal["effort"]
 
 
 class RequirementMeasure(Window):
-    """[[measure]] kind = "requirement": how far the run is from violating a formula."""
+    """[[measure]] kind = "requirement": robustness of a formula, its distance from violation."""
 
     kind: Literal["requirement"]
     formula: str = setting(
-        examples=["always (|plant.F_ee_B| <= 18 N)"], help="what has to hold; docs/falsify.md has the words"
+        examples=["always (|plant.F_ee_B| <= 18 N)"], help="condition to satisfy; docs/falsify.md has the words"
     )
 
     @field_validator("formula")
@@ -396,12 +395,12 @@ MEASURE_KINDS: dict[str, type[Measure]] = {
 
 
 def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple[Measure, ...]:
-    """The measures of the array of tables [[measure]] that are right.
+    """Return the valid measures of the array of tables [[measure]].
 
     Args:
-        tables: what the file says; () if nothing.
-        duration: of the experiment (s).
-        mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
+        tables: array from the file; () if missing.
+        duration: duration of the experiment (s).
+        mistakes: list that receives an error message for each error, with the number of its measure, from 1.
     """
     measures: list[Measure] = []
     for number, table in numbered_tables(tables, "measure", mistakes):

@@ -1,7 +1,4 @@
-"""Validation errors as sentences: where, what we got, what was expected.
-
-Values that look as if they were meant in another unit, for experiments in which the robot gets nowhere.
-"""
+"""Error messages for invalid tables: place, value, expectation; with hints at probably wrong units."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -14,7 +11,7 @@ from twin.kernel.errors import nearest
 LENGTH_KEYS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
 ROBOT_TABLES = ("robot", "plant", "controller.model")
 MIN_LENGTH, MAX_LENGTH = 1.0, 5000.0
-"""Lengths (mm) between which a robot for a person's back has its own, and its way points their height."""
+"""Plausible range (mm) of the lengths of a robot for a person's back, and of the height of its waypoints."""
 _EXPECTED_TYPES = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -33,20 +30,21 @@ _BOUND_SIGNS = {
     "less_than": ("lt", "<"),
     "less_than_equal": ("le", "<="),
 }
+Model = TypeVar("Model", bound=BaseModel)
 
 
 def unit_hints(values: Mapping[str, Any]) -> list[str]:
-    """A sentence for each length that would be plausible were it in m, or in um, rather than in mm.
+    """Return a message for each length that would be plausible in m or um rather than in mm.
 
     Args:
-        values: of an experiment, as `Experiment.values`, checked or not.
+        values: values of an experiment, as `Experiment.values`, checked or not.
     """
     sentences_by_key: dict[str, str] = {}
     for key, length in _lengths(values):
         factor = 1e3 if abs(length) < MIN_LENGTH else 1e-3
         plausible = MIN_LENGTH <= abs(length) * factor <= MAX_LENGTH
         if length and not MIN_LENGTH <= abs(length) <= MAX_LENGTH and plausible:
-            # [plant] and [controller.model] have it from [robot]: reported once
+            # [plant] and [controller.model] inherit it from [robot]: reported once
             sentences_by_key.setdefault(
                 key.rpartition(" ")[2] + f"{length:g}",
                 f"{key} = {length:g}: {length:g} mm; did you mean {length * factor:g} (mm)?",
@@ -60,7 +58,7 @@ def _lengths(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
         yield from ((f"[{name}] {key}", table[key]) for key in LENGTH_KEYS if _is_number(table.get(key)))
     points = _table(values, "reference").get("p_mm")
     if isinstance(points, tuple) and all(isinstance(p, tuple) and len(p) == 3 for p in points):
-        # the height of all of them tells: x and y may well be zero
+        # only heights are indicative: x and y may well be zero
         heights = [p[2] for p in points if _is_number(p[2])]
         if heights:
             yield "[reference] p_mm, z of the lowest", min(heights)
@@ -81,11 +79,8 @@ def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-Model = TypeVar("Model", bound=BaseModel)
-
-
 class _LiteralTable:
-    """A table that is another one's equal where they are written alike: 1 is not 1.0, nor -0.0 0.0."""
+    """A hashable table that compares by its text: 1 differs from 1.0, and -0.0 from 0.0."""
 
     def __init__(self, table: Any):
         self.table, self._text = table, repr(table)
@@ -97,14 +92,14 @@ class _LiteralTable:
         return isinstance(other, _LiteralTable) and self._text == other._text
 
 
-# the runs of a sweep differ in one table of ten
+# cached, because the runs of a sweep differ in one of ten tables
 @lru_cache(256)
 def _validate(model: type[Model], literal: _LiteralTable) -> Model:
     return model.model_validate(literal.table)
 
 
 def check_table(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
-    """[name] as `model` reads it; None after adding a sentence for each mistake in it to `mistakes`."""
+    """Validate [name] by `model`; None after adding an error message for each error to `mistakes`."""
     try:
         return _validate(model, _LiteralTable(table))
     except ValidationError as error:
@@ -113,7 +108,7 @@ def check_table(model: type[Model], table: Any, name: str, mistakes: list[str]) 
 
 
 def check_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes: list[str]) -> Model | None:
-    """As `check_table`, by the model of `kinds` that the key `kind` of the table says."""
+    """Validate a table by the model of `kinds` that its key `kind` selects, like `check_table`."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str) or kind not in kinds:
         mistakes.append(f"[{name}] kind = {kind!r}: expected {', '.join(map(repr, kinds))}")
@@ -122,7 +117,7 @@ def check_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes
 
 
 def numbered_tables(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
-    """The tables of the array [[name]], counted from 1; none, and a sentence, if it is a single table."""
+    """Return the tables of the array [[name]], numbered from 1; empty, with an error message, for a single table."""
     if isinstance(tables, tuple):
         return enumerate(tables, start=1)
     mistakes.append(f"[{name}]: a single table; {name}s are an array of tables, write [[{name}]]")
@@ -130,23 +125,23 @@ def numbered_tables(tables: Any, name: str, mistakes: list[str]) -> Iterable[tup
 
 
 def error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """One sentence per mistake in [table], which `model` describes."""
+    """Return one message per error in [table], described by `model`."""
     return [_error_message(detail, model, table) for detail in error.errors()]
 
 
 def type_error_messages(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
-    """Those of `error_messages` on values of a wrong type: what is missing, unknown or out of range is left out."""
+    """Return the messages for values of a wrong type only, without missing, unknown or out-of-range keys."""
     wrong = (*_EXPECTED_TYPES, "literal_error")
     return [_error_message(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
 
 
 def unknown_key(key: str, known: list[str]) -> str:
-    """`unknown key 'kp'; did you mean 'kp_per_s'?`"""
+    """Return the message `unknown key 'kp'; did you mean 'kp_per_s'?`"""
     return f"unknown key '{key}'; {nearest(key, known)}"
 
 
 def toml_keys(model: type[BaseModel]) -> list[str]:
-    """The TOML keys of `model`."""
+    """Return the TOML keys of `model`."""
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
@@ -182,18 +177,18 @@ def _error_message(detail: Any, model: type[BaseModel], table: str) -> str:
     if kind == "value_error" and key and isinstance(got, Mapping):
         return f"[{'.'.join([*tables, key])}] {detail['ctx']['error']}"
     if kind == "value_error":
-        # a mistake between keys has no key of its own
+        # an error between keys has no key of its own
         return f"{shown}: {detail['ctx']['error']}" if key else f"{where} {detail['ctx']['error']}"
     return f"{shown}: expected {_EXPECTED_TYPES.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
 
 
 def _nested_keys(key: str, owner: type[BaseModel]) -> str:
-    """`'force.reference_N'` for the key force_N: keys of the table `force` of `owner` that end alike; "" if none do."""
+    """Suggest keys of the subtable for a misplaced one: `'force.reference_N'` for force_N; "" without a match."""
     table, _, unit = key.rpartition("_")
     model = next(
         (nested_model(f.annotation) for name, f in owner.model_fields.items() if table == (f.alias or name)), None
     )
-    # kp_mm_per_N is no force
+    # kp_mm_per_N is not a force
     known = (
         [] if model is None else [one for one in toml_keys(model) if one.endswith(f"_{unit}") and "_per_" not in one]
     )
@@ -201,7 +196,7 @@ def _nested_keys(key: str, owner: type[BaseModel]) -> str:
 
 
 def nested_model(annotation: Any) -> type[BaseModel] | None:
-    """The model that a field's `annotation` is, or may be; None if it is no table."""
+    """Return the model in a field's `annotation`; None if the field is not a table."""
     kinds = (annotation, *get_args(annotation))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 

@@ -1,4 +1,4 @@
-"""The experiment stored in a recording."""
+"""Experiment stored in a recording: name, values and FMUs."""
 
 import re
 from collections.abc import Mapping
@@ -17,13 +17,13 @@ from twin.robot.experiment.source import Source
 
 Metadata = Mapping[str, Mapping[str, str]]
 NAME_PATTERN = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
-"""Of an experiment: that of a file, without the suffix."""
+"""Pattern of an experiment's name, the stem of a file name."""
 MAX_LISTED_ERRORS = 3
-"""The most mistakes of a recording that are listed: a recording is not mended."""
+"""Maximum number of listed errors of a recording, as recordings are not repaired by hand."""
 
 
 class RecordedFmu(BaseModel):
-    """An FMU as `twin.robot.run.run` tells of it."""
+    """Description of an FMU in a recording, as written by `twin.robot.run.run`."""
 
     file: str
     sha256: str
@@ -32,7 +32,7 @@ class RecordedFmu(BaseModel):
     generation_tool: str | None
     set: dict[str, Any]
     mapped: list[str]
-    # older recordings do not say, and only model exchange has a solver of ours
+    # missing in older recordings; only model exchange uses twin's solver
     kind: str = "co_simulation"
     solver: str | None = None
     solver_step: float | None = None
@@ -41,10 +41,10 @@ class RecordedFmu(BaseModel):
 
 
 def recorded_name(metadata: Metadata, where: Path) -> str:
-    """Name of the experiment that a recording was made of; "unknown experiment" if it does not say.
+    """Return the name of a recording's experiment; "unknown experiment" if missing.
 
     Raises:
-        InputRefused: what it says is no name: folders of results are called so, and a recording may come from anybody.
+        InputRefused: the name is invalid. Results folders are named after it, and a recording is untrusted.
     """
     name = metadata.get("experiment", {}).get("name", "unknown experiment")
     if not NAME_PATTERN.fullmatch(name):
@@ -53,13 +53,12 @@ def recorded_name(metadata: Metadata, where: Path) -> str:
 
 
 def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -> dict[str, Any]:
-    """The checked values of the experiment that a recording was made of, keys with units; empty if it holds none.
+    """Return the checked values of a recording's experiment, keys with units; empty if missing.
 
-    Keys that are not known any more, or that were not known yet, are no mistake: the recording may be of another
-    version.
+    Unknown and missing keys are accepted, as the recording may come from another version.
 
     Raises:
-        InputRefused: no JSON, or values of other types than an experiment's.
+        InputRefused: not JSON, or values of wrong types.
     """
     text = metadata.get("experiment", {}).get("values", "{}")
     values = parse_json(text, f"{where}: its experiment")
@@ -72,10 +71,10 @@ def recorded_values(declared: DeclaredTables, metadata: Metadata, where: Path) -
 
 
 def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
-    """What a recording says of each drive's FMUs, by `drive_1` or `drive_1.part`: the fields of `RecordedFmu`.
+    """Return the recorded fields of `RecordedFmu` of each drive's FMUs, by `drive_1` or `drive_1.part`.
 
     Raises:
-        InputRefused: it says something else.
+        InputRefused: the fields are invalid.
     """
     fmus = {}
     for name, text in metadata.get("fmu", {}).items():

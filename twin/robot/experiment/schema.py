@@ -1,7 +1,6 @@
-"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI.
+"""Tables of an experiment file that no part declares. Keys carry units, attributes are SI.
 
-See `twin.kernel.settings`. Among them are [[change]], scheduled changes of controller parameters, such as a step of the
-force reference.
+See `twin.kernel.settings`. A [[change]] sets a controller parameter at a time, such as a step of the force reference.
 """
 
 import math
@@ -26,27 +25,32 @@ from twin.robot.experiment.mistakes import (
 from twin.robot.experiment.source import REFERENCE_SHAPES, RETAINED_KEYS, value_at
 
 PARAMETERS_HELP = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
-TOLERANCE_HELP = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
-KIND_HELP = "as which the FMU is used; without it, co-simulation if it offers that"
-METHOD_HELP = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+TOLERANCE_HELP = (
+    "relative tolerance of the solver, the FMU's or twin's for model exchange; without it, the FMU's default"
+)
+KIND_HELP = "kind of FMU; without it, co-simulation if available"
+METHOD_HELP = "solver for model exchange: cvode keeps the tolerance, rk4 has a fixed step; without it, cvode"
 SOLVER_STEP_HELP = "longest step of rk4; without it, one per step of the drive"
 MAX_TICKS = 1e12
-"""Three centuries at 10 ms, or a slip of the pen."""
+"""Maximum number of ticks, three centuries at 10 ms: more is a typing error."""
 FORCE_LOOP_PREFIX = "controller.force."
-"""Where the keys of the force loop begin."""
+"""Prefix of the force loop's keys."""
 SCHEDULED_KEYS = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
-"""What may not, where [controller.force] has a schedule of them."""
+"""Keys that may not change if [controller.force] has a schedule of them."""
+Task = TypeVar("Task", bound=Settings)
+Kind = Literal["co_simulation", "model_exchange"]
+Method = Literal["cvode", "rk4"]
 
 
 class ChangeableSetting(NamedTuple):
-    """A setting that may change while an experiment runs: its table, and its name there."""
+    """A setting that may change during a run: its table, and its name there."""
 
     table: type[Settings]
     name: str
 
 
 def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]:
-    """The table `model` at the dotted `path`, and all tables in it, by their paths."""
+    """Return the table `model` at the dotted `path`, and all tables nested in it, by path."""
     found = {path: model}
     for name, info in model.model_fields.items():
         inner = nested_model(info.annotation)
@@ -57,14 +61,14 @@ def nested_tables(model: type[Settings], path: str) -> dict[str, type[Settings]]
 
 @dataclass(frozen=True, eq=False)
 class DeclaredTables:
-    """The tables that an experiment may have, and what of them may change while it runs.
+    """The tables that an experiment may have, and the keys that may change during a run.
 
     Attributes:
-        needed: tables without which there is no experiment, by name, in the order of documents.
-        optional: the other tables.
-        changeable: by the key in the file.
+        needed: mandatory tables by name, in the order of documents.
+        optional: optional tables by name.
+        changeable: settings that may change, by key in the file.
         tasks: tables of [[task]], by their key `kind`.
-        tables: all of them.
+        tables: all tables.
     """
 
     needed: Mapping[str, type[Settings]]
@@ -77,7 +81,7 @@ class DeclaredTables:
         return {**self.needed, **self.optional}
 
     def third_party_model(self, role: str) -> type[Settings]:
-        """The table [role] where the part is third-party: of twin's own only what acts all the same is needed."""
+        """Return the model of [role] for a third-party part: only the retained keys stay mandatory."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)
@@ -87,42 +91,39 @@ class DeclaredTables:
         return create_model(model.__name__, __base__=model, **idle) if idle else model
 
     def model_keys(self) -> list[str]:
-        """The keys of [controller.model], which are the robot's own where it does not say otherwise."""
+        """Return the keys of [controller.model], whose missing values are the robot's."""
         model = nested_model(self.tables["controller"].model_fields["model"].annotation)
         return [] if model is None else toml_keys(model)
 
 
-Task = TypeVar("Task", bound=Settings)
-
-
 class Circle(Settings):
-    """[reference.circle]: level circles, counter-clockwise seen from above, at constant speed from `start_s` on."""
+    """[reference.circle]: horizontal circles, counter-clockwise from above, at constant speed from `start_s` on."""
 
-    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="of the circle in frame B")
-    radius: float = setting("mm", gt=0, examples=[15.0], help="of the circle, which begins at +x")
+    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the circle in frame B")
+    radius: float = setting("mm", gt=0, examples=[15.0], help="radius of the circle, which begins at +x")
     rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per time")
     turns: float = setting(gt=0, examples=[1.0], help="number of turns")
-    start: float = setting("s", default=0.0, ge=0, help="how long it rests before")
+    start: float = setting("s", default=0.0, ge=0, help="time at rest before the motion")
 
 
 class Chirp(Settings):
     """[reference.chirp]: a sine along one axis whose frequency grows linearly with time."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="about which it swings, in frame B")
-    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B along which it swings")
-    amplitude: float = setting("mm", gt=0, examples=[2.0], help="of the sine")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="centre of the motion, in frame B")
+    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B of the motion")
+    amplitude: float = setting("mm", gt=0, examples=[2.0], help="amplitude of the sine")
     begin: float = setting("Hz", gt=0, examples=[0.1], help="frequency at the beginning")
     end: float = setting("Hz", gt=0, examples=[2.0], help="frequency at the end")
-    duration: float = setting("s", gt=0, examples=[10.0], help="of the sweep")
-    start: float = setting("s", default=0.0, ge=0, help="how long it rests before")
+    duration: float = setting("s", gt=0, examples=[10.0], help="duration of the sweep")
+    start: float = setting("s", default=0.0, ge=0, help="time at rest before the motion")
 
 
 class JointStep(Settings):
-    """[reference.joint_step]: a step of the platform after which one joint alone has another angle."""
+    """[reference.joint_step]: a step of the platform that changes the angle of a single joint."""
 
-    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="where the platform is before")
-    joint: Literal[1, 2, 3] = setting(examples=[1], help="which moves")
-    step: float = setting("deg", examples=[2.0], help="by how much; positive lowers the platform")
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="initial platform position")
+    joint: Literal[1, 2, 3] = setting(examples=[1], help="joint that moves")
+    step: float = setting("deg", examples=[2.0], help="change of the joint's angle; positive lowers the platform")
     start: float = setting("s", gt=0, examples=[0.5], help="when")
 
     @field_validator("step")
@@ -134,16 +135,16 @@ class JointStep(Settings):
 
 
 class Reference(Settings):
-    """[reference]: way points, straight lines at constant speed between them; or one shape."""
+    """[reference]: waypoints, straight lines at constant speed between them; or one shape."""
 
     t: tuple[float, ...] | None = optional(
-        "s", min_length=1, example=[0.0, 2.0], help="times of the way points, ascending"
+        "s", min_length=1, example=[0.0, 2.0], help="times of the waypoints, ascending"
     )
     p: tuple[Triple, ...] | None = optional(
         "mm",
         min_length=1,
         example=[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]],
-        help="positions (x, y, z) of the way points in frame B",
+        help="positions (x, y, z) of the waypoints in frame B",
     )
     circle: Circle | None = None
     chirp: Chirp | None = None
@@ -171,7 +172,7 @@ class Reference(Settings):
 
 
 class WayPoints(NamedTuple):
-    """What the controller follows: times (s, ascending), positions (m, frame B), and the shape they are of, or ""."""
+    """Waypoints that the controller follows: times (s, ascending), positions (m, frame B), and their shape, or ""."""
 
     t: tuple[float, ...]
     p: tuple[Triple, ...]
@@ -179,12 +180,12 @@ class WayPoints(NamedTuple):
 
 
 def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[str]) -> dict[int, Task]:
-    """The tasks of the array of tables [[task]] that are right, by their number, counted from 1.
+    """Return the valid tasks of the array of tables [[task]], by number, from 1.
 
     Args:
-        kinds: of tasks, by the key `kind` of their tables.
-        tables: what the file says; None if nothing.
-        mistakes: gets a sentence for each mistake, with the number of its task.
+        kinds: task models, by the key `kind` of their tables.
+        tables: array from the file; None if missing.
+        mistakes: list that receives an error message for each error, with the number of its task.
     """
     if tables is None:
         return {}
@@ -197,20 +198,20 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
 
 
 class Cosim(Settings):
-    """[cosim]: how the components are stepped."""
+    """[cosim]: stepping of the components."""
 
     tick: float = setting("ms", gt=0, help="step in which the components exchange their values")
     scheme: Literal["gauss_seidel", "jacobi"] = setting(
         help="whether plant and drives see each other's newest values, or all those of the tick before"
     )
     inputs: Literal["hold", "linear"] = setting(
-        default="hold", help="whether they see values of one end of the step, or a line between both ends"
+        default="hold", help="whether inputs are constant over the step, or linear between its ends"
     )
-    iterations: int = setting(default=1, ge=1, le=100, help="how often plant and drives make each step")
+    iterations: int = setting(default=1, ge=1, le=100, help="number of passes of plant and drives over each step")
 
 
 class RecordingSettings(Settings):
-    """[recording]: how often the plant, the drives and whatever else has values every tick are recorded."""
+    """[recording]: recording rate of the plant, the drives and all other signals with a value every tick."""
 
     rate: Literal["tick", "controller"] = setting(
         default="tick", help="every tick, or once per period of the controller: half the file"
@@ -218,9 +219,7 @@ class RecordingSettings(Settings):
     states: tuple[float, ...] = setting(
         "s", default=(), examples=[[5.0, 10.0]], help="times at which the state is saved, for twin run --from"
     )
-    state_every: float | None = setting(
-        "s", default=None, gt=0, examples=[10.0], help="save the state as often as this"
-    )
+    state_every: float | None = setting("s", default=None, gt=0, examples=[10.0], help="interval between saved states")
 
     @field_validator("states")
     @classmethod
@@ -231,7 +230,7 @@ class RecordingSettings(Settings):
 
 
 class VelocityLoop(Settings):
-    """[drive.velocity_loop]: our discrete PI before a drive that takes no speed. Gains in the command's SI unit."""
+    """[drive.velocity_loop]: twin's discrete PI for a drive without a speed command. Gains in the command's SI unit."""
 
     kp: float = setting(ge=0, examples=[0.08], help="gain, command per rad/s")
     ki: float = setting(default=0.0, ge=0, help="integral gain, command per rad")
@@ -240,18 +239,22 @@ class VelocityLoop(Settings):
 
 
 class PositionCommand(Settings):
-    """[drive.position_command]: how a servo takes a position; angles as the servo counts its own."""
+    """[drive.position_command]: command of a servo by position; angles in the servo's own convention."""
 
     period: float | None = optional(
         "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
     )
-    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest angle that it takes")
-    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest angle that it takes")
+    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest accepted angle")
+    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest accepted angle")
     wrap_from: float | None = optional(
-        "deg", field="wrap", absent=math.inf, example=-180.0, help="it counts its angle from here over one turn only"
+        "deg",
+        field="wrap",
+        absent=math.inf,
+        example=-180.0,
+        help="start of the single turn over which its angle is counted",
     )
     lead: float | None = optional(
-        "deg", absent=math.inf, gt=0, example=20.0, help="most by which the command is ahead of the robot's motor shaft"
+        "deg", absent=math.inf, gt=0, example=20.0, help="maximum lead of the command before the robot's motor shaft"
     )
 
     @model_validator(mode="after")
@@ -262,20 +265,20 @@ class PositionCommand(Settings):
 
 
 class Rotor(Settings):
-    """[drive.rotor]: a shaft of ours behind an FMU that gives a torque, felt at the robot's motor shaft."""
+    """[drive.rotor]: a shaft simulated by twin, for an FMU that outputs a torque; values at the robot's motor shaft."""
 
     J: float = setting("kg m2", gt=0, examples=[1e-4], help="inertia")
     b: float = setting("N m s/rad", default=0.0, ge=0, help="viscous friction")
 
 
 class UnpoweredDrive(Settings):
-    """[drive.unpowered]: the motor shaft once a safety monitor has cut the power; each drive then has its own line.
+    """[drive.unpowered]: the motor shaft after a safety monitor has cut the power, with one line per drive.
 
-    Without this table a drive without power does what its FMU does: it stops, or, with a role `enable`, it coasts.
+    Without this table the FMU of an unpowered drive decides: it stops, or, with a role `enable`, it coasts.
     """
 
-    holding: float = setting("N m", ge=0, examples=[0.02], help="torque up to which gears and bearings hold the shaft")
-    brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="torque of a brake, on top")
+    holding: float = setting("N m", ge=0, examples=[0.02], help="maximum holding torque of gears and bearings")
+    brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="additional torque of a brake")
     brake_line: Literal["power", "own"] = setting(
         default="power", help="the brake closes with the power, or once no force is left that it would hold"
     )
@@ -284,7 +287,7 @@ class UnpoweredDrive(Settings):
 
 
 def _check_parameter(value: Any) -> Any:
-    """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
+    """Validate a parameter value here, as pydantic would report an error for each possible type."""
     many = isinstance(value, (list, tuple))
     values = tuple(value) if many else (value,)
     kinds = {str if isinstance(v, str) else float if type(v) in (int, float) else None for v in values}
@@ -298,12 +301,8 @@ def _check_parameter(value: Any) -> Any:
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_check_parameter)]
 
 
-Kind = Literal["co_simulation", "model_exchange"]
-Method = Literal["cvode", "rk4"]
-
-
 class DrivePart(Settings):
-    """[drive.parts.NAME]: one FMU of a drive that is made of several."""
+    """[drive.parts.NAME]: one FMU of a drive with several parts."""
 
     fmu: str = setting(help="an .fmu file")
     sha256: str | None = optional(example="00000000...", help="refuse any other file")
@@ -325,7 +324,7 @@ class Drive(Settings):
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
         default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
     )
-    sign: Literal[1, -1] = setting(default=1, help="-1: the FMU counts the other way round")
+    sign: Literal[1, -1] = setting(default=1, help="-1: the FMU has the opposite direction")
     gear_ratio: float = setting(default=1.0, gt=0, help="turns of the FMU's shaft per turn of the motor shaft")
     substeps: int = setting(default=1, ge=1, le=10_000, help="steps of the FMU per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
@@ -339,7 +338,7 @@ class Drive(Settings):
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
     unpowered: UnpoweredDrive | None = None
-    parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
+    parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive with several parts")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
 
     @model_validator(mode="after")
@@ -364,8 +363,7 @@ class Drive(Settings):
 
 
 def whole_ticks(time: float, tick: float) -> int | None:
-    """How many ticks (s) `time` (s) is; None if it is no whole number of them, up to rounding of the two, or more than
-    `MAX_TICKS`."""
+    """Convert `time` (s) to ticks (s); None if it is not a whole number, up to rounding, or above `MAX_TICKS`."""
     if time / tick > MAX_TICKS:
         return None
     count = round(time / tick)
@@ -373,22 +371,22 @@ def whole_ticks(time: float, tick: float) -> int | None:
 
 
 class ChangeTable(Settings):
-    """[[change]]: a value of [controller] that changes while the experiment runs."""
+    """[[change]]: a scheduled change of a value of [controller]."""
 
-    t: float = setting("s", gt=0, examples=[8.0], help="when it changes")
-    key: str = setting(examples=["controller.force.reference_N"], help="what changes")
+    t: float = setting("s", gt=0, examples=[8.0], help="time of the change")
+    key: str = setting(examples=["controller.force.reference_N"], help="key that changes")
     value: float = setting(examples=[6.0], help="its new value, in the unit of the key")
 
 
 @dataclass(frozen=True)
 class Change:
-    """A [[change]], checked.
+    """A checked [[change]].
 
     Attributes:
-        tick: from which on it holds.
-        key: of the experiment's file.
-        number: in the unit of the key.
-        value: in SI.
+        tick: first tick with the new value.
+        key: key in the experiment's file.
+        number: new value in the unit of the key.
+        value: new value in SI.
     """
 
     tick: int
@@ -398,13 +396,13 @@ class Change:
 
 
 def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> dict[str, float]:
-    """What may change in an experiment, with the value in its file, in the unit of the key.
+    """Return the current values of keys that may change in an experiment, in the unit of the key.
 
-    Nothing of the force loop where it never acts, and no reference where tasks bring their own.
+    Keys of an idle force loop are left out, and the reference if tasks bring their own.
 
     Args:
-        declared: what may be said in them.
-        tables: of the experiment, as `Experiment.values`.
+        declared: tables that an experiment may have.
+        tables: tables of the experiment, as `Experiment.values`.
     """
     found = {}
     for key in declared.changeable:
@@ -418,18 +416,18 @@ def changeable_values(declared: DeclaredTables, tables: Mapping[str, Any]) -> di
 
 
 def changed_value(declared: DeclaredTables, key: str, number: object, tables: Mapping[str, Any]) -> float:
-    """`number`, given in the unit of the `key`, in SI.
+    """Convert `number`, in the unit of `key`, to SI, after validation.
 
     Args:
-        declared: has `key` among what is changeable.
-        number: whatever somebody has sent.
-        tables: of the experiment, as `Experiment.values`.
+        declared: tables with `key` among the changeable settings.
+        number: requested value, unvalidated.
+        tables: tables of the experiment, as `Experiment.values`.
 
     Raises:
-        InputRefused: the experiment's schema refuses it.
+        InputRefused: the value is invalid for the experiment's schema.
     """
     if number is None:
-        # the file may leave the reference out where no force loop acts; a running one needs it
+        # a file may omit the reference if no force loop acts; a running loop needs it
         raise InputRefused(f"{key}: no value; expected a number")
     table, attribute = declared.changeable[key]
     path, _, name = key.rpartition(".")
@@ -443,14 +441,14 @@ def changed_value(declared: DeclaredTables, key: str, number: object, tables: Ma
 def checked_changes(
     declared: DeclaredTables, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
 ) -> tuple[Change, ...]:
-    """The changes of the array of tables [[change]] that are right, the earliest first.
+    """Return the valid changes of the array of tables [[change]], earliest first.
 
     Args:
-        declared: what may be said in the tables.
-        tables: what the file says; () if nothing.
-        values: the tables of the experiment.
-        tick, duration: s.
-        mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
+        declared: tables that an experiment may have.
+        tables: array from the file; () if missing.
+        values: tables of the experiment.
+        tick, duration: duration of a tick and of the experiment (s).
+        mistakes: list that receives an error message for each error, with the number of its change, from 1.
     """
     changes: dict[tuple[int, str], Change] = {}
     for number, table in numbered_tables(tables, "change", mistakes):

@@ -1,7 +1,7 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`.
 
-A table that names a whole, such as a drive or a third-party part, replaces what the files below say of another one;
-files of other kinds are recognised by their tables and refused.
+A table that names a whole, such as a drive or a third-party part, replaces the same table of the extended files.
+Files of other kinds are recognised by their tables and refused.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from twin.kernel.files import MAX_DEPTH, MAX_TOML_BYTES, parse_toml, read_text
 from twin.robot.paths import locate_file
 
 REFERENCE_SHAPES = ("circle", "chirp", "joint_step")
-"""Tables of [reference], each of which says by itself all that the reference is."""
+"""Tables of [reference]; each one defines a whole reference."""
 RETAINED_KEYS = {
     "body": (),
     "estimator": (),
@@ -31,27 +31,26 @@ RETAINED_KEYS = {
     "monitor": ("enabled", "period_ms"),
     "scale": ("period_ms",),
 }  # fmt: skip
-"""Parts of the robot that may be third-party, and the keys of their tables that act all the same."""
+"""Roles of the robot that may be third-party, and the keys of their tables that still act then."""
 FILE_KEYS = ("fmu", "python")
-"""Keys whose value is a file; of a class behind a colon, too."""
+"""Keys with a file as value; for a class with its name after a colon."""
 MAX_CHAIN_LENGTH = 32
-"""Files that extend each other, the first included."""
+"""Maximum number of files in a chain of `extends`, including the first."""
 COMMAND_LINE = "set on the command line"
-"""The origin of what an option has set."""
+"""Origin of values set by an option."""
 FMU_NAME_PREFIXES = ("parameters.", "wires.")
-"""Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
-quotes."""
+"""Last parts of table names whose keys are FMU names, `motor.R`; without quotes TOML makes tables of them."""
 
 
 def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
-    """Raise if the file at `path` is meant for something else than to be run: a robot, a body, a sweep, a mapping.
+    """Refuse files that are not experiments: robots, bodies, sweeps, mappings.
 
     Args:
-        values: what it and the files that it extends say.
-        path: of the file.
+        values: merged values of the file and the files that it extends.
+        path: path of the file.
 
     Raises:
-        InputRefused: the sentence says what it is, and what takes it.
+        InputRefused: with the kind of file, and the command that accepts it.
     """
     tables, name = values.keys(), shlex.quote(str(path))
     reason = ""
@@ -68,7 +67,7 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
 
 
 def names_drive(table: Mapping[str, Any]) -> bool:
-    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
+    """Whether a table names a drive, by its FMU or its parts' FMUs; else it only changes values of another one."""
     parts = table.get("parts")
     named = parts.values() if isinstance(parts, Mapping) else ()
     return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
@@ -79,18 +78,18 @@ def _has_any_key(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
 
 
 def names_stand_in(table: Mapping[str, Any]) -> bool:
-    """Whether a table of a part says that it is third-party."""
+    """Whether the table of a role names a third-party part."""
     return any(key in table for key in FILE_KEYS)
 
 
 class Replacement(NamedTuple):
-    """A table that names something altogether takes the place of what was said of another one.
+    """Rule for a table that replaces the same table of extended files instead of being merged.
 
     Attributes:
-        names: whether it does so, by its keys.
-        retained: keys of the table before that stay; None: none, nor the table's place among the others.
-        by_key: whether a single key of it on the command line does so, too.
-        by_option: as `retained`, where it is named by an option of its own, `--drive` or `--body`.
+        names: whether a table's keys trigger the rule.
+        retained: keys of the replaced table that stay; None if neither keys nor the table's position stay.
+        by_key: whether a single key on the command line triggers the rule, too.
+        by_option: like `retained`, if the table is named by an option of its own, `--drive` or `--body`.
     """
 
     names: Callable[[Mapping[str, Any]], bool]
@@ -102,7 +101,7 @@ class Replacement(NamedTuple):
 REPLACEMENT_RULES: dict[str, tuple[Replacement, ...]] = {
     "drive": (Replacement(names_drive, None),),
     "contact": (Replacement(_has_any_key("body"), None, by_option=("height_mm",)),),
-    # of way points one file may give the times and another the places
+    # for waypoints, one file may give the times and another the positions
     "reference": (
         Replacement(_has_any_key(*REFERENCE_SHAPES), ()),
         Replacement(_has_any_key("t_s", "p_mm"), ("t_s", "p_mm")),
@@ -112,46 +111,46 @@ REPLACEMENT_RULES: dict[str, tuple[Replacement, ...]] = {
 
 
 def rules_for(name: str, table: Any, by_key: bool = False) -> list[Replacement]:
-    """By which rules `table`, called `name`, takes another one's place; `by_key`: it is a key of the command line."""
+    """Return the replacement rules that `table`, called `name`, triggers; `by_key` for a key on the command line."""
     rules = REPLACEMENT_RULES.get(name, ()) if isinstance(table, Mapping) else ()
     return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]
 
 
 @dataclass
 class Source:
-    """What the files say, before it is checked.
+    """Merged values of experiment files, before any check.
 
     Attributes:
         values: nested tables; arrays as tuples.
-        origins: where a value comes from, by dotted key: its own `source`, or the file or option that set it.
+        origins: origin of each value by dotted key: its own `source`, or the file or option that set it.
     """
 
     values: dict[str, Any] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
 
     def overlay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
-        """Lay `tables` over what is there; one that names another drive, body, shape or part takes its place.
+        """Merge `tables` over the present ones; one that names another drive, body, shape or part replaces its table.
 
         Args:
-            tables: by their names.
-            origin: of their values.
+            tables: tables by name.
+            origin: origin of their values.
             by_key: whether they are a key of the command line.
         """
         for name, table in tables.items():
             for rule in rules_for(name, table, by_key):
-                # another drive has other parameters: nothing of the one before can stay
+                # another drive has other parameters, so all previous ones are removed
                 self.remove(name, rule.retained)
         self.merge(tables, origin)
 
     def select_file(self, table: str, key: str, value: str) -> None:
-        """Let an option of the command line name what [table] is, by its `key`: `--drive` or `--body`."""
+        """Replace [table] by a file given with `--drive` or `--body`, under its `key`."""
         (rule,) = rules_for(table, {key: value})
         self.remove(table, rule.by_option)
         self.values[table] = {key: value, **self.values.get(table, {})}
         self.origins[f"{table}.{key}"] = COMMAND_LINE
 
     def remove(self, table: str, keep: Collection[str] | None = None) -> None:
-        """Take out what is said of [table], but the keys `keep`; without these the table itself."""
+        """Remove [table], or all of its keys but `keep`."""
         before = self.values.pop(table, None)
         retained = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
         if keep is not None and isinstance(before, dict):
@@ -160,7 +159,7 @@ class Source:
         self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{table}.") or k in paths}
 
     def merge(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
-        """Lay `table` over what is there, key by key."""
+        """Merge `table` over the present values, key by key."""
         target = self.values if into is None else into
         for key, value in table.items():
             dotted = f"{prefix}{key}"
@@ -168,7 +167,7 @@ class Source:
                 target[key] = _freeze_lists(value["value"])
                 self.origins[dotted] = str(value.get("source", origin))
             elif isinstance(value, dict) and isinstance(items := target.get(key), tuple):
-                # of an array by their number from 1: tables are laid over, numbers replaced
+                # items of an array are addressed by number from 1: tables are merged, numbers replaced
                 if any(isinstance(item, dict) for item in items):
                     self._merge_items(value, origin, dotted, items)
                 else:
@@ -180,7 +179,7 @@ class Source:
                 target[key] = inner if isinstance(inner, dict) else {}
                 self.merge(value, origin, f"{dotted}.", target[key])
             elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
-                # an array of tables is laid over as a whole: its items have no names by which to tell them apart
+                # an array of tables is replaced as a whole: its items have no names to match them
                 self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{dotted}.")}
                 target[key] = tuple({} for _ in value)
                 numbered = {str(number): item for number, item in enumerate(value, start=1)}
@@ -190,7 +189,7 @@ class Source:
                 self.origins[dotted] = origin
 
     def _merge_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
-        """Lay the tables `items` over those of an array, by their number from 1."""
+        """Merge the tables `items` into the items of an array, by number from 1."""
         for number, item in items.items():
             if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
                 there = f"is only {dotted}.1" if len(into) == 1 else f"are tables {dotted}.1 to {dotted}.{len(into)}"
@@ -199,10 +198,10 @@ class Source:
 
 
 def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) -> tuple[Any, ...]:
-    """`into` with `items` in place of its own, by their number from 1: `joint_zero_deg.2` is the second of three.
+    """Replace elements of `into` by number from 1: `joint_zero_deg.2` is the second of three.
 
     Raises:
-        InputRefused: there is no such number; the sentence begins with `where`.
+        InputRefused: the number is out of range; the message begins with `where`.
     """
     numbers = list(into)
     for number, item in items.items():
@@ -213,12 +212,12 @@ def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) ->
 
 
 def read_source(path: Path) -> Source:
-    """The file at `path` laid over the files it `extends`.
+    """Read the file at `path`, merged over the files that it `extends`.
 
-    What takes another one's place is in `REPLACEMENT_RULES`.
+    Tables that replace others instead are listed in `REPLACEMENT_RULES`.
 
     Raises:
-        InputRefused: no such file, not TOML, a circle of `extends`.
+        InputRefused: the file is missing or not TOML, or `extends` is circular.
     """
     source = Source()
     for file, table in reversed(_chain(path)):
@@ -227,19 +226,19 @@ def read_source(path: Path) -> Source:
 
 
 def apply_overrides(source: Source, texts: Iterable[str]) -> None:
-    """Lay command line settings, "a.b=1" each, over `source`.
+    """Merge command-line settings, "a.b=1" each, over `source`.
 
     Raises:
-        InputRefused: not of the form key=value.
+        InputRefused: a setting is not of the form key=value.
     """
     nodes = [_node(text) for text in texts]
-    # what names a third-party part takes out what is said of twin's own, and nothing that is set with it
+    # settings that name a third-party part go first: they remove keys of twin's own part, but no other settings
     for node in sorted(nodes, key=lambda node: not any(rules_for(name, node[name], by_key=True) for name in node)):
         source.overlay(node, COMMAND_LINE, by_key=True)
 
 
 def _node(text: str) -> dict[str, Any]:
-    """The setting `text` as nested tables."""
+    """Parse the setting `text` into nested tables."""
     key, equals, value = text.partition("=")
     names = key_names(key.strip())
     if not equals or not key.strip() or len(names) > MAX_DEPTH:
@@ -254,7 +253,7 @@ def _node(text: str) -> dict[str, Any]:
 
 
 def key_names(key: str) -> list[str]:
-    """The names of a dotted key as TOML has it, where one with dots of its own stands in quotes: `a."b.c"`."""
+    """Split a dotted TOML key into names; a name with dots is in quotes: `a."b.c"`."""
     names: list[str] = []
     with contextlib.suppress(InputRefused):
         node: Any = parse_toml(f"{key} = 0", "")
@@ -263,12 +262,12 @@ def key_names(key: str) -> list[str]:
             names.append(name)
         if node == 0:
             return names
-    # no key of TOML: the check of the names refuses them
+    # not a TOML key: it is refused when the names are checked
     return key.split(".")
 
 
 def merge_tables(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
-    """`table` over `base`, tables key by key; neither is changed, nor shares a table with what is returned."""
+    """Return `table` merged over `base`, tables key by key; a deep copy of both."""
     merged = copy.deepcopy(dict(base))
     for key, value in table.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
@@ -277,7 +276,7 @@ def merge_tables(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str,
 
 
 def value_at(tables: Mapping[str, Any], key: str) -> Any:
-    """The value at the dotted `key`; None if there is none."""
+    """Return the value at the dotted `key`; None if missing."""
     node: Any = tables
     for name in key.split("."):
         node = node.get(name) if isinstance(node, Mapping) else None
@@ -285,7 +284,7 @@ def value_at(tables: Mapping[str, Any], key: str) -> Any:
 
 
 def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
-    """The file at `path` and those that it extends, lowest last: (path, tables)."""
+    """Return (path, tables) of the file at `path` and the files that it extends, in that order."""
     chain = [(path, _tables(path))]
     met = {os.path.realpath(path)}
     while (parent := chain[-1][1].pop("extends", None)) is not None:
@@ -293,7 +292,7 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
         if not isinstance(parent, str):
             raise InputRefused(f"{last}: extends = {parent!r}: expected the name of a TOML file")
         following = locate_file(parent, Path(os.path.realpath(last)).parent)
-        # read first: a name that is none has no real path either
+        # read first: an invalid name has no real path either
         tables = _tables(following)
         if os.path.realpath(following) in met:
             raise InputRefused(f"{path}: its files extend each other in a circle; remove one 'extends'")
@@ -305,13 +304,13 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """The tables of the one TOML file at `path`, without those that it extends."""
+    """Read the tables of the single TOML file at `path`, without extended files."""
     return dict(_parse_toml(read_text(path, MAX_TOML_BYTES, "experiment file"), str(path)))
 
 
 @functools.lru_cache(maxsize=64)
 def _parse_toml(text: str, where: str) -> Mapping[str, Any]:
-    """The tables that `text` writes, not to be changed: a sweep reads the same files for each of its runs."""
+    """Parse `text` with a cache, as all runs of a sweep read the same files; the result must not be modified."""
     return parse_toml(text, where)
 
 
@@ -320,8 +319,8 @@ def _freeze_lists(value: Any) -> Any:
 
 
 def toml_value(value: Any) -> str:
-    """A number, truth value, text or array of these as TOML writes it."""
+    """Format a number, boolean, string or array as TOML."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(toml_value, value))}]"
-    # JSON writes numbers and truth values as TOML does, and texts but for DEL, which TOML wants escaped
+    # JSON formats numbers, booleans and strings as TOML does, except for DEL, which TOML requires to be escaped
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""Third-party parts of the robot: tables that name an FMU or a Python class in place of a component of twin."""
+"""Third-party parts of the robot: tables that name an FMU or a Python class in place of twin's component."""
 
 import os
 from collections.abc import Mapping
@@ -48,22 +48,22 @@ class StandIn(Settings):
 
     @property
     def file(self) -> Path:
-        """The FMU, or the file of the class."""
+        """Path of the FMU, or of the file with the class."""
         return Path(self.fmu if self.fmu is not None else (self.python or "").rpartition(":")[0])
 
     @property
     def class_name(self) -> str:
-        """Of a Python class; "" for an FMU."""
+        """Name of the Python class; "" for an FMU."""
         return (self.python or "").rpartition(":")[2]
 
     @property
     def label(self) -> str:
-        """The file, without its folder, and the class."""
+        """File name without its folder, followed by the class."""
         return f"{self.file.name}:{self.class_name}" if self.python else self.file.name
 
 
 class ThirdPartyTable(NamedTuple):
-    """A table of a third-party part: what is said of that, and what of the table still acts."""
+    """A third-party part's table, split into the part's own keys and the retained keys of twin's role."""
 
     stand_in: StandIn | None
     rest: Settings | None
@@ -72,12 +72,12 @@ class ThirdPartyTable(NamedTuple):
 def check_third_party_table(
     declared: DeclaredTables, role: str, table: Mapping[str, Any], folder: Path, mistakes: list[str]
 ) -> ThirdPartyTable:
-    """The table [role], which names an FMU or a class.
+    """Check the table [role], which names an FMU or a class.
 
     Args:
-        declared: what may be said in it where twin's own component has the role.
-        folder: from which files are looked up.
-        mistakes: gets a sentence for each mistake.
+        declared: tables of twin's own components.
+        folder: folder for looking up files.
+        mistakes: list that receives an error message for each error.
     """
     own_keys, model = toml_keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in own_keys}
@@ -102,7 +102,7 @@ def check_third_party_table(
 
 
 def retained_settings(declared: DeclaredTables, role: str, table: Mapping[str, Any]) -> Settings:
-    """What of the checked table [role] of a third-party part still acts."""
+    """Return the retained settings of the checked table [role] of a third-party part."""
     return declared.third_party_model(role).model_validate(
         {key: value for key, value in table.items() if key in RETAINED_KEYS[role]}
     )
@@ -113,11 +113,7 @@ def _file_text(own: Mapping[str, Any]) -> str:
 
 
 def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """`own` with its file as an absolute path, completed from a mapping if it names one.
-
-    Raises:
-        InputRefused: there is no such file.
-    """
+    """Return `own` with an absolute path, completed from a mapping if it names one."""
     table = dict(own)
     if isinstance(python := table.get("python"), str) and ":" in python:
         file, _, name = python.rpartition(":")
@@ -133,6 +129,6 @@ def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any
 
 
 def find_stand_in_table(values: Mapping[str, Any], role: str) -> Mapping[str, Any] | None:
-    """The table [role] of an experiment's values, if it names an FMU or a class."""
+    """Return the table [role] of an experiment's values if it names an FMU or a class, else None."""
     table = values.get(role)
     return table if isinstance(table, Mapping) and names_stand_in(table) else None

@@ -1,6 +1,6 @@
-"""A commented experiment to start from: every table and key, with its meaning, its bounds and a value.
+"""Commented template of an experiment: every table and key, with its meaning, bounds and a value.
 
-Made of the models that check an experiment, so that no key is missing and no key is left that is gone.
+It is generated from the models that check an experiment, so its keys are always complete and current.
 """
 
 import json
@@ -30,9 +30,9 @@ from twin.robot.paths import locate_file
 
 ROBOT_FILE = "robots/massage_robot.toml"
 EXAMPLE_FILES = ("fig4_force_position.toml", "massage.toml")
-"""Where values are taken from for what an experiment does not use."""
+"""Source files of example values for unused tables and keys."""
 EXAMPLE_FAULT = "surface_jump"
-"""The kind of fault that is shown."""
+"""Kind of the example fault."""
 EXAMPLE_CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
 EXAMPLE_MEASURE = {
     "kind": "tracking",
@@ -42,32 +42,33 @@ EXAMPLE_MEASURE = {
     "begin_s": 10.0,
     "until_s": 18.7,
 }
-MODEL_COMMENT = "What the controller believes where it differs from [robot]: any key of it."
+MODEL_COMMENT = "The controller's belief where it differs from [robot]: any key of it."
 TASKS_COMMENT = (
     "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
 )
 THIRD_PARTY_COMMENT = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
-FAULT_COMMENT = "What breaks: docs/faults_reference.md has every kind."
-CHANGE_COMMENT = "What of the controller changes on the way."
-MEASURE_COMMENT = "What twin check measures: docs/regression.md has every kind."
-PLANT_COMMENT = "What is true where it differs from [robot]: any key of it. The controller does not know."
+FAULT_COMMENT = "Faults: docs/faults_reference.md has every kind."
+CHANGE_COMMENT = "Scheduled changes of the controller."
+MEASURE_COMMENT = "Measures of twin check: docs/regression.md has every kind."
+PLANT_COMMENT = "The true robot where it differs from [robot]: any key of it. The controller does not know it."
 
 Table = Mapping[str, Any]
 
 
 def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str:
-    """The text of an experiment that does what the one at `base` does, with all that it could say besides.
+    """Return a commented template: the experiment at `base` plus every other key, commented out.
 
-    What `base` says of other tables than [robot] stands as it is; of [plant], what the robot's file does not say. All
-    else stands behind a "#", with the value that body or robot give it, or its default, or one that would do.
+    Values of `base` in tables other than [robot] are active; of [plant], only values that the robot's file lacks. All
+    other
+    lines begin with "#" and show the value of body or robot, the default, or an example.
 
     Args:
-        declared: what may be said in it.
-        name: of the file it will be.
+        declared: tables that an experiment may have.
+        name: name of the new file.
         base: one of the repository's experiments.
 
     Raises:
-        InputRefused: a file of the repository is not there.
+        InputRefused: a file of the repository is missing.
     """
     own, filled, others = read_source(base), read_source(base), Source()
     fill_from_body(filled, base.parent)
@@ -82,7 +83,7 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
         "# A key's unit is in its name. Lines with # are not set; they show the default, or an example where there is",
         '# none. Any value may be { value = 5.0, source = "where it comes from" }.',
         "",
-        "# the file whose values hold wherever this one says nothing",
+        "# file with values for all keys that this one does not set",
         f'extends = "{ROBOT_FILE}"',
         *page.keys("", TopLevelKeys, own.values, page.origins("")),
     ]
@@ -113,24 +114,24 @@ def commented_experiment(declared: DeclaredTables, name: str, base: Path) -> str
 
 
 class _TemplateWriter:
-    """Writes tables and keys; what is not in use behind a #.
+    """Writer of tables and keys, unused ones commented out.
 
     Args:
-        own: what stands there without a #.
-        nearer, farther: where values of the others are looked up, before and after their default.
+        own: active values.
+        nearer, farther: sources of other values, tried before and after the default.
     """
 
     def __init__(self, own: Source, nearer: Table, farther: Table):
         self._own, self._nearer, self._farther = own, nearer, farther
 
     def origins(self, table: str) -> Table:
-        """The sources of the values in `table`, by key; without those that are only the name of a file."""
+        """Return the sources of the values in `table`, by key, without mere file names."""
         prefix = f"{table}." if table else ""
         found = {k.removeprefix(prefix): text for k, text in self._own.origins.items() if k.startswith(prefix)}
         return {key: text for key, text in found.items() if not text.startswith("set in ")}
 
     def table(self, name: str, model: type[BaseModel]) -> list[str]:
-        """[name] and the tables in it."""
+        """Return the lines of [name] and the tables in it."""
         own = value_at(self._own.values, name)
         mark = "#" if own is None else ""
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
@@ -155,7 +156,7 @@ class _TemplateWriter:
         return lines
 
     def array(self, name: str, models: Mapping[Any, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
-        """The experiment's tables [[name]], each of the model of its kind; if it has none, `others` behind a #."""
+        """Return the lines of the tables [[name]], each by the model of its kind; else of `others`, commented out."""
         lines, own = [], self._own.values.get(name)
         for number, table in enumerate(own or others, start=1):
             origins = self.origins(f"{name}.{number}") if own else {}
@@ -163,7 +164,7 @@ class _TemplateWriter:
         return lines
 
     def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table) -> list[str]:
-        """One table of the array [[name]], all of `values` with the same mark."""
+        """Return the lines of one table of the array [[name]]; all `values` get the same mark."""
         lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]"]
         lines += [f'{mark}kind = "{values["kind"]}"'] if "kind" in values else []
         for key, info in _plain_keys(model).items():
@@ -175,7 +176,7 @@ class _TemplateWriter:
     def keys(
         self, table: str, model: type[BaseModel], own: Table, origins: Table, without: Collection[str] = ()
     ) -> list[str]:
-        """The keys of `model` but for tables and those `without`, each below its meaning."""
+        """Return the lines of `model`'s keys, each below its meaning; without tables and the keys in `without`."""
         lines = []
         for key, info in _plain_keys(model).items():
             if key in without:
@@ -189,7 +190,7 @@ class _TemplateWriter:
 
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The keys of `model` that hold no table."""
+    """Return the fields of `model` that are not tables, by key."""
     return {
         info.alias or field: info
         for field, info in model.model_fields.items()
@@ -198,20 +199,20 @@ def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def _default_or_example(info: FieldInfo) -> Any:
-    """The default of a key, or an example."""
+    """Return the default of a key, or an example."""
     if info.is_required() or info.default is None:
         return (info.examples or [None])[0]
     return info.default
 
 
 def _meaning(info: FieldInfo) -> str:
-    """What a key means and what it may be: `largest command; > 0`."""
+    """Return meaning, bounds and choices of a key: `largest command; > 0`."""
     signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
     bounds = [
         f"{sign} {getattr(bound, name):g}"
         for bound in info.metadata
         for name, sign in signs.items()
-        # 2**63 is no bound for people
+        # 2**63 is a technical bound
         if abs(getattr(bound, name, math.inf)) < 1e18
     ]
     kinds = (info.annotation, *get_args(info.annotation))
@@ -220,7 +221,7 @@ def _meaning(info: FieldInfo) -> str:
 
 
 def _summary(model: type[BaseModel]) -> str:
-    """The first sentence of what is said of a table."""
+    """Return the first sentence of a table's docstring."""
     text = " ".join((model.__doc__ or "").split("\n\n")[0].split())
     return (text.partition(": ")[2] or text).removesuffix(".")
 
@@ -231,14 +232,14 @@ def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
 
 
 def start_experiment(declared: DeclaredTables, file: Path, start: str) -> list[Path]:
-    """Write an experiment to `file` that does what the experiment `start` of those that come with twin does.
+    """Write an experiment to `file` that is equivalent to the shipped experiment `start`.
 
     Returns:
-        The files that were written: `file`, and beside it the JSON Schema if none was there.
+        The written files: `file`, and the JSON Schema beside it if missing.
 
     Raises:
-        InputRefused: `file` exists, or there is no experiment `start`.
-        NotWritten: the disk refuses.
+        InputRefused: `file` exists, or `start` is unknown.
+        NotWritten: the file cannot be written.
     """
     known = known_experiments()
     if start not in known:

@@ -1,7 +1,7 @@
-"""Faults that act together: common causes, and pairs of kinds.
+"""Simultaneous faults: common causes, and pairs of kinds.
 
 A common cause breaks several parts at once: three drives on one bus or driver board, encoders on one supply, springs of
-one batch. A pair are two faults of different components that begin together; the list has one kind for each component.
+one batch. A pair consists of two faults of different components with the same onset, one kind per component.
 """
 
 import re
@@ -20,17 +20,17 @@ from twin.robot.experiment.fault import (
 
 _BOARD_CAUSE, _SUPPLY_CAUSE, _BATCH_CAUSE = "one bus or driver board", "one supply or cable", "one batch or one repair"
 EQUIVALENT_FAULTS = {
-    ("controller", "bus"): "who repeats the last command is the same to the drives",
-    ("motor encoder", "messages"): "what does not arrive cannot be wrong",
-    ("joint encoder", "messages"): "what does not arrive cannot be wrong",
+    ("controller", "bus"): "drives cannot distinguish the two sources of a repeated command",
+    ("motor encoder", "messages"): "missing messages cannot be wrong",
+    ("joint encoder", "messages"): "missing messages cannot be wrong",
 }
-"""Pairs that are one fault."""
+"""Pairs that are equivalent to a single fault."""
 RUNAWAY_KIND = "drive_runaway"
 GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR = "@", "+", "-then-"
-"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`, and
-`sample_loss-then-drive_runaway`, of which the second begins after the trip that the first one causes."""
+"""Separators in names of fault sets: `drive_runaway@all_drives`, `drive_runaway+sample_loss`, and
+`sample_loss-then-drive_runaway`, whose second fault begins after the trip caused by the first."""
 ALL_PREFIX, EACH_PREFIX = "all ", "each "
-"""Of a group that breaks at once: with one magnitude, or each member with a magnitude and a sign of its own."""
+"""Prefixes of a group's name: all members with one magnitude, or each with its own magnitude and sign."""
 AXES = 3
 
 
@@ -38,10 +38,10 @@ class CommonCause(NamedTuple):
     """Several parts that break at once.
 
     Attributes:
-        kind: of the catalogue.
-        target: one of its groups, or a target that all parts hang on.
-        why: what one cause of it is.
-        seen: from which magnitude on the monitor is said to see it, before any run.
+        kind: kind of the catalogue.
+        target: one of its groups, or a target shared by all parts.
+        why: plausible physical cause.
+        threshold: smallest magnitude that the monitor is expected to detect, stated before any run.
     """
 
     kind: str
@@ -81,11 +81,12 @@ COMMON_CAUSES = (
     CommonCause("brown_out", "power", _SUPPLY_CAUSE, DetectionThreshold(0.05, 0.05)),
     CommonCause("power_off", "power", _SUPPLY_CAUSE, ALWAYS_DETECTED),
 )
-"""Which kinds are left out here and in `PAIR_PARTS`, and why: tests/robot/experiment/test_together.py."""
+"""Common causes; tests/robot/experiment/test_together.py lists the kinds omitted here and in `PAIR_PARTS`, with
+reasons."""
 
 
 class PairPart(NamedTuple):
-    """A component and the kind of fault that stands for it in pairs."""
+    """A component, with the fault that represents it in pairs."""
 
     component: str
     kind: str
@@ -106,7 +107,7 @@ PAIR_PARTS = (
     PairPart("power", "brown_out", "power", 0.01),
     PairPart("body", "surface_jump", "contact", 5.0),
 )
-"""Of each component the kind that hides most from the monitor, or presses most before it is seen."""
+"""Per component, the kind that is hidden best from the monitor or presses most before it is detected."""
 
 FAULT_PAIRS = tuple(
     (one, other)
@@ -116,14 +117,14 @@ FAULT_PAIRS = tuple(
 
 
 ALL_DRIVES = PairPart("drives", RUNAWAY_KIND, "all drives", 4.0)
-"""A second fault that presses harder than that of one drive."""
+"""A second fault that presses harder than one drive."""
 ORDERED_PAIRS = tuple(both for pair in FAULT_PAIRS for both in permutations(pair))
 ORDERED_PAIRS += tuple((first, ALL_DRIVES) for first, second in ORDERED_PAIRS if second.kind == RUNAWAY_KIND)
 """Every pair in both orders; where a drive runs away second, all drives do, too."""
 
 
 def expects_detection(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
-    """Whether the monitor is said to see `cause` of one of the catalogue's magnitudes."""
+    """Whether the monitor is expected to detect `cause` at one of the catalogue's magnitudes."""
     start = cause.threshold.contact if in_contact else cause.threshold.free
     magnitudes = FAULT_KINDS[cause.kind].magnitudes
     if start is None or start == ANY_MAGNITUDE or magnitudes is None or magnitude is None:
@@ -133,25 +134,25 @@ def expects_detection(cause: CommonCause, magnitude: float | None, in_contact: b
 
 
 def fault_values(kind: str, target: str, magnitude: float | None, onset: float) -> dict[str, Any]:
-    """The [[fault]] table of it; `onset` in s."""
+    """Return the [[fault]] table of a fault; `onset` in s."""
     key = FAULT_KINDS[kind].magnitude_key
     return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
 
 
 class SetPart(NamedTuple):
-    """One of the faults of a set, and where it may be."""
+    """One of the faults of a set, with its possible targets."""
 
     kind: str
     targets: tuple[str, ...]
 
 
 def parse_fault_set(name: str) -> tuple[SetPart, ...]:
-    """The faults that a set's name says: one kind of the catalogue, a kind of a group, or several kinds.
+    """Parse the name of a fault set: one kind of the catalogue, a kind with a group, or several kinds.
 
-    `drive_runaway@each_drive` are three of them, of `all drives`.
+    `drive_runaway@each_drive` is three faults, of the group `all drives`.
 
     Raises:
-        InputRefused: there is no such kind or group.
+        InputRefused: the kind or group is unknown.
     """
     parts = []
     for text in re.split(f"{re.escape(PAIR_SEPARATOR)}|{SEQUENCE_SEPARATOR}", name):
@@ -172,12 +173,12 @@ def parse_fault_set(name: str) -> tuple[SetPart, ...]:
 
 
 def _each_group_name(group: str) -> str:
-    """`each_drive` of `all drives`."""
+    """Return `each_drive` for `all drives`."""
     return (EACH_PREFIX + group.removeprefix(ALL_PREFIX).removesuffix("s")).replace(" ", "_")
 
 
 def common_names() -> tuple[str, ...]:
-    """Sets of the common causes that are a group; of one with signs besides that in which each axis has its own."""
+    """Return the set names of all common causes with a group, signed ones also with a magnitude for each axis."""
     names = []
     for cause in COMMON_CAUSES:
         known = FAULT_KINDS[cause.kind]
@@ -190,12 +191,12 @@ def common_names() -> tuple[str, ...]:
 
 
 def pair_names() -> tuple[str, ...]:
-    """Sets of the pairs; where a kind is meant at one place it says which."""
+    """Return the set names of all pairs; a kind is followed by its target where that is ambiguous."""
     return tuple(dict.fromkeys(PAIR_SEPARATOR.join(_pair_part_name(part) for part in pair) for pair in FAULT_PAIRS))
 
 
 def ordered_names() -> tuple[str, ...]:
-    """Sets of pairs of which one fault begins after the trip of the other, in both orders."""
+    """Return the set names of pairs whose second fault begins after the trip of the first, in both orders."""
     return tuple(
         dict.fromkeys(SEQUENCE_SEPARATOR.join(_pair_part_name(part) for part in pair) for pair in ORDERED_PAIRS)
     )

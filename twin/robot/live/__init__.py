@@ -1,1 +1,1 @@
-"""Live runs, watched and tuned from Lichtblick or Foxglove (https://foxglove.dev)."""
+"""Live runs, watched and tuned in Lichtblick or Foxglove (https://foxglove.dev)."""

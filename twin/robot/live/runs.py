@@ -1,4 +1,4 @@
-"""The job of `twin run`: experiments in, recordings out, served to viewers with `--live`."""
+"""Job of `twin run`: runs experiments, records them, and serves them to viewers with `--live`."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -44,22 +44,24 @@ def recorded_runs(
     """Run each experiment and record it.
 
     Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.robot.run.Run` and
-    `remarks`, sentences about it} after it.
+    `remarks`,
+    sentences about it} after it.
 
     Args:
-        experiments: files.
-        settings, drive, body: see `load_experiment`, for all of them.
-        out: the folder of the only run; None: <results>/<experiment>/<time>.
-        isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
+        experiments: files or names.
+        settings, drive, body: see `load_experiment`, applied to all of them.
+        out: folder of the only run; None for <results>/<experiment>/<time>.
+        isolate_drives: whether each drive gets its own process, with the timeout `limit_step` (s) for each call.
         factor, viewer: see `execute`.
-        sure: whether runs that take very long or fill the disk are meant.
-        start_from: a run, and perhaps the time (s) of its state behind an @, to go on from; instead of experiments,
-            and with no other setting than duration_s.
+        sure: whether very long runs, and runs that may fill the disk, are confirmed.
+        start_from: run to continue, optionally with @ and the time (s) of its state; replaces experiments, and allows
+            no
+            other setting than duration_s.
 
     Raises:
-        InputRefused: a mistake in any of the experiments, or so much was not confirmed; none has been run.
-        ComponentFailed, RecordingFailed: as `execute`.
-        SafetyTrip: the monitor tripped in one without faults; all have been run.
+        InputRefused: an experiment has errors, or its size is not confirmed; no experiment has been run.
+        ComponentFailed, RecordingFailed: see `execute`.
+        SafetyTrip: the monitor tripped in an experiment without faults; all have been run.
     """
     loaded, state, remarks = [load_experiment(Path(path), settings, drive, body) for path in experiments], None, []
     if start_from is not None:
@@ -74,11 +76,11 @@ def recorded_runs(
             claim_run_folder(Path(out)) if out else create_run_folder(Path(results), experiment.name, datetime.now())
         )
         duration = experiment.duration_ticks * experiment.cosim.tick
-        # absolute: an FMU may change the working directory
+        # absolute, as an FMU may change the working directory
         folder = folder.absolute()
         reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
         try:
-            # here, because a limit is given; without one this is left to `assemble`
+            # created here because a limit is given; otherwise `assemble` decides
             if isolate_drives or need_processes(planned_drives(experiment)):
                 run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer, state)
             else:
@@ -104,14 +106,14 @@ def recorded_runs(
 
 
 def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:
-    """The experiment of `run`, the state to go on from (None: it runs again from the start), and a sentence on which.
+    """Load the experiment of `run`, the state to continue from (None to run from the start), and a remark about it.
 
     Args:
-        run: a recording or its folder, and perhaps the time (s) behind an @ before which the state was taken.
-        settings: "duration_s=..." at most.
+        run: a recording or its folder, optionally with @ and the latest time (s) of the state.
+        settings: empty, or "duration_s=...".
 
     Raises:
-        InputRefused: nothing is left to run, or something else than the end is to be another one.
+        InputRefused: the run is complete, or a setting changes more than its duration.
     """
     path, time = split_time(run)
     recording = recording_in(Path(path))
@@ -120,7 +122,7 @@ def load_continuation(run: str, settings: Sequence[str]) -> tuple[Experiment, St
     experiment = before if duration is None else recorded_experiment(metadata, recording, duration, changed=True)
     state, end = stored_state(recording, time), before.duration_ticks * before.cosim.tick
     if experiment.duration_ticks != before.duration_ticks:
-        # FMUs know when the run ends, and may have made use of it
+        # FMUs know the end of the run, and may have used it
         return experiment, None, f"run again from the start: its FMUs know that it ends at {end:g} s"
     if state is None:
         when = "" if time is None else f" at {time:g} s or before"
@@ -157,7 +159,7 @@ def _with_isolated_drives(
     viewer: Viewer | None,
     state: StoredState | None,
 ) -> Run:
-    # its compiled code takes a while to load
+    # imported here, as its compiled code takes a while to load
     from twin.robot.assembly.isolated_drive import IsolatedDrives
 
     with IsolatedDrives(reporter, limit_step) as drives:
@@ -171,18 +173,18 @@ def _with_isolated_drives(
 
 
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
-    """Run experiments as `recorded_runs` does while viewers watch; each begins when somebody does.
+    """Run experiments like `recorded_runs`, served to viewers; each run begins with its first viewer.
 
-    Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} about a connection that
-    was, meanwhile; the others are those of `recorded_runs`.
+    Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} for a refused connection
+    meanwhile; the others are those of `recorded_runs`.
 
     Args:
         port, origins: see `LiveServer`.
         arguments: of `recorded_runs`.
 
     Raises:
-        InputRefused: websockets is not installed, the port is taken, or an origin is none.
-        TwinError: as `recorded_runs`.
+        InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
+        TwinError: see `recorded_runs`.
     """
     with live_server(
         port,
@@ -194,10 +196,10 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
 
 
 def live_server(port: int, **arguments: Any) -> "LiveServer":
-    """A `LiveServer`, whose arguments these are.
+    """Create a `LiveServer` with these arguments.
 
     Raises:
-        InputRefused: websockets is not installed, the port is taken, or an origin is none.
+        InputRefused: websockets is not installed, the port is taken, or an origin is invalid.
     """
     try:
         from twin.robot.live.server import LiveServer

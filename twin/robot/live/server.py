@@ -1,6 +1,6 @@
-"""The live server: Foxglove's WebSocket protocol on this machine's own address.
+"""Live server: Foxglove's WebSocket protocol on the loopback address.
 
-Each run is broadcast by an event loop in a thread of its own, to which viewers connect.
+Viewers connect to an event loop in a separate thread, one per run.
 """
 
 import asyncio
@@ -31,52 +31,52 @@ from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.topics import SceneSource, Topics
 
 MAX_BACKLOG = 1024
-"""Messages that wait for a viewer that is too slow; after that it loses the oldest."""
+"""Maximum number of messages queued for a slow viewer; then the oldest are dropped."""
 MESSAGE_INTERVAL = 0.02
-"""Wall time (s) from one message of a topic to the next: 50 Hz, below the 60 Hz above which Lichtblick warns."""
+"""Wall time (s) between messages of a topic: 50 Hz, as Lichtblick warns above 60 Hz."""
 READ_ONLY_REFUSAL = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
 MAX_MESSAGE_BYTES = 2**16
-"""Bytes of the largest message that a viewer may send; subscribing to everything takes a thousand."""
+"""Maximum size (bytes) of a viewer's message; subscribing to everything takes a thousand."""
 MAX_VIEWERS = 64
-"""Viewers that there may be at the same time."""
+"""Maximum number of simultaneous viewers."""
 MAX_REFUSALS = 5
-"""Connections whose refusal is printed; a page that tries again and again shall not fill it."""
+"""Maximum number of printed refusals, so that a page that keeps reconnecting does not flood the terminal."""
 CLOSE_TIMEOUT = 2.0
-"""Longest time (s) to send what has been published when the run is over; after that connections are cut."""
+"""Timeout (s) for sending queued messages at the end of a run; then connections are cut."""
 SHUTDOWN_TIMEOUT = 3 * CLOSE_TIMEOUT
-"""Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
-# a viewer learns itself what it does wrong; here it would only look like a failure of the run
+"""Timeout (s) for the server's thread to end after a run."""
+# viewers are informed of their errors; logged here, they would look like failures of the run
 _SILENT_LOGGER = logging.getLogger("twin.robot.live")
 
 
 class Parameters(Protocol):
-    """What viewers may change, of `twin.robot.run.tuning.Tuning` say; called by the server's thread."""
+    """Interface of parameters that viewers may change, such as `Tuning`; called by the server's thread."""
 
     def values(self) -> Mapping[str, bool | float | str]:
-        """All of them, by name."""
+        """Return all parameters by name."""
 
     def request(self, name: str, value: object, /) -> None:
-        """Ask for a new `value` of one.
+        """Request a new `value` of a parameter.
 
         Raises:
-            InputRefused: there is no such parameter, or it cannot be that.
+            InputRefused: the parameter is unknown, or its value is invalid.
         """
 
 
 class Client:
-    """Lives in the server's event loop.
+    """One viewer's connection, within the server's event loop.
 
     Args:
-        connection: to the viewer.
+        connection: WebSocket connection.
         may_tune: whether it may change parameters.
-        channels: by their numbers.
-        tuning: of the run.
-        subscribed: called when its subscriptions have changed, with whether there are more of them.
-        changed: called with the parameters that it has asked to change.
+        channels: channels by number.
+        tuning: parameters of the run.
+        subscribed: called with True when it has subscribed, False when it has unsubscribed.
+        changed: called with the names of the parameters that it requested to change.
 
     Attributes:
-        subscriptions: by channel, the number that the viewer has given it.
-        lacking: those of them that never change and of which it has been handed nothing yet.
+        subscriptions: the viewer's subscription id, by channel.
+        lacking: subscribed constant channels whose message has not been sent yet.
     """
 
     def __init__(
@@ -93,18 +93,18 @@ class Client:
         self._connection, self._may_tune, self._channels = connection, may_tune, channels
         self._tuning, self._on_subscription, self._on_change = tuning, subscribed, changed
         self._follows: set[str] = set()
-        # what comes only once must not be among what gets lost
+        # messages of constant channels are sent once, so they must not be dropped with a full queue
         self._once: dict[int, bytes] = {}
         self._waiting: deque[str | bytes | None] = deque(maxlen=MAX_BACKLOG)
         self._ready = asyncio.Event()
         self._sending = asyncio.create_task(self._send())
 
     async def serve(self, greeting: Sequence[str]) -> None:
-        """Say the `greeting`, then answer until it leaves."""
+        """Send the `greeting`, then answer requests until the viewer disconnects."""
         try:
             for message in greeting:
                 await self._connection.send(message)
-            # answers are waited for, so a viewer that does not read them is not heard any more
+            # each answer is awaited, so serving stops for a viewer that stops reading
             async for frame in self._connection:
                 for answer in self._answers(frame):
                     await self._connection.send(answer)
@@ -114,7 +114,7 @@ class Client:
             self._sending.cancel()
 
     def send_messages(self, time: int, messages: Sequence[live.Message]) -> None:
-        """Send it the simulated `time` (ns), and what it has subscribed to of `messages`."""
+        """Queue the simulated `time` (ns) and the subscribed ones of `messages`."""
         found, sent = self.subscriptions, [live.time_message(time)]
         for message in messages:
             if message.channel in self.lacking:
@@ -125,17 +125,17 @@ class Client:
         self._enqueue(*sent)
 
     def send_parameters(self, names: Sequence[str]) -> None:
-        """Send it what has become of those of the parameters `names` that it follows."""
+        """Queue the values of the changed parameters `names` that the viewer follows."""
         if wanted := self._follows.intersection(names):
             self._enqueue(protocol.parameter_values(self._values(wanted)))
 
     async def drain_and_close(self, patience: float) -> None:
-        """Send what is waiting and say goodbye; after `patience` (s) it is left as it is."""
+        """Send queued messages and close the connection; give up after `patience` (s)."""
         self._enqueue(None)
         await asyncio.wait([self._sending], timeout=patience)
 
     def cut_off(self) -> None:
-        """End the connection; what was not sent is lost. Everything that waits for the viewer ends with it."""
+        """Abort the connection and drop unsent messages; all pending sends end."""
         self._connection.transport.abort()
 
     def _enqueue(self, *messages: str | bytes | None) -> None:
@@ -199,7 +199,7 @@ class Client:
         return answers
 
     def _set_parameters(self, asked: protocol.SetParameters) -> list[str]:
-        """What the answer says of a refused one is the value that it keeps."""
+        """Request changes and return the answers; for a refused parameter the answer has its current value."""
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
             for wish in asked.parameters:
@@ -215,29 +215,29 @@ class Client:
         return answers
 
     def _values(self, names: Collection[str]) -> dict[str, bool | float | str]:
-        """Of those of `names` that there are; of all if there are no names."""
+        """Values of the parameters in `names` that exist; of all if `names` is empty."""
         return {name: value for name, value in self._tuning.values().items() if name in names or not names}
 
 
 _SILENT_LOGGER.setLevel(logging.CRITICAL + 1)
-# asyncio's own warning that a viewer has vanished while several of its pings were answered at once
+# asyncio's own warning that a viewer disconnected while several of its pings were answered at once
 logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send() raised exception.")
 
 
 class Broadcast:
-    """Listens as soon as it is made.
+    """The server of one run, in a thread; it listens once constructed.
 
     Args:
-        port: to listen at.
-        gate: asked about every connection.
-        channels: what can be subscribed to.
-        tuning: of the run.
+        port: port to listen on.
+        gate: access check for every connection.
+        channels: available channels.
+        tuning: parameters of the run.
 
     Attributes:
-        port: at which it listens.
-        news: sentences about connections that were refused; None as soon as somebody has subscribed to something.
-        wanted: channels that somebody has subscribed to.
-        lacking: those of them that never change and of which somebody has nothing yet.
+        port: actual port.
+        news: messages about refused connections; None marks the first subscription.
+        wanted: channels with a subscriber.
+        lacking: constant channels whose message a subscriber still lacks.
 
     Raises:
         OSError: the port is taken.
@@ -260,30 +260,31 @@ class Broadcast:
         self._loop = self._started.result()
 
     def publish(self, time: int, messages: Sequence[live.Message]) -> None:
-        """Send every viewer the simulated `time` (ns), and what it has subscribed to of `messages`."""
+        """Send every viewer the simulated `time` (ns) and its subscribed ones of `messages`."""
         self._loop.call_soon_threadsafe(self._send_messages, time, messages)
 
     def send_parameters(self, names: Sequence[str]) -> None:
-        """Send every viewer those of the parameters `names` that it follows."""
+        """Send every viewer the values of the parameters in `names` that it follows."""
         self._loop.call_soon_threadsafe(self._on_change, names)
 
     def close(self) -> None:
-        """Send what has been published, say goodbye to every viewer and let go of the port; at most `SHUTDOWN_TIMEOUT` s."""
-        # it may have ended before
+        """Send queued messages, close all connections and release the port, within `SHUTDOWN_TIMEOUT` s."""
+        # the event loop may have ended before
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._over.set)
         self._thread.join(SHUTDOWN_TIMEOUT)
 
     async def _serve(self) -> None:
         try:
-            # no context manager: its end waits for viewers that do not read
+            # not as a context manager, whose exit waits for viewers that do not read
             server = await serve(
                 self._serve_client,
                 LOOPBACK_HOST,
                 self.port,
                 subprotocols=live.SUBPROTOCOLS,
                 process_request=self._admit,
-                # a small message that unpacks into a large one, and work for the thread that steps
+                # compressed, a small message could expand to a large one, and compression costs the stepping thread
+                # time
                 compression=None,
                 max_size=MAX_MESSAGE_BYTES,
                 close_timeout=CLOSE_TIMEOUT,
@@ -295,17 +296,17 @@ class Broadcast:
         self.port = next(iter(server.sockets)).getsockname()[1]
         self._started.set_result(asyncio.get_running_loop())
         await self._over.wait()
-        # who comes from now on is not let in
+        # new connections are refused from now on
         server.close(close_connections=False)
         await asyncio.gather(*(client.drain_and_close(CLOSE_TIMEOUT) for client in self._clients))
         for client in self._clients:
             client.cut_off()
-        # for connections that have not said yet what they want; whatever still waits then is cancelled with the loop
+        # for connections without a request yet; remaining ones are cancelled with the loop
         with suppress(TimeoutError):
             await asyncio.wait_for(server.wait_closed(), CLOSE_TIMEOUT)
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
-        """None if the connection may be made."""
+        """Return an HTTP error for a refused connection; None to accept it."""
         if refusal := self._gate.refusal(request.headers):
             if refusal not in self._refused and len(self._refused) < MAX_REFUSALS:
                 self._refused.add(refusal)
@@ -321,7 +322,7 @@ class Broadcast:
         client = Client(connection, knows is True, self._channels, self._tuning, self._on_subscription, self._on_change)
         greeting = list(self._greeting)
         if knows is False:
-            greeting.append(live.status(live.Level.WARNING, "the token is not that of this run: watching only"))
+            greeting.append(live.status(live.Level.WARNING, "the token belongs to another run: watching only"))
         self._clients.add(client)
         try:
             await client.serve(greeting)
@@ -351,20 +352,20 @@ class Broadcast:
 
 
 class LiveServer:
-    """A `twin.robot.run.watch.Viewer`; a context manager at whose exit what was published has been sent.
+    """A `twin.robot.run.viewer.Viewer` that serves runs; a context manager whose exit sends all published messages.
 
-    Each run is a broadcast of its own at the same port, with the same token. Viewers come back by themselves, and
-    before the first run the port is held by a socket that does not listen.
+    Each run is a separate broadcast at the same port, with the same token. Viewers reconnect by themselves; before the
+    first run a socket that does not listen reserves the port.
 
     Args:
-        port: to listen at; 0: any that is free.
+        port: port to listen on; 0 for any free one.
         announce: called with the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits for its first viewer.
-        warn: called with a sentence about connections that are refused.
+        warn: called with a message about refused connections.
         origins: see `viewer_policy`.
-        waits: whether a run begins with its first viewer; a robot does not wait for one.
+        waits: whether a run waits for its first viewer; a real robot does not.
 
     Raises:
-        InputRefused: the port is taken, or one of `origins` is none.
+        InputRefused: the port is taken, or one of `origins` is invalid.
     """
 
     def __init__(
@@ -378,7 +379,7 @@ class LiveServer:
         self._announce, self._warn, self._gate, self._waits = announce, warn, Gate(viewer_policy(origins)), waits
         self._held = socket.socket()
         if os.name == "posix":
-            # what is left of viewers of a session before must not hold up the next one for a minute
+            # connections of a previous session must not block the port for a minute
             self._held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._held.bind((LOOPBACK_HOST, port))
@@ -396,10 +397,10 @@ class LiveServer:
         self._close_broadcast()
 
     def begin(self, streams: Sequence[RowStream], scene: SceneSource, tick: float, tuning: Parameters) -> None:
-        """Serve a run; if it waits, until somebody has subscribed to one of the topics.
+        """Serve a run and, if required, wait for its first subscription.
 
         Raises:
-            InputRefused: somebody has taken the port in the meantime.
+            InputRefused: the port has been taken in the meantime.
         """
         self._held.close()
         self._close_broadcast()
@@ -416,7 +417,7 @@ class LiveServer:
         self._active = broadcast, Publisher(topics, broadcast)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Hand the first row of the run, the newest one and every event to the publisher."""
+        """Pass the first row of the run, the newest one and every event to the publisher."""
         if self._active and self._active[1]:
             if len(rows):
                 self._active[1].add_rows(first, rows, events)
@@ -426,7 +427,7 @@ class LiveServer:
                     self._warn(refusal)
 
     def send_parameters(self, names: Sequence[str]) -> None:
-        """The parameters `names` have changed, and not by a viewer."""
+        """Send the values of the parameters `names`, which changed without a viewer's request."""
         if self._active:
             self._active[0].send_parameters(names)
 
@@ -444,15 +445,16 @@ def _refusal(port: int, problem: Exception) -> InputRefused:
 
 
 class Publisher:
-    """Publishes the rows of one run while it goes on; begins at once.
+    """Publisher of one run's rows, in a thread that starts at once.
 
-    The thread that steps only leaves its newest row here; a thread of this class takes it away from time to time,
-    whatever the pace of the run. Making the messages in the thread that steps would cost that one much more, and more
-    often. The first row of all is published however fast the run goes on: viewers for whom it waited see its beginning.
+    The stepping thread only stores its newest row here; this thread fetches it periodically, independent of the run's
+    pace.
+    Encoding messages in the stepping thread would cost it much more time. The first row is always published, so that
+    waiting viewers see the beginning of a fast run.
 
     Args:
-        topics: of the run.
-        broadcast: takes their messages.
+        topics: encoder of the run's messages.
+        broadcast: receives the messages.
     """
 
     def __init__(self, topics: Topics, broadcast: Broadcast):
@@ -466,12 +468,12 @@ class Publisher:
         self._thread.start()
 
     def add_rows(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """What has happened, and `rows` from tick `first` on. Of them the last one counts, until the next call."""
+        """Queue `events`, and store the last of `rows`, which begin at tick `first`, as the newest row."""
         if events:
             self._happened.extend(events)
         if self._first is None:
             self._first = (first, rows[0].copy())
-        # one assignment, so the other thread sees either the old pair or the new one
+        # one assignment is atomic, so the other thread sees either the old pair or the new one
         self._newest = (first + len(rows) - 1, rows[-1].copy())
 
     def finish(self) -> None:
@@ -490,7 +492,7 @@ class Publisher:
             return
         if self._first is not None and self._published < 0:
             self._send(*self._first, [])
-        # something may happen to a robot of which no sample comes
+        # a robot without new samples may still have events
         if newest[0] > self._published or self._happened:
             self._send(*newest, [self._happened.popleft() for _ in range(len(self._happened))])
 

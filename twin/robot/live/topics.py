@@ -1,4 +1,4 @@
-"""What viewers are sent of a run: its rows as messages of topics, and what is drawn of them."""
+"""Messages of a run for viewers: its rows as topics, its drawings, its events."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
@@ -23,24 +23,24 @@ from twin.robot.scene import Drawing
 
 
 class SceneSource(Protocol):
-    """What draws rows for a viewer, such as `twin.robot.scene.Scene`."""
+    """Interface of a drawing for a viewer, such as `twin.robot.scene.Scene`."""
 
     @property
     def forms(self) -> Sequence[MessageForm]:
-        """What its drawings are written as."""
+        """Message forms of its drawings."""
 
     def drawings(self, first: int, rows: np.ndarray, /) -> Iterable[Drawing]:
-        """Of `rows` (n, width), the first of which is tick `first`; all there is at tick 0."""
+        """Return the drawings of `rows` (n, width), whose first tick is `first`; at tick 0 everything is drawn."""
 
 
 class Topics:
-    """Names, schemas and units are those of the recording.
+    """Channels of a run and their messages; with the names, schemas and units of the recording.
 
     Args:
-        streams, scene, tick: see `twin.robot.run.watch.Viewer.begin`.
+        streams, scene, tick: see `twin.robot.run.viewer.Viewer.begin`.
 
     Attributes:
-        channels: the streams in their order, those of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
+        channels: channels of the streams, in order, of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
     """
 
     def __init__(self, streams: Sequence[RowStream], scene: SceneSource, tick: float):
@@ -57,28 +57,28 @@ class Topics:
         self._drawn = {self._numbers[name] for name in self._layouts}
 
     def time(self, tick: int) -> int:
-        """Simulated time of `tick` (ns) as in the recording, which begins at 0."""
+        """Return the simulated time of `tick` (ns); like the recording it starts at 0."""
         return round(tick * (self._tick * NS_PER_S))
 
     def messages(
         self, tick: int, row: np.ndarray, events: Sequence[TickEvent], wanted: frozenset[int], lacking: frozenset[int]
     ) -> Iterator[Message]:
-        """Of what has happened, and of the `row` of `tick`.
+        """Yield messages of the events and of the `row` of `tick`.
 
         Args:
-            wanted: channels that anybody has subscribed to; nothing is drawn in vain.
-            lacking: constant channels that are to be sent.
+            wanted: channels with a subscriber, as unseen drawings are skipped.
+            lacking: constant channels to send.
         """
         for event in events:
             time = self.time(event.tick)
             yield Message(self._numbers[EVENTS_TOPIC], time, log_message(time, event.level, event.text, event.source))
         time = self.time(tick)
-        # sampled outputs stay valid until the next sample, so all of the row is what is valid now
+        # sampled outputs stay valid until the next sample, so the whole row is valid now
         for channel, content in zip(self.channels, self._encoder.messages(row), strict=False):
             yield Message(channel.number, time, content)
         if wanted.isdisjoint(self._drawn):
             return
-        # tick 0 is one at which everything is drawn
+        # at tick 0 everything is drawn
         for name, _, rows in self._scene.drawings(0, row[None, :]):
             if rows.shape[1] > 0 or self._numbers[name] in lacking:
                 record = form_records(self._layouts[name], np.array([time]), 0, rows)
@@ -86,11 +86,13 @@ class Topics:
 
 
 class MessageEncoder:
-    """The newest row of all `streams` as protobuf messages, all of them at once.
+    """Encoder of one row of all `streams` as protobuf messages.
 
-    The layout is the recording's: every number has its place in the bytes of its message (`recording/messages.py`). So
-    the messages of all topics stand in one buffer, and a row is copied into it by three assignments, one for each kind
-    of number, however many topics and fields there are.
+    The layout is the recording's: every number has a fixed place in its message (`recording/messages.py`). So all
+    messages
+    share one buffer, and a row is copied into it by three assignments, one per kind of number, independent of the
+    number of
+    topics and fields.
     """
 
     def __init__(self, streams: Sequence[RowStream]):
@@ -116,7 +118,7 @@ class MessageEncoder:
         self._places = {kind: np.array(found, dtype=np.intp) for kind, found in places.items()}
 
     def messages(self, row: np.ndarray) -> Iterator[bytes]:
-        """The message of each stream at `row`, (width of the system's outputs,) float64."""
+        """Return the message of each stream at `row`, (width of the system's outputs,) float64."""
         for kind, columns in self._columns.items():
             self._bytes[self._places[kind]] = row[columns].astype(VALUE_TYPES[kind]).view(np.uint8)
         content = self._bytes.tobytes()

@@ -39,7 +39,7 @@ AXIS = np.array([[-s for s in LEG_SIN], LEG_COS, (0.0, 0.0, 0.0)]).T
 The short sides of the parallelogram, at A_i and at P_i, stay parallel to it.
 """
 MAX_SERIES_SINE = 1.0 / 64.0
-"""Sine of the largest turn from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
+"""Maximum sine of the rotation from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
 NO_ANCHOR = np.full((3, 3), np.nan)
 """Anchors that no pose is near."""
 
@@ -65,7 +65,7 @@ class Geometry(NamedTuple):
 
 @njit(cache=True)
 def leg_coordinates(geometry, leg, x, y):
-    """Where P_i stands horizontally in leg i's own plane, for the platform at (x, y): ``(u, w)`` in m.
+    """Horizontal coordinates ``(u, w)`` in m of P_i in leg i's own plane, for the platform at (x, y).
 
     u_i = p_x cos(phi_i) + p_y sin(phi_i) - (a - b) is the distance from B_i to P_i along the leg's outward
     direction, w_i = -p_x sin(phi_i) + p_y cos(phi_i) the distance out of the plane in which the
@@ -76,13 +76,13 @@ def leg_coordinates(geometry, leg, x, y):
 
 @njit(cache=True, forceinline=True)
 def legs():
-    """cos(phi_i) and sin(phi_i) of all legs, `compiled.lanes`."""
+    """Cosines and sines of phi_i for all legs, as `compiled.lanes`."""
     return three(LEG_COS[0], LEG_COS[1], LEG_COS[2]), three(LEG_SIN[0], LEG_SIN[1], LEG_SIN[2])
 
 
 @njit(cache=True, forceinline=True)
 def coordinates_along(geometry, C, S, x, y):
-    """As `leg_coordinates`, of the leg with cos(phi_i) = `C` and sin(phi_i) = `S`."""
+    """Horizontal coordinates (u, w) in m of P_i for the leg with cos(phi_i) = `C` and sin(phi_i) = `S`."""
     u = x * C + y * S - (geometry.a - geometry.b)
     w = -x * S + y * C
     return u, w
@@ -105,7 +105,7 @@ def distal_link(geometry, leg, cos_theta, sin_theta, x, y, z):
 
 
 class Model(Settings):
-    """What both the robot's maker and its controller know of a robot: Fig. 2, Eq. 18-20, the encoders."""
+    """Robot properties known to both maker and controller: Fig. 2, Eq. 18-20, the encoders."""
 
     a: float = setting("mm", gt=0, help="radius of the base triangle, Fig. 2")
     b: float = setting("mm", gt=0, help="radius of the platform triangle, Fig. 2")
@@ -128,12 +128,12 @@ class Model(Settings):
 
 
 def geometry_of(model: Model) -> Geometry:
-    """Fig. 2 as `model` has it."""
+    """Return the lengths of Fig. 2 of `model`."""
     return Geometry(model.a, model.b, model.l_a, model.l_b)
 
 
 def triples(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """The argument as a float array of shape (..., 3).
+    """Convert an argument to a float array of shape (..., 3).
 
     Raises:
         InputRefused: the last axis is not 3 long, or a number is not finite.
@@ -148,7 +148,7 @@ def triples(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def place(array: NDArray[np.float64], row: int) -> str:
-    """Index of a flattened row of a (..., 3) array, written ``[i, j]``; empty where there is only one row."""
+    """Format the index of a flattened row of a (..., 3) array as ``[i, j]``; "" for a single row."""
     if array.ndim == 1:
         return ""
     return str([int(i) for i in np.unravel_index(row, array.shape[:-1])])
@@ -169,7 +169,7 @@ class Skeleton(NamedTuple):
 
 
 def skeleton(geometry: Geometry, theta_l: ArrayLike, p_B: ArrayLike) -> Skeleton:
-    """Joints of the legs for joint angles and the platform position that goes with them.
+    """Joints of the legs for joint angles and the corresponding platform position.
 
     Args:
         geometry: lengths of Fig. 2.
@@ -206,7 +206,7 @@ def leg_vectors(geometry, leg, x, y, z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def links(geometry, u, w, z):
-    """As `leg_vectors`, of a leg whose P_i stands at (u, w, z), or of three, u and w being `compiled.lanes` then."""
+    """Knee and distal link, as `leg_vectors`, of a leg with P_i at (u, w, z); three legs if u and w are lanes."""
     l_a, l_b = geometry.l_a, geometry.l_b
     square = u * u + z * z
     g = (square + w * w + (l_a * l_a - l_b * l_b)) * (0.5 / l_a)
@@ -218,7 +218,7 @@ def links(geometry, u, w, z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
-    """How a joint moves with the platform, in the leg's own frame: ``(j_r, j_w, j_z, omega_l, kappa)``.
+    """Motion of a joint with the platform, in the leg's own frame: ``(j_r, j_w, j_z, omega_l, kappa)``.
 
     (j_r, j_w, j_z) = s / (s . d) is the row of J = d theta_l / d p in rad/m, omega_l the joint's speed in rad/s, and
     kappa its acceleration in rad/s^2 while the platform moves at constant velocity, (dJ/dt) v. The second time
@@ -227,8 +227,8 @@ def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
         (v - d omega) . (v - d omega) - (s . d') omega^2 - (s . d) kappa = 0.
 
     Args:
-        geometry, k_r, k_z, r, w, h, q: of :func:`leg_vectors`; of three legs they are `compiled.lanes`, and so are
-        v_r, v_w, v_z: velocity of the platform in m/s.
+        geometry, k_r, k_z, r, w, h, q: see :func:`leg_vectors`; `compiled.lanes` for three legs at once.
+        v_r, v_w, v_z: velocity of the platform in m/s, likewise.
     """
     share = 1.0 / geometry.l_a / q
     j_r, j_w, j_z = r * share, w * share, h * share
@@ -245,7 +245,7 @@ def angle_near(anchors, leg, k_r, k_z):
     Args:
         anchors: an angle of each leg, and its cosine and sine divided by l_a, (3, 3); see :func:`move_anchor`.
         leg: 0, 1 or 2.
-        k_r, k_z: of :func:`leg_vectors`.
+        k_r, k_z: knee position in m, see :func:`leg_vectors`.
     """
     turned = _turn_sine(anchors[leg, 1], anchors[leg, 2], k_r, k_z)
     if not abs(turned) < MAX_SERIES_SINE:
@@ -255,7 +255,7 @@ def angle_near(anchors, leg, k_r, k_z):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def angles_near(anchors, k_r, k_z):
-    """As :func:`angle_near` of all three legs, `compiled.lanes`."""
+    """Joint angles in rad of all three legs, as `compiled.lanes`; see :func:`angle_near`."""
     a = anchors
     turned = _turn_sine(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
     if abs(turned[0]) < MAX_SERIES_SINE and abs(turned[1]) < MAX_SERIES_SINE and abs(turned[2]) < MAX_SERIES_SINE:
@@ -268,9 +268,9 @@ def angles_near(anchors, k_r, k_z):
 
 @njit(cache=True, error_model="numpy")
 def move_anchor(geometry, anchors, leg, k_r, k_z):
-    """Make the anchor of a leg the pose with its knee at (k_r, k_z), if it is not near any more.
+    """Move the anchor of a leg to the pose with its knee at (k_r, k_z), unless it is still near.
 
-    It is not moved each time: an angle would gather the rounding of all those before it.
+    It is not moved at every call, because the angle would accumulate rounding errors.
     """
     if not abs(_turn_sine(anchors[leg, 1], anchors[leg, 2], k_r, k_z)) < 0.5 * MAX_SERIES_SINE:
         anchors[leg, 0] = math.atan2(-k_z, k_r)

@@ -1,15 +1,7 @@
 """Kinematics, Eq. 7-17: joint angles, platform position, Jacobian, singularities.
 
-Where the robot loses a motion or a force, measured from its Jacobian without units.
-
-With e_i = A_iP_i / l_b the Jacobian is J = diag(1/(l_a sine_i)) [e_1 e_2 e_3]^T, so
-det J^-1 = l_a^3 sine_1 sine_2 sine_3 / det[e_1 e_2 e_3]. The numerator vanishes at a serial singularity: a
-leg is stretched or folded, at the edge of the workspace. The denominator vanishes at a parallel singularity:
-the distal links lie in one plane and the platform gives way along its normal although the joints are held.
-
-Inverse position kinematics, Eq. 7-12: platform position to joint angles.
-
-Eq. 7 for one leg is E cos(theta) + F sin(theta) + G = 0 (Eq. 8) with the coefficients the paper leaves out,
+The inverse position kinematics, Eq. 7-12, give joint angles from the platform position. Eq. 7 for one leg is
+E cos(theta) + F sin(theta) + G = 0 (Eq. 8) with the coefficients the paper leaves out,
 
     E = -2 l_a u,  F = 2 l_a p_z,  G = u^2 + w^2 + p_z^2 + l_a^2 - l_b^2,
 
@@ -18,21 +10,22 @@ t = (-F -+ sqrt(D))/(G - E) = (G + E)/(-F +- sqrt(D)). Eq. 11 prints the first f
 outward knee where G = E; the second form divides by a sum of two positive numbers, because p_z < 0 makes
 F < 0. For the inward knee the first form is the one without cancellation.
 
-Forward position kinematics, Eq. 13-17: joint angles to platform position.
+The forward position kinematics, Eq. 13-17, give the platform position from joint angles. The platform centre is the
+point at distance l_b from the three virtual sphere centres A_iv (Eq. 15, 16). Eq. 17 eliminates x and z in favour of y,
+which divides by zero where theta_1 = theta_2 = theta_3: the home pose. Here the point is found without choosing a
+coordinate: it lies on the normal of the centres' triangle through its circumcentre. There are two intersections,
+mirrored through the triangle's plane, and the robot is at the one below; "below" follows the triangle if it turns over,
+because the robot cannot pass through its plane, a parallel singularity.
 
-The platform centre is the point at distance l_b from the three virtual sphere centres A_iv (Eq. 15, 16).
-Eq. 17 eliminates x and z in favour of y, which divides by zero where theta_1 = theta_2 = theta_3: the home
-pose. Here the point is found without choosing a coordinate: it lies on the normal of the centres' triangle
-through its circumcentre. Of the two intersections, mirrored through the triangle's plane, the robot is at the
-one below; "below" follows the triangle if it turns over, because the robot cannot pass through its plane, a
-parallel singularity.
+The Jacobian is J = d theta_l / d p_B. The time derivative of Eq. 7, s_i . (v - d_i dtheta_i/dt) = 0 with s_i = A_iP_i,
+d_i = dA_i/dtheta_i and v = dp_B/dt, gives row i of J as s_i^T / (s_i . d_i). The denominator is +sqrt(D)/2 with the
+knee outward (D of Eq. 11), -sqrt(D)/2 with the knee inward; where it vanishes the leg is stretched or folded: the
+serial singularity, which is the edge of the workspace.
 
-The Jacobian J = d theta_l / d p_B.
-
-The time derivative of Eq. 7, s_i . (v - d_i dtheta_i/dt) = 0 with s_i = A_iP_i, d_i = dA_i/dtheta_i and
-v = dp_B/dt, gives row i of J as s_i^T / (s_i . d_i). The denominator is +sqrt(D)/2 with the knee outward
-(D of Eq. 11), -sqrt(D)/2 with the knee inward; where it vanishes the leg is stretched or folded: the serial
-singularity, which is the edge of the workspace.
+The distance to singularities is measured from the Jacobian without units. With e_i = A_iP_i / l_b the Jacobian is
+J = diag(1/(l_a sine_i)) [e_1 e_2 e_3]^T, so det J^-1 = l_a^3 sine_1 sine_2 sine_3 / det[e_1 e_2 e_3]. The numerator
+vanishes at a serial singularity. The denominator vanishes at a parallel singularity: the distal links lie in one plane
+and the platform yields along its normal although the joints are held.
 """
 
 import math
@@ -225,7 +218,7 @@ def joint_angles(
 
 
 def distal_length_range(geometry: Geometry, leg: int, p_B: ArrayLike) -> NDArray[np.float64]:
-    """Shortest and longest distal link in m with which leg i could hold the platform at p_B, shape (2, ...).
+    """Shortest and longest possible distal link in m of leg i for a platform at p_B, shape (2, ...).
 
     A_i runs on a circle of radius l_a about B_i, P_i stands rho = sqrt(u^2 + p_z^2) from B_i in that circle's
     plane and w out of it, so its distances to the circle span sqrt((rho -+ l_a)^2 + w^2). In these terms the
@@ -296,8 +289,8 @@ def circumcentre(geometry, theta_1, theta_2, theta_3):
 def platform_position(geometry, theta_1, theta_2, theta_3):
     """Platform position p_B in m, Eq. 16: ``(x, y, z)``.
 
-    Of the two intersections the one against the normal of the sphere centres, like the home pose; NaN
-    where the three spheres of radius l_b do not meet.
+    The solution is the intersection against the normal of the sphere centres, like the home pose; NaN where the three
+    spheres of radius l_b do not meet.
 
     Args:
         geometry: a :class:`~twin.robot.mechanism.geometry.Geometry` or a record with its attributes.

@@ -1,19 +1,16 @@
 """Statics, Eq. 18-27: springs, the robot's own weight, and the force between the end-effector and its environment.
 
-Series elastic actuator: motor, spring, belt, load (Fig. 3 A), Eq. 18-20.
+The series elastic actuator consists of motor, spring, belt and load (Fig. 3 A), Eq. 18-20. The spring is between motor
+and belt, so d = theta_m - N theta_l is its deflection on the motor's side.
 
-The spring sits between motor and belt, so d = theta_m - N theta_l is its deflection on the motor's side.
+The paper's statics neglect the robot's own weight and inertia. All rods are uniform, so the weight of a distal rod pair
+acts half at A_i and half at the platform; its inertia is in `plant.dynamics`. Positive theta_l lowers the arm, so its
+weight is a positive torque.
 
-The robot's own weight and inertia, which the paper's statics leave out.
-
-All rods are uniform, so the weight of a distal rod pair hangs half at A_i and half at the platform; what its inertia
-does is in `plant.dynamics`. Positive theta_l lowers the arm, so its weight is a positive torque.
-
-Static force analysis, Eq. 21-27: load torques to the force of the end-effector and back.
-
-The paper's route, leg by leg in the leg's own frame O_i, whose x axis is the joint's axis and whose -y axis
-is the leg's outward direction. Two corrections to the print: a vector enters O_i by the rotation that Eq. 23
-prints for the other leg, and what Eq. 26 rotates back is the force vector F_Ai e_i, not its magnitude.
+Eq. 21-27 convert load torques to the force of the end-effector and back, leg by leg in the leg's own frame O_i, whose x
+axis is the joint's axis and whose -y axis is the leg's outward direction. Two corrections to the print: a vector enters
+O_i by the rotation that Eq. 23 prints for the other leg, and Eq. 26 rotates back the force vector F_Ai e_i, not its
+magnitude.
 """
 
 import math
@@ -98,7 +95,7 @@ class Masses(NamedTuple):
         m_a: one proximal rod.
         m_b: the two rods of one distal link together.
         m_p: platform.
-        I_r: what turns with one proximal link besides the rod: pulley and encoder, about the joint axis.
+        I_r: inertia of pulley and encoder about the joint axis, without the rod.
     """
 
     m_a: float
@@ -109,7 +106,7 @@ class Masses(NamedTuple):
 
 @njit(cache=True)
 def arm_gravity_torque(geometry, masses, theta):
-    """Torque in N m with which one arm's weight turns its joint: (m_a/2 + m_b/2) g l_a cos(theta)."""
+    """Torque in N m of one arm's weight on its joint: (m_a/2 + m_b/2) g l_a cos(theta)."""
     return arm_weight(masses) * geometry.l_a * math.cos(theta)
 
 
@@ -258,7 +255,7 @@ def end_effector_force(geometry: Geometry, theta_l: ArrayLike, tau_l: ArrayLike)
 
 
 def joint_torques(geometry: Geometry, p_B: ArrayLike, F_ee_B: ArrayLike) -> NDArray[np.float64]:
-    """Load torques tau_l = J^-T F_ee_B in N m with which the weightless robot exerts F_ee_B at rest.
+    """Load torques tau_l = J^-T F_ee_B in N m of a weightless robot that exerts F_ee_B at rest.
 
     The inverse of :func:`end_effector_force`.
 

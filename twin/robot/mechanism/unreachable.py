@@ -1,15 +1,15 @@
-"""The error for poses and joint angles that the mechanism cannot have."""
+"""Error for poses and joint angles outside the mechanism's reach."""
 
 from twin.kernel.errors import InputRefused
 
 
 class Unreachable(InputRefused, ValueError):
-    """No pose or no joint angles exist for what was asked.
+    """No pose or joint angles exist for the requested values.
 
     Attributes:
-        leg: 1, 2 or 3, the leg that cannot follow; 0 where no single leg is to blame.
-        pose: what was asked, platform position (m) or joint angles (rad).
-        excess: how far out it is, in m (always positive).
+        leg: 1, 2 or 3, the leg that cannot follow; 0 if it is not a single leg.
+        pose: requested platform position (m) or joint angles (rad).
+        excess: distance from reach, in m (always positive).
     """
 
     def __init__(self, message: str, leg: int, pose: tuple[float, ...], excess: float):

@@ -1,10 +1,8 @@
-"""The workspace: which poses the robot can stand in.
+"""Workspace of the robot: reach, angles of the ball joints, and collisions of rods and links.
 
-What limits a delta besides its reach: how far its ball joints bend, and its rods and links that meet.
-
-The two rods of a pair turn freely about the axis that their ball joints share; what a ball joint's socket limits is how
-far the rod leans out of the plane across that axis, asin(w/l_b) with w the sideways part of A_iP_i. Rods and links are
-round bars between the joints; the rods of a pair stand half their spacing to either side of A_iP_i.
+The two rods of a pair turn freely about the common axis of their ball joints; the socket limits the inclination of the
+rod from the plane across that axis, asin(w/l_b) with w the sideways part of A_iP_i. Rods and links are round bars
+between the joints; the rods of a pair are half their spacing to either side of A_iP_i.
 """
 
 from typing import NamedTuple
@@ -18,7 +16,7 @@ from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton, triples
 from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle
 
 BARS_PER_LEG = 3
-"""Of a leg: its link and the two rods of its pair."""
+"""Bars of a leg: its link and the two rods of its pair."""
 
 
 @njit(cache=True)
@@ -43,7 +41,7 @@ def _reachable(lengths, positions, poses, reachable):
 def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
     """Whether all legs reach with the knees outward, on the home pose's side of the parallel singularity.
 
-    Beyond it the joint angles exist too, but the robot stands elsewhere at those angles: it cannot cross.
+    Beyond it the joint angles exist too, but the robot, which cannot cross, has another pose at these angles.
 
     Args:
         geometry: lengths of Fig. 2.
@@ -62,7 +60,7 @@ def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
 
 
 class Bars(NamedTuple):
-    """Sizes of the bars of a leg (m): diameters, and from the middle of one rod of a pair to that of the other."""
+    """Sizes of the bars of a leg (m): diameters, and the distance between the middles of the two rods of a pair."""
 
     link_diameter: float
     rod_diameter: float
@@ -70,7 +68,7 @@ class Bars(NamedTuple):
 
 
 def ball_joint_angles(geometry: Geometry, p_B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far the ball joints of each leg bend (rad, >= 0), the same at both ends of its rods, shape (..., 3).
+    """Inclination in the ball joints of each leg (rad, >= 0), equal at both ends of its rods, shape (..., 3).
 
     Args:
         geometry: lengths of Fig. 2.
@@ -82,7 +80,7 @@ def ball_joint_angles(geometry: Geometry, p_B: NDArray[np.float64]) -> NDArray[n
 def clearances(
     geometry: Geometry, bars: Bars, p_B: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """How far bars of different legs stay apart (m, negative where they meet), (n,), and the two that are nearest.
+    """Clearance between bars of different legs (m, negative in collision), (n,), and the nearest pair.
 
     A bar is numbered 3 leg + kind, with the legs from 0, kind 0 the link and 1 and 2 its rods, (n, 2).
 
@@ -134,13 +132,16 @@ def _dot(a, b):
 
 @njit(cache=True)
 def segment_distance(a, b, c, d):
-    """Between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection, 5.1.9."""
-    # triples: an array for each difference would take ten times as long as all of the arithmetic
+    """Distance between the segments a-b and c-d (3,), neither of them a point.
+
+    The algorithm is in Ericson (2005), Real-Time Collision Detection, 5.1.9.
+    """
+    # triples, as an array for each difference would take ten times as long as all of the arithmetic
     ab, cd, ca = _difference(a, b), _difference(c, d), _difference(c, a)
     aa, dd, ad = _dot(ab, ab), _dot(cd, cd), _dot(ab, cd)
     f, e = _dot(cd, ca), _dot(ab, ca)
     across = aa * dd - ad * ad
-    # parallel ones are as near at any point of them
+    # parallel segments have the same distance everywhere
     s = min(max((ad * f - e * dd) / across, 0.0), 1.0) if across > 1e-12 * aa * dd else 0.0
     t = (ad * s + f) / dd
     if t < 0.0:

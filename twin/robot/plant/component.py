@@ -1,9 +1,8 @@
-"""The plant as a co-simulation component, and the state in which it rests.
+"""The plant as a co-simulation component, and its state at rest.
 
-The step is classical Runge-Kutta over a tick, friction settled after each step.
-
-A surface that moves goes on at constant velocity within a tick, s_k + v_k (t - t_k). The motors stand still where they
-are at its end, or, in a ramp, turn from where they are at its start to there.
+The step is classical Runge-Kutta over a tick, friction settled after each step. A moving surface continues at constant
+velocity within a tick, s_k + v_k (t - t_k). The motors are held at their angles at the end of the tick or, in a ramp,
+turn there from their angles at its start.
 """
 
 import math
@@ -64,28 +63,29 @@ PLANT_MEMORY = record(
     last=state(("f8", (STATE_SIZE,))),
 )
 NO_MOTION = (0.0, 0.0, 0.0)
-"""Displacement and velocity of a surface that does not move, speeds of motors that stand."""
+"""Displacement and velocity of a surface at rest, or speeds of motors at rest."""
 OUTPUTS_RECORD = port_record(PLANT_OUTPUTS)
 _REST_RECORD = record(
     parameters=PARAMETERS_RECORD, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
 )
-"""Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
+"""Wrench (N) carried by the joints at p_B, torques (N m) of weights and stops, and of the springs, and their
+deflections."""
 
 
 def plant_inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
-    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
+    """Ports of a plant with a moving surface or not, and with motors that turn within the step or not."""
     return PLANT_INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
 @njit(cache=True)
 def extrapolate(s, v, t):
-    """Where three coordinates that were at `s` and change at the rates `v` are `t` seconds later, a triple."""
+    """Coordinates, a triple, `t` seconds after `s` at the constant rates `v`."""
     return s[0] + t * v[0], s[1] + t * v[1], s[2] + t * v[2]
 
 
 @njit(cache=True)
 def settle(parameters, apex, x, s_B, v_s_B):
-    """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
+    """Apply the return mapping of the bristle to the state `x`, in place, as at the end of every integration step."""
     _settle(parameters, apex, x, head_sees(parameters, s_B), v_s_B)
 
 
@@ -106,19 +106,19 @@ def _settle(parameters, apex, x, s_B, v_s_B):
 
 @njit(cache=True)
 def extrapolate_pair(a, rate, t):
-    """As `extrapolate`, of a pair."""
+    """`extrapolate` for a pair."""
     return a[0] + t * rate[0], a[1] + t * rate[1]
 
 
 @njit(cache=True, forceinline=True)
 def runge_kutta_mean(a, b, c, d):
-    """The mean of the rates of a classical Runge-Kutta step."""
+    """Weighted mean of the four rates of a classical Runge-Kutta step."""
     return (a + 2.0 * b + 2.0 * c + d) / 6.0
 
 
 @njit(cache=True)
 def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
-    """One classical Runge-Kutta step of `h` seconds, `x` in place.
+    """Integrate `x` in place by one classical Runge-Kutta step of `h` seconds.
 
     The motors start at the triple `theta_m` (rad) and turn at `omega_m` (rad/s), the surface starts at `s_B` (m) and
     moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
@@ -180,17 +180,18 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
 
 @njit(cache=True, error_model="numpy")
 def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
-    """The state `x` at motor angles `theta_m` as the record `y` of `PLANT_OUTPUTS`; False outside the workspace.
+    """Compute the record `y` of `PLANT_OUTPUTS` from state `x` and motor angles `theta_m`; False out of reach.
 
-    The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`, and
-    the anchors are moved where this state has gone too far from them.
+    The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
+    Anchors
+    too far from this state are moved.
     """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
-    # value by value: copying a slice allocates memory for what may overlap, which an exported step must not
+    # copied one by one: copying a slice allocates memory, in case it overlaps, which an exported step must not do
     for i in range(3):
         y.p_B[i], y.v_B[i] = x[i], x[3 + i]
     y.z_b[0], y.z_b[1] = x[6], x[7]
-    # no number if a leg could not reach the platform half-way through a step
+    # NaN if a leg could not reach the platform within a step
     inside = not math.isnan(vx + vy + vz)
     special, s_B = has_effects(parameters), head_sees(parameters, s_B)
     C, S = legs()
@@ -220,13 +221,13 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
 
 @njit(cache=True)
 def triple(v):
-    """A port of three values as a tuple."""
+    """Convert a port of three values to a tuple."""
     return v[0], v[1], v[2]
 
 
 @cache
 def make_step(moving, ramp):
-    """The step of a plant whose surface moves or not, and whose motors turn over the step or not."""
+    """Compile the step of a plant with a moving surface or not, and with motors that turn within the step or not."""
 
     @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def step(m, t, h, u, y):
@@ -237,7 +238,7 @@ def make_step(moving, ramp):
         if ramp:
             start = triple(u.theta_m_start)
             omega_m = (theta_m[0] - start[0]) / h, (theta_m[1] - start[1]) / h, (theta_m[2] - start[2]) / h
-        # where the robot was, for the sentence of a step that leaves nothing but NaN
+        # last valid state, for the error message of a step that leaves only NaN
         for i in range(STATE_SIZE):
             m.last[i] = m.x[i]
         substep = h / m.substeps
@@ -270,12 +271,12 @@ class Plant(NativeComponent):
     """Springs, mechanism and contact as one continuous component.
 
     Args:
-        parameters: what is true.
+        parameters: true parameters.
         x: initial state (8,), see `STATE_SIZE`.
         theta_m: initial motor angles (3,), rad.
         substeps: Runge-Kutta steps per co-simulation step.
-        moving: the surface moves as the inputs `GROUND_INPUTS` say; before tick 0 it is where `parameters` has it.
-        ramp: the motors turn from the input `RAMP_INPUTS` to theta_m over the step.
+        moving: whether the inputs `GROUND_INPUTS` move the surface; before tick 0 it is at its place in `parameters`.
+        ramp: whether the motors turn from the input `RAMP_INPUTS` to theta_m within the step.
     """
 
     def __init__(
@@ -294,7 +295,7 @@ class Plant(NativeComponent):
         )  # fmt: skip
 
     def set_state(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
-        """Be in the state `x` at motor angles `theta_m`, where dry friction holds nothing yet; the outputs there."""
+        """Set the state `x` at motor angles `theta_m`, with dry friction at rest; return the outputs there."""
         return _set_state(self.memory, x, theta_m)
 
     def explain(self, status: int) -> str:
@@ -320,12 +321,13 @@ def _deflect(m):
 
 
 def rest_state(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
+    """Compute state x (8,) and motor angles theta_m (3,) of a platform at rest at `p_B` (3,), in m.
 
-    The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
-    its backlash, an unloaded one in the middle. Springs are as deflected as `joint_torque` asks at speed zero, where
-    losses in the direction of the power flow (P1) vanish. Dry friction carries nothing yet, in the middle of what it
-    can. No spring may be broken: nothing else would carry its share.
+    The net force on the platform is zero with velocities and bristle zero; a loaded spring is at the far side of its
+    backlash, an unloaded one in the middle. Deflections follow from `joint_torque` at speed zero, where losses in the
+    direction of the power flow (P1) vanish. Dry friction is unloaded, in the middle of its range. No spring may be
+    broken,
+    as no other part would carry its share.
 
     Raises:
         Unreachable: `p_B` is outside the workspace.

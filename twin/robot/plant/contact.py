@@ -1,17 +1,17 @@
-"""Contact of the platform with a surface: its shape, a normal force by a contact law, bristle friction in its tangents.
+"""Contact of the platform with a surface: its shape, a normal force by a contact law, tangential bristle friction.
 
-The surface passes through its apex (0, 0, z_s). Its axes there are those of B, turned by tilt_x about x and then by
-tilt about y, R = R_y(tilt) R_x(tilt_x): tangents R e_x, R e_y, normal R e_z. A plane has them everywhere. A sphere or
-cylinder of radius R lies below its apex; depth is R less the distance from its centre or axis (the signed distance,
-positive inside), the normal is the gradient of that distance.
+The surface passes through its apex (0, 0, z_s). Its axes there are the axes of B, turned by tilt_x about x and then by
+tilt about y, R = R_y(tilt) R_x(tilt_x): tangents R e_x, R e_y, normal R e_z. They are the same everywhere on a plane. A
+sphere or cylinder of radius R lies below its apex; depth is R less the distance from its centre or axis (the signed
+distance, positive inside), the normal is the gradient of that distance.
 
-Positions and velocities are those of the head as seen from the surface: a surface that moves is subtracted before. The
-bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapping after each step (`settled_bristle`).
-That is stable at any normal force, also at mu = 0, where the usual rate form v_t - sigma_0 |v_t| z_b / (mu F_n) divides
-by zero and is stiff at a light touch.
+Positions and velocities of the head are relative to the surface, so a moving surface is subtracted before. The bristle
+obeys dz_b/dt = v_t, and is kept on the friction cone by return mapping after each step (`settled_bristle`). That is
+stable at any normal force, also at mu = 0, where the usual rate form v_t - sigma_0 |v_t| z_b / (mu F_n) divides by zero
+and is stiff at a light touch.
 
-On a curved surface z_b is held in the tangents of `surface_frame`; the turning of these about the normal is
-left out of dz_b/dt. It would move no energy, and on a closed path it is the solid angle that n goes round.
+On a curved surface z_b is expressed in the tangents of `surface_frame`; their rotation about the normal is neglected in
+dz_b/dt. It would transfer no energy; on a closed path it equals the solid angle enclosed by n.
 """
 
 import math
@@ -21,13 +21,16 @@ from twin.kernel.compiled.function import njit
 from twin.robot.plant.contact_law import pressing_force
 
 JOINT_ANCHOR, SPRING_ANCHOR = 3, 4
-"""Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
+"""Columns of the plant's anchors with theta_0 and d_0 (rad), after the columns of `angle_near`."""
 CONE_ROUNDING = 1e-9
-"""How near (of it) to its limit a bristle is at the limit."""
+"""Relative tolerance within which a bristle counts as being at its limit."""
 
 
 class Shape(IntEnum):
-    """By the names in an experiment's file, in capitals. Cylinders are named after the axis they lie along."""
+    """Shape of a surface; names as in an experiment's file, in capitals.
+
+    A cylinder is named after the direction of its axis.
+    """
 
     PLANE = 0
     SPHERE = 1
@@ -52,15 +55,15 @@ def apex_frame(parameters):
     return e_1, e_2, n
 
 
-# numpy's division: at a sphere's centre the normal has to become NaN, because an exception of compiled code that the
-# master calls by address is lost
+# NumPy division: at a sphere's centre the normal must become NaN, because an exception is lost in compiled code that
+# the master calls by address
 @njit(cache=True, error_model="numpy")
 def surface_frame(parameters, x, y, z):
-    """Depth (m, positive inside) and local tangents e_1, e_2 and normal n, triples in B, where the head is when O_P is
-    at (x, y, z) of B.
+    """Depth (m, positive inside) and local frame of the surface at the head, with O_P at (x, y, z) of B.
 
-    On a curved surface the tangents are the apex's, carried along the great circle (the smallest turn that takes one
-    normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
+    The frame consists of tangents e_1, e_2 and normal n, triples in B. On a curved surface the tangents are the apex's,
+    carried along the great circle (the smallest rotation from one normal to the other): they depend smoothly on the
+    position, and are constant along a cylinder's axis.
     """
     head = parameters.head
     return frame_at(parameters, apex_frame(parameters), x + head[0], y + head[1], z + head[2])
@@ -68,7 +71,7 @@ def surface_frame(parameters, x, y, z):
 
 @njit(cache=True)
 def surface_depth(parameters, x, y, z):
-    """Depth (m, positive inside) of the head when O_P is at (x, y, z) of B."""
+    """Depth (m, positive inside) of the head with O_P at (x, y, z) of B."""
     head, apex = parameters.head, apex_frame(parameters)
     x, y, z = x + head[0], y + head[1], z + head[2]
     if parameters.shape == Shape.PLANE:
@@ -84,8 +87,10 @@ def plane_depth(parameters, normal, x, y, z):
 
 @njit(cache=True, forceinline=True)
 def depth_and_offset(parameters, apex, x, y, z):
-    """Depth (m) in a curved surface at (x, y, z), the offset from its centre or axis along the apex's axes and the
-    offset's length (m)."""
+    """Depth (m) in a curved surface at (x, y, z), and offset from its centre or axis.
+
+    The offset is given in the apex's axes, followed by its length (m).
+    """
     a_1, a_2, a_3 = apex
     R = parameters.radius
     height = z - parameters.z_s
@@ -95,14 +100,14 @@ def depth_and_offset(parameters, apex, x, y, z):
     if parameters.shape == Shape.CYLINDER_Y:
         w_2 = 0.0
     distance = math.sqrt(w_1 * w_1 + w_2 * w_2 + (w_3 + R) * (w_3 + R))
-    # R - distance without the cancellation that a large R would bring
+    # R - distance without cancellation at a large R
     depth = -(w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + 2.0 * R * w_3) / (distance + R)
     return depth, w_1, w_2, w_3 + R, distance
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def frame_at(parameters, apex, x, y, z):
-    """As `surface_frame`, at (x, y, z) itself; `apex` is the frame at the apex."""
+    """`surface_frame` at (x, y, z) itself; `apex` is the frame at the apex."""
     a_1, a_2, a_3 = apex
     if parameters.shape == Shape.PLANE:
         return plane_depth(parameters, a_3, x, y, z), a_1, a_2, a_3
@@ -128,14 +133,14 @@ def _in_B(a_1, a_2, a_3, x, y, z):
 def normal_force(parameters, apex, x, y, z, vx, vy, vz):
     """Normal force (N, >= 0) and depth (m, positive inside) at position and velocity of the platform.
 
-    `apex` is the surface's frame at its apex, here and below: it is the same at all positions.
+    `apex` is the surface's frame at its apex, here and below; it is computed once for all positions.
     """
     depth, _, _, n = frame_at(parameters, apex, x, y, z)
     return pressing_force(parameters, depth, -dot(n, vx, vy, vz)), depth
 
 
-# numpy's division here and below: out of reach 0/0 has to become NaN, because an exception of compiled code that the
-# master calls by address is lost
+# NumPy division here and below: out of reach 0/0 must become NaN, because an exception is lost in compiled code that
+# the master calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _shorten(x, y, limit):
     """The vector (x, y), shortened to length `limit` if it is longer."""
@@ -147,7 +152,7 @@ def _shorten(x, y, limit):
 
 @njit(cache=True, forceinline=True)
 def settled_bristle(parameters, F_n, z_1, z_2):
-    """Return mapping: the bristle scaled back so that sigma_0 |z_b| <= mu F_n; without contact it is straight."""
+    """Return mapping of the bristle: scaled back so that sigma_0 |z_b| <= mu F_n; zero without contact."""
     return _shorten(z_1, z_2, parameters.mu * F_n / parameters.sigma_0)
 
 
@@ -162,10 +167,10 @@ def friction(parameters, F_n, z_1, z_2, v_1, v_2):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
-    """dz_b/dt (m/s): the tangential velocity, less what would stretch a bristle that already slides."""
+    """Bristle rate dz_b/dt (m/s): tangential velocity, without the component that would stretch a sliding bristle."""
     limit = parameters.mu * F_n / parameters.sigma_0
     length = math.sqrt(z_1 * z_1 + z_2 * z_2)
-    # return mapping leaves a sliding bristle at the limit: the last bit must not say whether it slides
+    # return mapping leaves a sliding bristle at the limit: its last bit must not decide whether it slides
     if length < limit * (1.0 - CONE_ROUNDING):
         return v_1, v_2
     if limit == 0.0:
@@ -178,7 +183,7 @@ def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
 
 @njit(cache=True, forceinline=True)
 def touch(parameters, apex, x, y, z, vx, vy, vz, z_1, z_2):
-    """All that a contact does at once: (fx, fy, fz, F_n, dz_1, dz_2).
+    """Force, normal force and bristle rate of a contact: (fx, fy, fz, F_n, dz_1, dz_2).
 
     Force BY the robot ON the surface in B (N; pressing gives fz < 0), normal force (N, >= 0), bristle rate (m/s).
     """

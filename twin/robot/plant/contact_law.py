@@ -4,8 +4,8 @@
     Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Ch. 2
     exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Ch. 7
 
-F is clamped at 0: a surface does not pull. Each is an elastic force with a potential, plus a part of the sign of d_dot;
-what is clamped away would have given energy back. So no closed cycle gains energy.
+F is clamped at 0: a surface does not pull. Each law is an elastic force with a potential, plus a term with the sign of
+d_dot; clamping only removes energy that would be returned. So no closed cycle gains energy.
 
 Hunt and Crossley's stiffness has the unit N/m^n; here K (N/m) is the secant stiffness at the reference depth d_ref,
 F(d_ref) = K d_ref, so that n has no unit to carry. In the exponential law K is the stiffness at first touch.
@@ -26,18 +26,18 @@ from twin.robot.plant.surface_motion import Breathing, Shift
 
 
 class ContactLaw(IntEnum):
-    """By the names in an experiment's file, in capitals."""
+    """Law of the normal force; names as in an experiment's file, in capitals."""
 
     HUNT_CROSSLEY = 0
     KELVIN_VOIGT = 1
     EXPONENTIAL = 2
 
 
-# numpy's division: a constant that a fault has set to 0 has to give NaN, because an exception of compiled code that the
-# master calls by address is lost
+# NumPy division: a parameter that a fault has set to 0 must give NaN, because an exception is lost in compiled code
+# that the master calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def elastic_force(parameters, d):
-    """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
+    """Static force (N) of a surface at depth `d` > 0 (m)."""
     if parameters.law == ContactLaw.EXPONENTIAL:
         return parameters.K / parameters.stiffening * math.expm1(parameters.stiffening * d)
     if parameters.law == ContactLaw.HUNT_CROSSLEY and parameters.exponent != 1.0:
@@ -58,7 +58,7 @@ def pressing_force(parameters, d, rate):
 
 
 class LawKeys(NamedTuple):
-    """The keys that a law knows besides the stiffness."""
+    """Mandatory and optional keys of a law, apart from the stiffness."""
 
     needed: tuple[str, ...]
     optional: tuple[str, ...] = ()
@@ -77,7 +77,7 @@ KEYS_BY_LAW: dict[Law, LawKeys] = {
 
 
 class Contact(Settings):
-    """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
+    """[contact]: a surface, its reaction to pressing and rubbing, and its motion.
 
     Which law the stiffness and the keys of `KEYS_BY_LAW` belong to: see `twin/robot/plant/contact_law.py`.
 
@@ -86,7 +86,7 @@ class Contact(Settings):
         kind: for people; a law or shape is not tied to it.
     """
 
-    body: str | None = optional(example="back", help="a file of bodies/ that fills in what this table does not say")
+    body: str | None = optional(example="back", help="a file of bodies/ with values for missing keys of this table")
     kind: Literal["scale", "skin"] = setting(into=None, help="for people")
     height: float = setting("mm", field="z_s", help="z of the surface's highest point, or of the plane at x = y = 0")
     tilt: float = setting("deg", gt=-45, lt=45, help="tilt about y")
@@ -96,7 +96,7 @@ class Contact(Settings):
         default="plane", help="shape of the surface"
     )
     stiffness: float = setting(
-        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; the laws say at which depth"
+        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; its depth depends on the law"
     )
     damping: float | None = optional(
         "s/m",
@@ -105,18 +105,20 @@ class Contact(Settings):
         example=3.0,
         help="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
     )
-    exponent: float | None = optional(absent=1.0, ge=1, le=5, example=1.5, help="Hunt-Crossley: force over depth")
+    exponent: float | None = optional(
+        absent=1.0, ge=1, le=5, example=1.5, help="Hunt-Crossley: exponent of force over depth"
+    )
     reference_depth: float | None = optional(
         "mm", absent=1e-3, gt=0, example=4.0, help="Hunt-Crossley with an exponent: depth at which the stiffness holds"
     )
     damper: float | None = optional("N s/m", absent=0.0, ge=0, example=10.0, help="Kelvin-Voigt: viscous damper")
     touch_depth: float | None = optional(
-        "mm", absent=1e-3, gt=0, example=1.0, help="Kelvin-Voigt: depth over which damper and spring take hold"
+        "mm", absent=1e-3, gt=0, example=1.0, help="Kelvin-Voigt: depth over which the damper fades in"
     )
     stiffening: float | None = optional(
         "1/mm", absent=0.0, gt=0, example=0.2, help="exponential: relative growth of the stiffness per depth"
     )
-    # law and shape stand after the keys they decide on: a field's check sees the fields before it
+    # law and shape follow the keys that they depend on: a field's validator only sees the fields before it
     law: Law = setting(default="hunt_crossley", help="law of the normal force")
     friction: float = setting(field="mu", ge=0, help="Coulomb coefficient")
     bristle: float = setting("N/m", field="sigma_0", gt=0, help="lateral stiffness while sticking")
@@ -126,12 +128,12 @@ class Contact(Settings):
 
     @property
     def motions(self) -> list[Breathing | Shift]:
-        """The tables of its motions that there are."""
+        """Tables of the surface's motions that are present."""
         return [table for table in (self.breathing, self.shift) if table is not None]
 
     @property
     def law_constants(self) -> dict[str, Any]:
-        """What is said of the law, by attribute."""
+        """Given constants of the law, by attribute."""
         return {name: getattr(self, name) for name in KEYS_BY_LAW[self.law].all if getattr(self, name) is not None}
 
     @field_validator("shape")
@@ -175,7 +177,7 @@ class Contact(Settings):
 
 
 def _is_missing(name: str, checked: dict[str, Any]) -> bool:
-    """Whether `name` is missing; a value that was refused is a mistake of its own."""
+    """Whether `name` is missing; an invalid value has been reported already."""
     return name in checked and checked[name] is None
 
 

@@ -7,7 +7,7 @@ from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 
 COLUMN_COUNT = 9
-"""Of a row that are looked at: F_z by the platform on what it touches, negative while it presses; p_B; p_ref_B;
+"""Number of evaluated values in a row: F_z by the platform on the surface, negative while pressing; p_B; p_ref_B;
 whether force is controlled; its reference."""
 RESULT_COUNT = 7
 
@@ -47,25 +47,25 @@ def _add_up(rows, count, width, columns, touched, found, off):
 
 
 class DeviationSums:
-    """What blocks of at most `size` rows come to, one at a time.
+    """Sums over one block of at most `size` rows at a time.
 
     Attributes:
         squares: sums of the squares of p_B - p_ref_B, added in the order of the rows, (3,) m^2.
-        off: squares of the pressing force less its reference where it is controlled, from the first touch on, (n,) N^2.
-        peak, place: largest pressing force (N), and in which row.
-        touch, trigger: the first row that presses, and the first in which force is controlled; -1: none.
+        off: squares of the controlled pressing force minus its reference, from the first touch on, (n,) N^2.
+        peak, place: largest pressing force (N) and its row.
+        touch, trigger: first row with contact, and first row with controlled force; -1 if missing.
     """
 
     def __init__(self, size: int) -> None:
         self._found, self._off = np.zeros(RESULT_COUNT), np.empty(size)
 
     def add_block(self, rows: NDArray[np.float64], columns: NDArray[np.int64], touched: bool = False) -> None:
-        """Take a block.
+        """Compute the sums of a block.
 
         Args:
             rows: (n, width), n at most `size`.
-            columns: where `COLUMN_COUNT` are in a row, (9,); below 0: nowhere, taken as nan.
-            touched: whether the platform has pressed in a block before.
+            columns: positions of the `COLUMN_COUNT` values in a row, (9,); negative for a missing value, taken as NaN.
+            touched: whether there was contact in a previous block.
         """
         rows = np.ascontiguousarray(rows)
         controlled = _add_up(rows, *rows.shape, columns, touched, self._found, self._off)

@@ -56,39 +56,41 @@ from twin.robot.plant.joints import (
 
 ZERO_TRIPLE = (0.0, 0.0, 0.0)
 LONGEST_GAP = 0.1
-"""Maximum gap in samples of the motor angles (s) that a line may bridge: several periods of the springs' slowest free
-motion, 75 rad/s."""
+"""Maximum gap between samples of the motor angles (s) for linear interpolation: several periods of the springs' slowest
+free motion, 75 rad/s."""
 UNIT_SHARES = (1.0, 1.0, 1.0)
 CONDITION_SETTINGS = {
     "k_s_share": setting(
         default=UNIT_SHARES,
         broken_by=("spring_softened", "spring_broken"),
-        help="what is left of k_s in the spring; 0: broken",
+        help="remaining share of k_s; 0: broken",
     ),
-    "backlash_added": setting("rad", default=ZERO_TRIPLE, broken_by=("backlash_growth",), help="on top of backlash"),
-    "b_j_added": setting("N m s/rad", default=ZERO_TRIPLE, broken_by=("joint_friction",), help="on top of b_j"),
+    "backlash_added": setting("rad", default=ZERO_TRIPLE, broken_by=("backlash_growth",), help="additional backlash"),
+    "b_j_added": setting(
+        "N m s/rad", default=ZERO_TRIPLE, broken_by=("joint_friction",), help="additional viscous friction"
+    ),
     "slip": setting(
         "rad",
         default=ZERO_TRIPLE,
         broken_by=("belt_slip",),
-        help="how far the belt has slipped: deflection lost, motor side",
+        help="slip of the belt: lost deflection, motor side",
     ),
 }
-"""Of each joint; in the beginning it is as it was built."""
+"""Condition of each joint; by default as built."""
 STATE_SIZE = 8
 """The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
 INITIAL_ANCHORS = np.full((3, ANCHOR_SIZE), np.nan)
-"""Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
+"""Initial anchors: NaN, i.e. no reference angle, no stiction."""
 
 
 class Robot(Model):
-    """[robot]: a robot as it is, with what its controller does not model."""
+    """[robot]: a robot, including effects that its controller does not model."""
 
     name: str = setting(help="for people")
     I_r: float = setting("kg m2", ge=0, help="inertia of pulley and encoder about the joint axis")
     b_j: float = setting("N m s/rad", ge=0, help="viscous friction of a joint")
     backlash: float = setting("deg", ge=0, help="half width of the dead zone, motor side")
-    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta turns from driven to driving; 0: it does not")
+    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta changes from driven to driving; 0: constant")
     motor_noise: float = setting(
         "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the motor encoders' noise"
     )
@@ -99,58 +101,58 @@ class Robot(Model):
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="how much each motor encoder reads too much at most, once a turn",
+        help="amplitude of each motor encoder's error, one period per turn",
     )
     motor_eccentric_at: Triple = setting(
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="motor angle from which on that error grows, a quarter of a turn before it is most",
+        help="motor angle of that error's rising zero crossing, a quarter turn before its maximum",
     )
     joint_eccentricity: Triple = setting(
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="how much each joint encoder reads too much at most, once a turn",
+        help="amplitude of each joint encoder's error, one period per turn",
     )
     joint_eccentric_at: Triple = setting(
         "deg",
         into="encoders",
         default=ZERO_TRIPLE,
-        help="joint angle from which on that error grows, a quarter of a turn before it is most",
+        help="joint angle of that error's rising zero crossing, a quarter turn before its maximum",
     )
-    encoder_latency: float = setting(
-        "ms", into=None, default=0.0, ge=0, le=1000, help="how old a count is when it is read"
-    )
+    encoder_latency: float = setting("ms", into=None, default=0.0, ge=0, le=1000, help="age of a count when it is read")
     belt_compliance: float = setting(
-        "rad/(N m)", default=0.0, ge=0, help="how far a joint turns by its belt alone, in series with the spring"
+        "rad/(N m)", default=0.0, ge=0, help="joint angle per torque of the belt, in series with the spring"
     )
     joint_friction: float = setting("N m", default=0.0, ge=0, help="dry friction of a joint")
     joint_presliding: float = setting(
-        "deg", default=0.05, gt=0, help="how far a joint yields before its dry friction slides"
+        "deg", default=0.05, gt=0, help="elastic angle of a joint before its dry friction slides"
     )
     spring_hysteresis: float = setting(
-        default=0.0, ge=0, le=0.5, help="share of a spring's torque that its own dry friction adds and takes"
+        default=0.0, ge=0, le=0.5, help="dry friction of a spring as a share of its torque"
     )
     spring_stop: float | None = optional(
-        "deg", absent=math.inf, gt=0, example=15.0, help="deflection at which a spring meets its hard stop, motor side"
+        "deg", absent=math.inf, gt=0, example=15.0, help="deflection of a spring at its hard stop, motor side"
     )
     joint_lower: float | None = optional("deg", absent=-math.inf, example=-60.0, help="hard stop of a joint, upwards")
     joint_upper: float | None = optional("deg", absent=math.inf, example=90.0, help="hard stop of a joint, downwards")
     stop: float = setting("N m/rad", default=100.0, gt=0, help="stiffness of hard stops")
     mounting_tilt: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y")
     mounting_tilt_x: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x")
-    head: Triple = setting("mm", default=ZERO_TRIPLE, help="where the head touches, seen from O_P")
+    head: Triple = setting("mm", default=ZERO_TRIPLE, help="contact point of the head relative to O_P")
     ball_joint_limit: float | None = optional(
-        "deg", into=None, gt=0, example=30.0, help="how far a rod may lean in its ball joints; without it, any"
+        "deg", into=None, gt=0, example=30.0, help="maximum inclination of a rod in its ball joints; without it, any"
     )
     link_diameter: float | None = optional(
-        "mm", into=None, gt=0, example=9.0, help="of the proximal links, which may not meet other legs"
+        "mm", into=None, gt=0, example=9.0, help="diameter of the proximal links, which must not touch other legs"
     )
     rod_diameter: float | None = optional(
-        "mm", into=None, gt=0, example=4.0, help="of the distal rods, which may not meet other legs"
+        "mm", into=None, gt=0, example=4.0, help="diameter of the distal rods, which must not touch other legs"
     )
-    rod_spacing: float | None = optional("mm", into=None, gt=0, example=24.0, help="between the two rods of a pair")
+    rod_spacing: float | None = optional(
+        "mm", into=None, gt=0, example=24.0, help="distance between the two rods of a pair"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> "Robot":
@@ -160,7 +162,7 @@ class Robot(Model):
 
 
 class TrueRobot(Robot):
-    """[plant]: [robot], where the real one differs from it; and how finely it is integrated."""
+    """[plant]: the true robot where it differs from [robot], and its integration."""
 
     substeps: int = setting(into=None, ge=1, le=1000, help="Runge-Kutta steps per tick")
 
@@ -168,16 +170,18 @@ class TrueRobot(Robot):
 class PlantParameters(
     Values,
     parts=(setting_fields(TrueRobot), setting_fields(Contact), CONDITION_SETTINGS),
-    # the oldest ones; whatever a table has besides follows
+    # the oldest fields first; all others follow
     first="""a b l_a l_b m_a m_b m_p I_r b_j k_s N eta backlash eta_rate z_s tilt K damping mu sigma_0 sigma_1 tilt_x
     shape radius law exponent reference_depth stiffening damper touch_depth k_s_share backlash_added b_j_added slip""",
 ):
-    """The robot and what it presses on, as they really are (not as the controller believes), SI.
+    """True parameters of robot and surface, SI (as opposed to the controller's belief).
 
     Every number of [plant] and [contact] by its name there, but for `z_s`, the height, `K`, the stiffness, `mu`, the
-    friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and
-    `contact.py`), and the CONDITION of each joint. What a table may leave out is a robot without that
-    effect: `eta_rate` 0, the paper's constant efficiency, and hard stops at infinity.
+    friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and `contact.py`),
+    and
+    the condition of each joint. Optional values default to a robot without the effect: `eta_rate` 0, the paper's
+    constant
+    efficiency, and hard stops at infinity.
     """
 
 
@@ -194,22 +198,22 @@ def spring_deflection(parameters, leg, theta_m, theta_l):
 
 @njit(cache=True, forceinline=True)
 def spring_stiffness(parameters, leg):
-    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
+    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times its remaining share."""
     return parameters.k_s * parameters.k_s_share[leg]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def series_share(parameters, leg):
-    """What a belt in series leaves of the stiffness of the spring of `leg` (1).
+    """Share of the stiffness of the spring of `leg` that remains with a belt in series (1).
 
-    A belt without mass that yields by c per torque on the joint leaves 1/k = 1/k_s + N^2 c on the motor's side.
+    A massless belt that yields by c per torque on the joint gives 1/k = 1/k_s + N^2 c on the motor's side.
     """
     return 1.0 / (1.0 + spring_stiffness(parameters, leg) * parameters.N * parameters.N * parameters.belt_compliance)
 
 
 @njit(cache=True, forceinline=True)
 def has_effects(parameters):
-    """Whether the robot has any of the small effects that turn its joints; if not, nothing need be looked at again."""
+    """Whether the robot has any of the small effects on its joints; if not, their evaluation can be skipped."""
     p = parameters
     springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
     joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)
@@ -218,8 +222,10 @@ def has_effects(parameters):
 
 @njit(cache=True)
 def loaded_deflection(parameters, anchors, leg, theta_m, theta_l):
-    """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
-    stop, have hysteresis and be in series with a belt that yields."""
+    """Deflection (rad, motor side) of an ideal spring with the torque of the spring of `leg`.
+
+    The real spring may be at its stop, have hysteresis and be in series with an elastic belt.
+    """
     d = stop_deflection(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
     if parameters.spring_hysteresis > 0.0:
         d = hysteresis_deflection(parameters, anchors, leg, d)
@@ -235,7 +241,7 @@ def _push(parameters, anchors, leg, theta_l):
 
 @njit(cache=True, forceinline=True)
 def head_sees(parameters, s_B):
-    """Where a surface that is displaced by the triple `s_B` (m) is for a platform that would touch in O_P."""
+    """Displacement of the surface relative to the head, for a surface displaced by the triple `s_B` (m)."""
     head = parameters.head
     return s_B[0] - head[0], s_B[1] - head[1], s_B[2] - head[2]
 
@@ -252,7 +258,10 @@ def settle_friction(parameters, x, theta_m, anchors):
 
 @njit(cache=True, forceinline=True)
 def joint_torque(parameters, leg, d, omega_l):
-    """tau_l (N m) that the spring of `leg` at deflection `d` puts on the joint (Eq. 20), efficiency as configured."""
+    """Torque tau_l (N m) of the spring of `leg` on the joint at deflection `d` (Eq. 20).
+
+    The efficiency is constant, or depends on the direction of motion if `eta_rate` is positive.
+    """
     k_s = spring_stiffness(parameters, leg)
     if parameters.eta_rate > 0.0:
         return directed_load_torque(k_s, parameters.N, parameters.eta, d, omega_l, parameters.eta_rate)
@@ -263,7 +272,7 @@ def joint_torque(parameters, leg, d, omega_l):
 def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special):
     """Torque (N m) on the joint of `leg` by its spring, damping, dry friction and stops, and the weight of its arm.
 
-    theta_l, omega_l, k_r, k_z are those of all legs, `compiled.lanes`; the rest as in `acceleration`.
+    theta_l, omega_l, k_r, k_z are `compiled.lanes` over all legs; the other arguments as in `acceleration`.
     """
     angle, speed, hangs = theta_l[leg], omega_l[leg], arm_weight(parameters)
     if special:
@@ -280,8 +289,8 @@ def _lane_sum(start, lanes):
     return start + lanes[0] + lanes[1] + lanes[2]
 
 
-# numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
-# calls by address is lost
+# NumPy division: a robot without mass must give infinity, because an exception is lost in compiled code that the master
+# calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _solve_symmetric(a, b, c, d, e, f, x, y, z):
     """Solve [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
@@ -297,22 +306,22 @@ def _solve_symmetric(a, b, c, d, e, f, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, special=True):
-    """What the platform and the bristles do next: dv/dt (m/s^2) and dz_b/dt (m/s), two tuples.
+    """Acceleration dv/dt (m/s^2) of the platform and rate dz_b/dt (m/s) of the bristle, two tuples.
 
-    Outside the workspace, where there are no joint angles, both are NaN.
+    Both are NaN outside the workspace, for lack of joint angles.
 
     Args:
         parameters: `PlantParameters`, or a record of them.
         p, v: position (m) and velocity (m/s) of the platform, triples.
         z_b: bristle deflection (m), a pair.
         theta_m: motor angles (rad), a triple.
-        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface as the head sees it (`head_sees`), triples; it
-            does not turn.
+        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface relative to the head (`head_sees`), triples; it
+            does not rotate.
         apex: see `touch`.
-        anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `contact.py`.
-        special: False where `has_effects` is, which is asked once and not in each evaluation.
+        anchors: reference angles of the joints, see `angle_near`, and of dry friction, see `joints.py`.
+        special: result of `has_effects`, evaluated once per step rather than here.
     """
-    # the platform as the surface sees it
+    # motion of the platform relative to the surface
     rx, ry, rz = p[0] - s_B[0], p[1] - s_B[1], p[2] - s_B[2]
     ux, uy, uz = v[0] - v_s_B[0], v[1] - v_s_B[1], v[2] - v_s_B[2]
     contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
@@ -322,7 +331,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
-    """dv/dt (m/s^2), a triple, of a platform that exerts the force `F_ee_B` (N), a triple, on whatever it is.
+    """Acceleration dv/dt (m/s^2), a triple, of a platform that exerts `F_ee_B` (N), a triple.
 
     The other arguments as in `acceleration`.
     """
@@ -350,7 +359,7 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
     f_w = j_w * tau
     fx, fy = _lane_sum(fx, C * f_r - S * f_w), _lane_sum(fy, S * f_r + C * f_w)
     fz = _lane_sum(fz, j_z * tau + sixth * (k_r * kappa + k_z * square))
-    # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
+    # I_a/2 J_i + m_b/6 d_i; M contains its product with J_i, and the transpose
     a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
     jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
     ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
@@ -366,13 +375,16 @@ def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """dx/dt into `dx`, for the state `x` (8,) of STATES, without dry friction; else as `acceleration`."""
+    """Compute dx/dt into `dx` for the state `x` (8,), see `STATE_SIZE`, without dry friction.
+
+    The other arguments as in `acceleration`.
+    """
     derivative_near(parameters, x, theta_m, s_B, v_s_B, INITIAL_ANCHORS, dx)
 
 
 @njit(cache=True)
 def derivative_near(parameters, x, theta_m, s_B, v_s_B, anchors, dx):
-    """As `derivative`, with dry friction that holds where `anchors` say."""
+    """Compute dx/dt into `dx` as `derivative` does, with dry friction at the given `anchors`."""
     p, v, z_b, s_B = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7]), head_sees(parameters, s_B)
     dx[0], dx[1], dx[2] = v
     dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), anchors)

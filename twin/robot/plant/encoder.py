@@ -1,4 +1,4 @@
-"""Measurements of the plant: encoder counts and the display of the scale, all that a controller ever gets.
+"""Measurements of the plant, the only inputs of a controller: encoder counts and the display of the scale.
 
 White noise comes from a generator whose whole state is one word in a component's memory: same seed, same bytes.
 """
@@ -30,9 +30,9 @@ ENCODER_MEMORY = record(
     motor=(READER_RECORD, (3,)), joint=(READER_RECORD, (3,)), random=state(("u8", (1,))), sample=state("i8")
 )
 MAX_COUNT = 2.0**53
-"""Counts. Beyond, a double does not count whole numbers."""
+"""Bound of the counts: beyond it, a double does not represent every integer."""
 UNCOUNTED_STATUS = 2
-"""Status of the step: an angle has no count."""
+"""Step status for an angle without a count."""
 SCALE_INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
 SCALE_OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
 SCALE_MEMORY = record(resolution="f8")
@@ -40,7 +40,7 @@ SCALE_MEMORY = record(resolution="f8")
 
 @njit(cache=True)
 def random_word(state):
-    """The next 64 bits of the generator `state`, an array (1,) of uint64 that is moved on: splitmix64."""
+    """Return the next 64 bits of the generator `state`, an array (1,) of uint64 that is advanced: splitmix64."""
     state[0] += _STRIDE
     word = state[0]
     word = (word ^ (word >> _30)) * _MIX_1
@@ -50,34 +50,36 @@ def random_word(state):
 
 @njit(cache=True)
 def uniform(state):
-    """A number in (0, 1] with 53 random bits."""
+    """Return a random number in (0, 1] with 53 random bits."""
     return float((random_word(state) >> _11) + np.uint64(1)) * 2.0**-53
 
 
 @njit(cache=True)
 def normal(state):
-    """A normally distributed number with mean 0 and variance 1: Box and Muller (1958), Ann Math Stat 29:610."""
+    """Return a normally distributed number with mean 0 and variance 1: Box and Muller (1958), Ann Math Stat 29:610."""
     radius = math.sqrt(-2.0 * math.log(uniform(state)))
     return radius * math.cos(2.0 * math.pi * uniform(state))
 
 
 @njit(cache=True)
 def count(angle, reader, random):
-    """Whole counts that an encoder makes of its shaft's `angle` (rad), NaN where it has none; `random` is the state of
-    the noise."""
+    """Whole counts of an encoder at its shaft's `angle` (rad), NaN if not representable.
+
+    `random` is the state of the noise.
+    """
     read = angle + reader.zero
     if reader.eccentricity != 0.0:
         read += reader.eccentricity * math.sin(angle - reader.eccentric_at)
     if reader.noise > 0.0:
         read += reader.noise * normal(random)
     counts = read * reader.counts_per_rad + 0.5
-    # not >=: that would let NaN pass; what no integer can hold becomes another one on each kind of processor
+    # not >=, which would accept NaN; converting an unrepresentable integer differs between processors
     return float(math.floor(counts)) if abs(counts) < MAX_COUNT else math.nan
 
 
 @step_function(ENCODER_MEMORY, ENCODER_INPUTS, ENCODER_OUTPUTS)
 def step(m, t, h, u, y):
-    # the motors first: that is the order in which the noise is drawn
+    # motors first, as this order determines the noise
     for i in range(3):
         y.count_m[i] = count(u.theta_m[i], m.motor[i], m.random)
     for i in range(3):
@@ -94,11 +96,10 @@ class Shaft(NamedTuple):
     """The encoders of three shafts of one kind.
 
     Attributes:
-        counts: per turn.
+        counts: counts per turn.
         zero: errors (3,), rad, added to the true angle.
         noise: standard deviation of white noise on the angle before it is rounded, rad.
-        eccentricity, eccentric_at: of a disc or magnet off its shaft's axis: it reads e sin(angle - at) too much (3,),
-            rad.
+        eccentricity, eccentric_at: error e sin(angle - at) of a disc or magnet off its shaft's axis (3,), rad.
     """
 
     counts: float
@@ -108,11 +109,11 @@ class Shaft(NamedTuple):
     eccentric_at: Sequence[float] = (0.0, 0.0, 0.0)
 
     def error(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the encoders read too much at `angles` (3,), rad, before noise and rounding."""
+        """Error of the encoders at `angles` (3,), rad, before noise and rounding."""
         return np.array(self.zero) + np.array(self.eccentricity) * np.sin(angles - np.array(self.eccentric_at))
 
     def readers(self) -> list[tuple[float, ...]]:
-        """As records of `READER_RECORD`."""
+        """Return the encoders as records of `READER_RECORD`."""
         each = zip(self.zero, self.eccentricity, self.eccentric_at, strict=True)
         return [(self.counts / (2 * np.pi), zero, self.noise, e, at) for zero, e, at in each]
 
@@ -121,9 +122,9 @@ class Encoder(NativeComponent):
     """Motor and joint encoders of the three legs; counts are rounded to the nearest.
 
     Args:
-        motor, joint: what they are.
+        motor, joint: properties of the encoders.
         period: ticks between samples.
-        seed: of the noise; the same seed gives the same noise.
+        seed: seed of the noise; equal seeds give equal noise.
     """
 
     def __init__(self, motor: Shaft, joint: Shaft, period: int = 1, seed: int = 0):
@@ -148,7 +149,7 @@ def scale_step(m, t, h, u, y):
 
 
 class Scale(NativeComponent):
-    """Reads the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
+    """Display of the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
 
     def __init__(self, resolution: float, period: int = 1):
         super().__init__(

@@ -1,7 +1,7 @@
-"""The plant outside a co-simulation: its equations for Python, and the start of a plant in an exported FMU.
+"""The plant outside a co-simulation: its equations for Python, and its start in an exported FMU.
 
-The right-hand side and the outputs are those that the component steps: nothing of the physics is written here. In the
-equations for Python the surface stays at rest.
+Right-hand side and outputs are the component's own functions, without further physics here. The surface is at rest in
+the equations for Python.
 """
 
 import math
@@ -47,7 +47,7 @@ _EQUATIONS_RECORD = record(
     anchors=("f8", (3, ANCHOR_SIZE)),
     dx=("f8", (STATE_SIZE,)),
 )
-"""State, motor angles (rad), where dry friction holds, derivative."""
+"""State, motor angles (rad), anchors of dry friction, derivative."""
 REST_OUTPUTS = (
     Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
 )
@@ -74,30 +74,26 @@ def _settle_at(m):
 
 
 class PlantEquations:
-    """The plant's equations with given constants.
-
-    Args:
-        parameters: what is true.
-    """
+    """The plant's equations for given true parameters."""
 
     def __init__(self, parameters: PlantParameters):
         self._at = memory_of(_EQUATIONS_RECORD, parameters=tuple(parameters), anchors=INITIAL_ANCHORS)
 
     def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
-        """From now on dry friction holds at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
+        """Anchor dry friction at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
         self._set_state(x, theta_m)
         self._at["anchors"] = INITIAL_ANCHORS
         _hold(self._at)
 
     def derivative(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
-        """dx/dt (8,); outside the workspace NaN."""
+        """Return dx/dt (8,); NaN outside the workspace."""
         self._set_state(x, theta_m)
         _derive(self._at)
         dx: NDArray[np.float64] = self._at["dx"][0].copy()
         return dx
 
     def outputs(self, x: ArrayLike, theta_m: ArrayLike) -> np.ndarray:
-        """The component's outputs (1,), a record of `OUTPUTS_RECORD`, with no dry friction that remembers where it was."""
+        """Return the component's outputs (1,), a record of `OUTPUTS_RECORD`, with dry friction at rest."""
         self._set_state(x, theta_m)
         self._at["anchors"] = INITIAL_ANCHORS
         y = np.empty(1, dtype=OUTPUTS_RECORD)
@@ -105,7 +101,7 @@ class PlantEquations:
         return y
 
     def settle_bristle(self, x: ArrayLike) -> NDArray[np.float64]:
-        """`x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
+        """Return `x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
         self._at["x"] = x
         _settle_at(self._at)
         settled: NDArray[np.float64] = self._at["x"][0].copy()
@@ -117,11 +113,11 @@ class PlantEquations:
 
 @cache
 def outputs_at_start(moving, ramp):
-    """The outputs of a plant before its first step, from its state and the motor angles in its inputs."""
+    """Compile the outputs of a plant before its first step, from its state and the motor angles in its inputs."""
 
     @step_function(PLANT_MEMORY, plant_inputs(moving, ramp), PLANT_OUTPUTS)
     def start(m, t, h, u, y):
-        # a pose may have been set that the old anchors know nothing of
+        # the old anchors do not fit a new pose
         for leg in range(3):
             for i in range(ANCHOR_SIZE):
                 m.anchors[leg, i] = math.nan
@@ -142,14 +138,14 @@ def cross(a, b):
 
 @njit(cache=True, error_model="numpy")
 def _share(w, a, b, c):
-    """How much of the triple `a` is in `w`, which is a sum of multiples of `a`, `b` and `c`: Cramer's rule."""
+    """Coefficient of the triple `a` in `w`, a linear combination of `a`, `b` and `c`: Cramer's rule."""
     n = cross(b, c)
     return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
 
 
 @step_function(PLANT_MEMORY, outputs=REST_OUTPUTS)
 def rest(m, t, h, u, y):
-    # `resting` without a solver of LAPACK, which no FMU has
+    # `rest_state` without a LAPACK solver, which FMUs do not contain
     p = m.parameters
     px, py, pz = m.x[0], m.x[1], m.x[2]
     fx, fy, fz = contact_force(p, px, py, pz, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -1,12 +1,12 @@
 """Compiled sums of a held force: error, overshoot, settling, chatter, torque, work and energy of the drives.
 
-With F the true pressing force, R its reference and e = F - R, row by row, in compiled code:
+With F the true pressing force, R its reference and e = F - R, row by row:
 
 - s0 is the first row with the force loop on at or after the first touch (F > 0).
 - Held rows. With tasks: phases hold, circle and push. Without: the loop is on, 2 s have passed since s0, and R has not
-  moved for 2 s. R must be positive. A fixed time, not "from settling on": the interval must not depend on the run that
-  is judged.
-- Overshoot: largest e in the 2 s from s0 on; of a task the largest F less its force, from its first row with the loop
+  moved for 2 s. R must be positive. The time is fixed, as the interval must not depend on the settling of the
+  evaluated run.
+- Overshoot: largest e in the 2 s from s0 on; for a task the largest F less its force, from its first row with the loop
   on to 1 s after its first held row.
 - Settling: from s0 to the row after the last |e| > 5 % of R before the first hold ends.
 - Chatter: e of held rows through two first-order high-passes in series, reset at each hold. Discretised by the
@@ -23,16 +23,16 @@ from twin.kernel.cosim.port import record
 from twin.robot.plant.deviation import column_value
 
 REFERENCE_ROUNDING = 1e-9
-"""Largest change of the reference (N) from row to row that is rounding."""
+"""Maximum change of the reference (N) from row to row that counts as rounding."""
 SWING_HYSTERESIS = 0.025
-"""Half width (N) of the band that a swing has to cross to be counted: half a step of the paper's scale."""
+"""Half width (N) of the band that a counted swing must cross: half a step of the paper's scale."""
 
 HOLD_SIGNALS = {
     "plant.F_ee_B": 3, "plant.p_B": 3, "controller.triggered": 1, "controller.F_z_ref": 1, "controller.p_ref_B": 3,
     "controller.p_cmd_B": 3, "controller.task": 1, "controller.phase": 1, "monitor.reason": 1, "plant.tau_load": 3,
     "drive.omega_m": 3, "drive.tau_motor": 3, "drive.current": 3, "drive.power": 3,
 }  # fmt: skip
-"""Signals that the sums need, and their sizes; a signal of the drives has a value per drive."""
+"""Signals that the sums need, and their sizes; a signal of the drives has one value per drive."""
 _F, _P, _ON, _R, _REF, _CMD, _TASK, _PHASE, _TRIP, _LOAD, _OMEGA, _TORQUE, _CURRENT, _POWER = (
     int(start) for start in np.cumsum([0, *HOLD_SIGNALS.values()])[:-1]
 )
@@ -52,20 +52,20 @@ SUMS_RECORD = record(
     x_1="f8", y_1="f8", y_2="f8", swings="f8", span="f8", sign="f8", ups="f8", worst="f8", frequency="f8",
 )  # fmt: skip
 TASK_SUMS = 13
-"""Numbers of a task: first row with the force loop on, first held row, held rows, sum of e, of e squared, largest F for
-the overshoot; of every tick: least and largest F or tap peak, first and last tick, taps, whether the last row is of a
-tap, peak of the last tap."""
+"""Number of sums of a task: first row with the force loop on, first held row, held rows, sum of e, of e squared,
+largest F for the overshoot; of every tick: least and largest F or tap peak, first and last tick, taps, whether the last
+row belongs to a tap, peak of the last tap."""
 
 
 @njit(cache=True, inline="always")
 def _largest(so_far, value):
-    """The larger of `so_far` and |value|; NaN does not count."""
+    """The larger of `so_far` and |value|; NaN is ignored."""
     return abs(value) if abs(value) > so_far else so_far
 
 
 @njit(cache=True, inline="always")
 def _end_hold(s):
-    """Keep the chatter of the hold that ends if it is the worst so far."""
+    """Keep the chatter of the ending hold if it is the worst so far."""
     if s.span > 0.0:
         square = s.swings / s.span
         if square > s.worst:
@@ -78,7 +78,7 @@ def _end_hold(s):
 
 @njit(cache=True, inline="always")
 def _swing(s, e):
-    """Take one value of a hold into its chatter."""
+    """Add one value of a hold to its chatter."""
     if s.span == 0.0:
         s.y_1 = s.y_2 = s.swings = s.sign = s.ups = 0.0
         s.x_1 = e
@@ -114,7 +114,7 @@ def _drives(s, row, column):
 
 @njit(cache=True, inline="always")
 def _task(t, k, F, e, on, held, grace):
-    """Take a row of a task into its sums `t`."""
+    """Add a row of a task to its sums `t`."""
     if on and t[0] < 0.0:
         t[0] = k
     if held:
@@ -129,10 +129,10 @@ def _task(t, k, F, e, on, held, grace):
 
 @njit(cache=True, inline="always")
 def _extremes(s, t, tick, F, phase):
-    """Take a tick of a task into the extremes of its force `t`; a tap lasts until the next one begins."""
+    """Add a tick of a task to the extremes of its force `t`; a tap lasts until the next one begins."""
     tap = phase == s.tap
     if tap and t[11] == 0.0:
-        # the least peak so far is of taps that are over
+        # the least peak so far includes completed taps only
         if t[10] > 0.0:
             t[6] = min(t[6], t[12])
         t[10] += 1.0

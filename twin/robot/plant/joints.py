@@ -1,23 +1,21 @@
 """Forces on joints and springs: weight in a tilted mounting, dry friction, hard stops.
 
-How the robot is mounted: which way is up, seen from its base. The base may be tilted out of the level about two axes, R
-= R_y(tilt) R_x(tilt_x) as with a surface. Then up is R^T e_z, and all that weighs weighs along it. The robot's computer
-knows no tilt: it takes off a weight along z of B.
+The base may be tilted about two axes, R = R_y(tilt) R_x(tilt_x) as for a surface. The upward direction is then R^T e_z,
+and all weights act against it. The robot's computer ignores the tilt: it compensates a weight along z of B.
 
-Dry friction of joints and within springs, and their hard stops: forces that know where, and no speed. Dry friction is a
-spring that slides (Prandtl 1928, Z angew Math Mech 8:85): it holds at an anchor, yields elastically, and drags the
-anchor along once it carries all that it can:
+Dry friction of joints and within springs depends on position, not on speed. It is a sliding spring (Prandtl 1928, Z
+angew Math Mech 8:85): it sticks to an anchor, yields elastically, and drags the anchor along at its maximum force:
 
     joint    tau_f = (tau_c/a) (theta_l - theta_0),  within +-tau_c            (P14)
     spring   w = d + (d - d_0),  the bracket within +-h |d|                    (P15)
 
-a is the angle over which a joint yields before it breaks loose. A spring with the hysteresis h carries k_s w: (1 + h)
-k_s d while its deflection grows, (1 - h) k_s d while it shrinks, and nothing in its backlash. Within a step the anchors
-stand still, so both are forces with a potential; after it they are dragged along, which only lowers what is stored. So
-friction sticks truly, takes energy, and never makes any.
+a is the angle over which a joint yields before it slides. A spring with the hysteresis h carries k_s w: (1 + h) k_s d
+while its deflection grows, (1 - h) k_s d while it shrinks, and nothing in its backlash. The anchors are fixed within a
+step, so both are forces with a potential; dragging them afterwards only lowers the stored energy. So friction truly
+sticks, dissipates energy, and never creates any.
 
-A hard stop is an elastic one, of stiffness k_e: beyond a deflection d_e a spring has k_s + k_e, and a joint is pushed
-back into its range by k_e times what it is out of it.
+A hard stop is elastic with the stiffness k_e: beyond a deflection d_e a spring has k_s + k_e, and a joint out of its
+range is pushed back by k_e times the excess.
 """
 
 import math
@@ -44,19 +42,19 @@ def upward(parameters):
 
 @njit(cache=True, forceinline=True)
 def gravity_lever(up, leg, k_r, k_z):
-    """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: what it turns the joint by is weight times this."""
+    """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: its torque on the joint is weight times lever."""
     return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
 
 
 @njit(cache=True)
 def arm_torque(parameters, up, leg, theta_l):
-    """Torque (N m) with which the weight of the arm of `leg` turns its joint at the angle `theta_l` (rad)."""
+    """Torque (N m) of the arm's weight on the joint of `leg` at the angle `theta_l` (rad)."""
     return arm_weight(parameters) * parameters.l_a * gravity_lever(up, leg, np.cos(theta_l), -np.sin(theta_l))
 
 
 @njit(cache=True, forceinline=True)
 def _clamp(value, limit):
-    """`value`, no larger than `limit` either way; 0 for what is held nowhere yet."""
+    """Limit `value` to +-`limit`; 0 for NaN, i.e. without an anchor."""
     if value > limit:
         return limit
     if value < -limit:
@@ -64,44 +62,44 @@ def _clamp(value, limit):
     return value if value == value else 0.0
 
 
-# numpy's division here and below: an exception of compiled code that the master calls by address is lost
+# NumPy division here and below: an exception is lost in compiled code that the master calls by address
 @njit(cache=True, error_model="numpy", forceinline=True)
 def friction_torque(parameters, anchors, leg, theta_l):
-    """Torque (N m) with which the dry friction of a joint holds it, (P14)."""
+    """Torque (N m) of a joint's dry friction, (P14)."""
     away = theta_l - anchors[leg, JOINT_ANCHOR]
     return _clamp(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
 
 
 @njit(cache=True, forceinline=True)
 def hysteresis_deflection(parameters, anchors, leg, d):
-    """The deflection (rad) of a spring without hysteresis that carries what this one does at `d`, (P15)."""
+    """Deflection (rad) of a spring without hysteresis with the same torque as this one at `d`, (P15)."""
     return d + _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
 @njit(cache=True, forceinline=True)
 def drag(parameters, anchors, leg, theta_l, d):
-    """Move the anchors of `leg`, in place, to where the joint at `theta_l` and its spring at `d` (rad) drag them."""
+    """Move the anchors of `leg`, in place, as dragged by the joint at `theta_l` and its spring at `d` (rad)."""
     anchors[leg, JOINT_ANCHOR] = theta_l - _clamp(theta_l - anchors[leg, JOINT_ANCHOR], parameters.joint_presliding)
     anchors[leg, SPRING_ANCHOR] = d - _clamp(d - anchors[leg, SPRING_ANCHOR], parameters.spring_hysteresis * abs(d))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stop_deflection(parameters, d):
-    """The deflection (rad) of a spring without a stop that carries what this one does at `d`."""
+    """Deflection (rad) of a spring without a stop with the same torque as this one at `d`."""
     over = abs(d) - parameters.spring_stop
     return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
 
 
 @njit(cache=True, error_model="numpy")
 def inverse_stop_deflection(parameters, d):
-    """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stop_deflection` inverted."""
+    """Deflection (rad) of a spring with a stop with the torque of one without at `d`: inverse of `stop_deflection`."""
     over = abs(d) - parameters.spring_stop
     return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
 
 
 @njit(cache=True, forceinline=True)
 def stop_torque(parameters, theta_l):
-    """Torque (N m) with which its hard stops push a joint back into its range; 0 within."""
+    """Torque (N m) of the hard stops on a joint out of its range; 0 within."""
     if theta_l > parameters.joint_upper:
         return parameters.stop * (parameters.joint_upper - theta_l)
     if theta_l < parameters.joint_lower:

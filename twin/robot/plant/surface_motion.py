@@ -1,10 +1,10 @@
-"""A body that moves under the robot: breathing and shifts, as displacement and velocity of its surface.
+"""Motion of the body under the robot: breathing and shifts, as displacement and velocity of its surface.
 
 With tau the time since onset:
 
     breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, so a breath lifts the surface by 2 A. It starts and
-                ends between two breaths, where displacement and velocity are 0; the breath that goes on at `end` is
-                finished.
+                ends between two breaths, where displacement and velocity are 0; a breath in progress at `end` is
+                completed.
     shift       s = D m(tau / rise), back again from `end` on; m(q) = 10 q^3 - 15 q^4 + 6 q^5 is the path of least jerk
                 (Flash and Hogan 1985, J Neurosci 5:1688) and keeps the acceleration continuous, too.
 """
@@ -30,7 +30,7 @@ BODY_MEMORY = record(motions="i8", count="i8")
 
 
 class MotionKind(IntEnum):
-    """How the surface moves."""
+    """Kind of a motion of the surface."""
 
     BREATHING = 0
     SHIFT = 1
@@ -40,11 +40,11 @@ class Motion(NamedTuple):
     """One motion of the surface, SI.
 
     Attributes:
-        kind: of `MotionKind`.
-        displacement: vector in B (m): amplitude of a breathing, whole way of a shift.
-        onset, end: when it starts, and stops or goes back (s); infinity: never.
-        rate: of a breathing (Hz), > 0.
-        rise: how long a shift takes (s), > 0.
+        kind: breathing or shift.
+        displacement: vector in B (m): amplitude of breathing, total displacement of a shift.
+        onset, end: start, and end or return (s); infinity for never.
+        rate: frequency of breathing (Hz), > 0.
+        rise: duration of a shift (s), > 0.
     """
 
     kind: MotionKind
@@ -56,32 +56,30 @@ class Motion(NamedTuple):
 
 
 class Breathing(Settings):
-    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
+    """[contact.breathing]: the surface rises by twice the amplitude and falls with every breath."""
 
-    amplitude: float = setting(
-        "mm", field="displacement", ge=0, examples=[1.0], help="half the way from breath to breath"
-    )
+    amplitude: float = setting("mm", field="displacement", ge=0, examples=[1.0], help="half the height of a breath")
     rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
-    start: float = setting("s", field="onset", default=0.0, ge=0, help="first breath")
+    start: float = setting("s", field="onset", default=0.0, ge=0, help="start of the first breath")
     end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="last breath")
 
     @property
     def motion(self) -> Motion:
-        """Along z."""
+        """Breathing as a motion along z."""
         return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
 
 
 class Shift(Settings):
-    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
+    """[contact.shift]: the person moves once, and back again if an end is given."""
 
-    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
-    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="when it moves")
-    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
-    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="when it moves back")
+    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="displacement (x, y, z)")
+    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="start of the motion")
+    rise: float = setting("s", gt=0, examples=[0.5], help="duration of the motion")
+    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="start of the return")
 
     @property
     def motion(self) -> Motion:
-        """As the table says."""
+        """The shift as a motion."""
         return Motion(MotionKind.SHIFT, **numbers(self))
 
 
@@ -89,11 +87,11 @@ MOTION_RECORD = record_of(Motion)
 _motions_at = pointer_to(MOTION_RECORD)
 
 
-# numpy's division: a rate or rise of 0 has to give NaN, because an exception of compiled code that the
-# master calls by address is lost
+# NumPy division: a rate or rise of 0 must give NaN, because an exception is lost in compiled code that the master calls
+# by address
 @njit(cache=True, error_model="numpy")
 def breathing(motion, t):
-    """Share of the amplitude (1) at `t` (s), and its rate of change (1/s)."""
+    """Displacement by breathing at `t` (s), as a share of the amplitude, and its rate of change (1/s)."""
     last = motion.onset + np.ceil((motion.end - motion.onset) * motion.rate) / motion.rate
     if t <= motion.onset or t >= last:
         return 0.0, 0.0
@@ -104,7 +102,7 @@ def breathing(motion, t):
 
 @njit(cache=True, error_model="numpy")
 def least_jerk(t, rise):
-    """Share of a way of duration `rise` (s) that is done `t` seconds after its start (1), and its rate (1/s)."""
+    """Completed share of a shift with duration `rise` (s), `t` seconds after its start, and its rate (1/s)."""
     if t <= 0.0:
         return 0.0, 0.0
     if t >= rise:
@@ -115,7 +113,7 @@ def least_jerk(t, rise):
 
 @njit(cache=True)
 def progress(motion, t):
-    """Share of its displacement that `motion` has reached at `t` (1), and its rate of change (1/s)."""
+    """Share of the displacement that `motion` has reached at `t` (s), and its rate of change (1/s)."""
     if motion.kind == MotionKind.BREATHING:
         return breathing(motion, t)
     there, v_there = least_jerk(t - motion.onset, motion.rise)

@@ -1,7 +1,7 @@
-"""Branches of a run: its state at one time, gone on with in an experiment that differs from then on.
+"""Branches of a run: simulations that continue its state at one time with a changed experiment.
 
-Every component goes on from the state of the one with its name. A fault that was not there stands as if it had been
-there from the start without acting: its clock is at the present tick, and what it passes on is what it is given.
+Each component continues from the state of the component with its name. A new fault is added as if it had been
+present and idle from the start: its clock is at the current tick and its outputs equal its inputs.
 """
 
 from collections.abc import Collection, Sequence
@@ -18,26 +18,26 @@ from twin.robot.faults import FaultComponent
 FIXED_KEYS = {
     "cosim": "steps and scheme hold for the whole run",
     "controller.period_ms": "calls of the controller are counted from the start",
-    "drive": "what a drive holds inside fits no other one; run the experiment again with it",
+    "drive": "a drive's internal state fits no other drive; run the experiment again with it",
     "duration_s": "FMUs know when the run ends",
     "seed": "random numbers were drawn before",
     "recording": "it belongs to the whole run",
     "robot": "it fills truth and belief before the start; set plant.* or controller.model.*",
 }
-"""Keys that cannot be other ones in mid-run, and why; all below them, too."""
+"""Keys that cannot change in mid-run, with the reasons; the keys below them neither."""
 LENGTH_KEYS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
-"""Of the mechanism, in any table: a rod that is suddenly longer is nowhere."""
+"""Lengths of the mechanism, fixed in every table: a rod whose length jumps has no consistent position."""
 
 
 def refuse_fixed_keys(settings: Sequence[str], option: str = "--set") -> None:
-    """Refuse settings that cannot act from the middle of a run on.
+    """Refuse settings that cannot change in mid-run.
 
     Args:
         settings: "table.key=value" texts.
-        option: that they were given with.
+        option: command-line option of the settings, for the error message.
 
     Raises:
-        InputRefused: it names the key and says why.
+        InputRefused: with the key and the reason.
     """
     for setting in settings:
         key = setting.partition("=")[0].strip()
@@ -54,16 +54,16 @@ def branched_experiment(
     faults: Sequence[str] = (),
     body: str | None = None,
 ) -> Experiment:
-    """The experiment of `recording` with changes that act from some time on.
+    """Load the experiment of `recording` with changes that act from some time on.
 
     Args:
-        recording: the file.
+        recording: MCAP file of the run.
         settings: "table.key=value" texts.
-        faults: inline tables of TOML, added to its own.
-        body: a file of bodies/ in place of its own; its height stays.
+        faults: inline TOML tables, added to the experiment's faults.
+        body: file of bodies/ that replaces the body; its height stays.
 
     Raises:
-        InputRefused: a setting cannot change in mid-run, or is none that an experiment may have.
+        InputRefused: a setting cannot change in mid-run or is invalid.
     """
     refuse_fixed_keys(settings)
     return recorded_experiment(
@@ -72,19 +72,19 @@ def branched_experiment(
 
 
 def start_branch(simulation: Simulation, saved: SavedState) -> None:
-    """Let `simulation` of a branch go on from `saved`, the state of the run that it branches from.
+    """Start `simulation` of a branch from `saved`, the parent run's state.
 
     Raises:
-        InputRefused: a component that was not there needs a past.
+        InputRefused: a new component has memory, so it cannot start in mid-run.
     """
     add_components(simulation, simulation.adopt(saved))
 
 
 def add_components(simulation: Simulation, new: Collection[str]) -> None:
-    """Let the components with the names `new` come into `simulation`, where all others are in mid-run.
+    """Start the components named `new` in `simulation`, where all others are in mid-run.
 
     Raises:
-        InputRefused: one of them needs a past.
+        InputRefused: a new component has memory, so it cannot start in mid-run.
     """
     for component in simulation.system.components:
         if component.name not in new:

@@ -1,4 +1,4 @@
-"""Time and disk space that a run takes, estimated before it begins."""
+"""Wall time and disk space of a run, estimated before it starts."""
 
 from collections.abc import Sequence
 
@@ -7,29 +7,29 @@ from twin.kernel.process.job import LONG_RUN_DURATION, duration_text
 from twin.robot.experiment.experiment import Experiment
 
 SECONDS_PER_TICK = 20e-6
-"""Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
+"""Wall time (s) per tick, stepping and recording, with a compiled drive; a drive in Python needs ten times as long."""
 BYTES_PER_TICK = 350
-"""Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
+"""Recording size (bytes) per tick: 300 to 410 with the shipped experiments and drives, half at rate "controller"."""
 MAX_DISK_BYTES = 5e9
-"""Size (bytes) beyond which a run starts only after a question."""
+"""Maximum size (bytes) of recordings that start without confirmation."""
 
 
 def estimate(experiment: Experiment) -> tuple[float, float]:
-    """(s, bytes) that a run of `experiment` takes, about."""
+    """Return the estimated wall time (s) and recording size (bytes) of a run of `experiment`."""
     ticks = experiment.duration_ticks
     shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
     return ticks * SECONDS_PER_TICK, ticks / shortest * BYTES_PER_TICK
 
 
 def refuse_endless(experiments: Sequence[Experiment], factor: float | None = None) -> None:
-    """Ask the user whether runs that take very long or fill the disk are meant.
+    """Refuse runs that take very long or fill the disk, unless the user confirms them.
 
     Args:
-        experiments: to be run one after the other.
-        factor: simulated time per wall time; None or 0: as fast as it goes.
+        experiments: experiments to run one after the other.
+        factor: simulated time per wall time; None or 0 for as fast as possible.
 
     Raises:
-        InputRefused: more than `LONG_RUN_DURATION` or `MAX_DISK_BYTES`; it says how much.
+        InputRefused: more than `LONG_RUN_DURATION` or `MAX_DISK_BYTES`; the message gives the estimate.
     """
     costs = [estimate(experiment) for experiment in experiments]
     seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))

@@ -1,6 +1,6 @@
-"""The state of a run at one tick, for its branches; FMUs without a state are handed over alive.
+"""State of a run at one tick, as the start of its branches.
 
-For that the past is run again, for each branch anew.
+FMUs that cannot save their state are handed over alive: the run is repeated up to the tick for every branch.
 """
 
 from collections.abc import Iterator
@@ -21,20 +21,20 @@ from twin.robot.run.watch import run_observers
 
 
 class BranchPoint:
-    """The tick of a run at which branches leave it.
+    """The common start of a run's branches: one tick of the run.
 
     Args:
-        experiment: of the run, unchanged.
-        recording: its file, which may have states.
-        tick: within the run.
+        experiment: experiment of the run, unchanged.
+        recording: file of the run, which may contain states.
+        tick: tick within the run.
 
     Attributes:
-        lacking: a sentence on each component without a state.
-        how: where the run was gone on from to come there.
+        lacking: per component without a state, the reason.
+        how: description of the origin: a saved state, or a run from the start.
 
     Raises:
         InputRefused: a part of the run does not fit any more.
-        ComponentFailed: a component failed on the way.
+        ComponentFailed: a component failed before the tick.
     """
 
     def __init__(self, experiment: Experiment, recording: Path, tick: int):
@@ -48,10 +48,10 @@ class BranchPoint:
 
     @property
     def branch_state(self) -> StoredState:
-        """The state.
+        """State of the run at the tick.
 
         Raises:
-            InputRefused: a component has none.
+            InputRefused: a component cannot save its state.
         """
         if self._saved is None:
             raise InputRefused(f"{self._recording}: this run has no state: {'; '.join(self.lacking)}")
@@ -59,18 +59,20 @@ class BranchPoint:
 
     @contextmanager
     def hand_over(self, branched: Experiment) -> Iterator[StoredState]:
-        """The state that one branch continues from; components alive in it end with the block.
+        """Yield the start state of one branch; live components in it are freed when the block ends.
 
         Args:
-            branched: what the branch runs.
+            branched: experiment of the branch.
 
         Raises:
-            InputRefused: a third-party part is another one.
-            ComponentFailed: a component failed on the way.
+            InputRefused: a third-party part differs from the parent run's.
+            ComponentFailed: a component failed before the tick.
         """
         for role in {**self._experiment.stand_ins, **branched.stand_ins}:
             if self._experiment.stand_ins.get(role) != branched.stand_ins.get(role):
-                raise InputRefused(f"{role} cannot change in mid-run: what a third-party part holds fits no other one")
+                raise InputRefused(
+                    f"{role} cannot change in mid-run: the state of a third-party part fits no other part"
+                )
         if self._saved is not None:
             yield self.branch_state
             return
@@ -81,7 +83,7 @@ class BranchPoint:
             yield self._pack_state(self._state_at_tick(assembly), alive)
 
     def _state_at_tick(self, assembly: Assembly, nearest: StoredState | None = None) -> SavedState:
-        """The state at the tick of the run in `assembly`, from the state `nearest` or the start."""
+        """Simulate `assembly` up to the tick, from the state `nearest` or the start, and return its state."""
         experiment = self._experiment
         lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
         observers = [*lasting.values(), _TickStop(self._tick)]
@@ -99,7 +101,7 @@ class BranchPoint:
 
 
 class _TickStop(Observer):
-    """Ends a simulation at the beginning of a tick."""
+    """An observer that stops a simulation at the beginning of a tick."""
 
     def __init__(self, tick: int):
         self.halts = [tick]

@@ -1,4 +1,4 @@
-"""The force that an experiment asks for, and the sums behind the measures of a held force."""
+"""Force reference of an experiment, and the sums behind the measures of a held force."""
 
 import math
 from collections.abc import Mapping
@@ -22,13 +22,13 @@ UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 TOUCH_GRACE = 2.0
 """Time (s) to reach the force in a run without tasks, from the first touch and from each step of the reference."""
 TASK_GRACE = 1.0
-"""Time (s) after the first held row of a task until which its overshoot is searched."""
+"""Search time (s) for the overshoot of a task, from its first held row."""
 SETTLING_BAND = 0.05
-"""Share of the reference within which the force has settled."""
+"""Deviation, as a share of the reference, within which the force has settled."""
 HIGH_PASS = 2.0
 """Corner frequency (Hz) of the high-passes that separate chatter from slow changes of the force."""
 SIGNAL_SUBSTITUTES = {"controller.p_ref_B": ("reference.p_ref_B",), "monitor.reason": ("monitor.tripped",)}
-"""Signals that stand for one that a third-party part does not have."""
+"""Signals that replace one that a third-party part does not have."""
 
 
 class HoldRequest(NamedTuple):
@@ -36,9 +36,9 @@ class HoldRequest(NamedTuple):
 
     Attributes:
         force_loop: whether the force is controlled.
-        forces, kinds: force (N) and kind of each task; empty if way points lead the robot.
-        thinned: whether rows are recorded at the controller's period only; the measures are of these rows.
-        every: ticks from one looked-at row to the next.
+        forces, kinds: force (N) and kind of each task; empty if waypoints lead the robot.
+        thinned: whether rows are recorded at the controller's period only; the measures then use these rows.
+        every: ticks from one evaluated row to the next.
         geometry: lengths of the true robot.
         stiffness: k_s N^2 eta of its springs, seen from the proximal links (N m/rad).
     """
@@ -53,7 +53,7 @@ class HoldRequest(NamedTuple):
 
     @staticmethod
     def from_experiment(experiment: Experiment) -> "HoldRequest":
-        """The request of an experiment."""
+        """Build the request from an experiment."""
         thinned = experiment.recording.rate == "controller"
         return HoldRequest(
             # a third-party controller has no mode
@@ -68,11 +68,7 @@ class HoldRequest(NamedTuple):
 
     @staticmethod
     def from_values(values: Mapping[str, Any]) -> "HoldRequest":
-        """The request of a recorded experiment.
-
-        Args:
-            values: its values, keys with units.
-        """
+        """Build the request from the values of a recorded experiment, keys with units."""
         controller, plant = values.get("controller", {}), values.get("plant", {})
         lengths = [1e-3 * plant.get(f"{name}_mm", math.nan) for name in Geometry._fields]
         return HoldRequest(
@@ -87,17 +83,17 @@ class HoldRequest(NamedTuple):
 
 @dataclass(frozen=True)
 class HeldForces:
-    """The true pressing force of one task; None if it was never held.
+    """The true pressing force of one task; None where it was never held.
 
     Attributes:
-        task: its number, counted from 1.
+        task: task number, from 1.
         kind: press, tap, roll or push.
-        force: asked for (N).
+        force: requested force (N).
         taps: number of taps.
-        least, largest: extremes of the force while it is held, or of the peaks of taps (N).
-        begin, end: first and last time of that (s).
-        error, mean_error: rms and mean of the force minus its reference while it is held (N); None for taps.
-        overshoot: largest force beyond the task's, as a share of it, until 1 s after it begins to be held.
+        least, largest: extremes of the force while held, or of the peaks of taps (N).
+        begin, end: times of the first and last held row (s).
+        error, mean_error: rms and mean of the force minus its reference while held (N); None for taps.
+        overshoot: largest excess over the task's force, as a share of it, until 1 s after the hold begins.
     """
 
     task: int
@@ -114,7 +110,7 @@ class HeldForces:
 
 
 class RowLayout(Protocol):
-    """Rows of signals: a system, or a run that is read."""
+    """Column layout of signal rows: a system, or a recorded run."""
 
     @property
     def tick(self) -> float:
@@ -124,7 +120,7 @@ class RowLayout(Protocol):
         """Whether a row has the signal."""
 
     def columns(self, end: str) -> slice:
-        """Columns of a signal that a row has."""
+        """Columns of a signal; the row must have it."""
 
 
 def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]:
@@ -141,11 +137,11 @@ def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]
 
 
 class HoldSums:
-    """The sums behind the measures of a held force. How rows are sliced makes no difference, not even to the last bit.
+    """The sums behind the measures of a held force, bit-identical however the rows are sliced.
 
     Args:
-        layout: of the rows.
-        request: of the experiment.
+        layout: column layout of the rows.
+        request: force references of the experiment.
     """
 
     def __init__(self, layout: RowLayout, request: HoldRequest):
@@ -168,12 +164,12 @@ class HoldSums:
         return bool(self._columns[sum(HOLD_SIGNALS[key] for key in before)] >= 0)
 
     def __getitem__(self, name: str) -> float:
-        """A sum by its name in `SUMS_RECORD`."""
+        """Return the sum called `name` in `SUMS_RECORD`."""
         return float(self._memory[name][0])
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """All sums (n,), for a saved state."""
+        """All sums (n,), as part of a saved state."""
         return np.concatenate([self._memory.view(np.float64), self._tasks.ravel()])
 
     @state.setter
@@ -185,18 +181,18 @@ class HoldSums:
         self._tasks.flat[:] = values[size:]
 
     def add_rows(self, first: int, rows: NDArray[np.float64]) -> None:
-        """Add rows.
+        """Add rows to the sums.
 
         Args:
             first: tick of the first row.
-            rows: (n, width).
+            rows: signal rows, (n, width).
         """
         rows = np.ascontiguousarray(rows)
         add_up(rows, *rows.shape, self._columns, first, self._memory, self._tasks, len(self._tasks))
 
     @property
     def holds(self) -> float:
-        """Number of holds, the last one included."""
+        """Number of holds, including the one in progress."""
         return self["ended"] + (self["span"] > 0.0)
 
     @property
@@ -210,9 +206,11 @@ class HoldSums:
 
     @property
     def felt_stiffness(self) -> float | None:
-        """Stiffness (N/m) along z that the springs give the platform at its mean position while held: z of
-        J^T k_s N^2 eta J, as tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18 to 20), dtheta_l = J dp_B, F = J^T tau_l.
-        None if nothing was held or the robot is not known."""
+        """Stiffness (N/m) along z that the springs give the platform at its mean position while held.
+
+        It is z of J^T k_s N^2 eta J, as tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18 to 20), dtheta_l = J dp_B,
+        F = J^T tau_l. None if nothing was held or the robot is unknown.
+        """
         m = self._memory[0]
         if not (m["count"] and self.request.geometry and np.isfinite(m["p_B"]).all()):
             return None
@@ -221,7 +219,7 @@ class HoldSums:
 
     @property
     def chatter(self) -> tuple[float, float]:
-        """(amplitude (N), frequency (Hz)) of the hold that chatters most; both 0 if nothing was held."""
+        """(amplitude (N), frequency (Hz)) of the hold with the strongest chatter; both 0 if nothing was held."""
         m = self._memory[0]
         found = [(m["worst"], m["frequency"])] if m["worst"] >= 0.0 else []
         if m["span"]:
@@ -231,7 +229,7 @@ class HoldSums:
 
     @property
     def tasks(self) -> tuple[HeldForces, ...]:
-        """Each task, in their order; empty if the controller does not report which task is on."""
+        """Held force of each task, in order; empty if the controller does not report the current task."""
         known = self.has("controller.task") and self.has("controller.phase")
         return tuple(self._task(index) for index in range(len(self._tasks) if known else 0))
 

@@ -1,7 +1,7 @@
-"""The measures of a run: one table of every number about a run, with unit, meaning, interval, floor and computation.
+"""Measures of a run: one table with unit, meaning, interval, floor and computation of each.
 
-`Tally` computes them row by row while a run is stepped; `outcome_of` feeds a `Tally` with a run that is read, so that
-both give the same bits.
+`Tally` accumulates them row by row while a run is stepped; `outcome_of` feeds a `Tally` with a recorded run, so both
+give identical bits.
 """
 
 import math
@@ -12,23 +12,56 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from twin.kernel.serialise import to_dict
 
 if TYPE_CHECKING:
-    # the process that supervises a run prints measures, and loads no numerics
+    # the process that supervises a run prints measures without loading NumPy
     from twin.robot.run.hold import HoldSums
+
+FORCE_FLOOR = 0.05
+"""Smallest force difference that counts (N): a step of the paper's scale."""
+LENGTH_FLOOR = 2.5e-5
+"""Smallest length difference that counts (m): one count of a joint encoder, at the platform."""
+TIME_FLOOR = 0.05
+"""Smallest difference of settling times that counts (s)."""
+EFFORT_SHARE = 0.05
+"""Smallest relative difference of current, torque, work and energy that counts."""
+LEAST_CHATTER = 0.05
+"""Minimum amplitude (N) that is reported as chatter."""
+LARGE_OVERSHOOT = 0.05
+"""Overshoot, as a share of the reference, above which the headline reports it."""
+NOT_FOR_TASKS = "not defined for tasks"
+"""Reason for the missing settling time of a run with tasks, whose force follows a ramp."""
+NO_FORCE_LOOP = "no force loop"
+"""Reason for missing force measures of a run in position mode."""
+HELD_INTERVAL = "while a force is held"
+RUN_INTERVAL = "the run, until the safety monitor trips"
+WHOLE_INTERVAL = "the whole run"
+NO_OUTPUT = "no output of these drives"
+HEADLINE_KEYS = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
+"""Measures printed first."""
+SECOND_KEYS = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
+"""Measures printed after the headline."""
+FORCE_KEYS = (
+    *HEADLINE_KEYS, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
+    "end",
+)  # fmt: skip
+"""Measures computable from a force and its reference alone."""
+_HOLD_KEYS = (*HEADLINE_KEYS, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
+              "hold_overshoot_force", "hold_begin", "hold_end", "holds",
+              "felt_stiffness")  # fmt: skip
 
 
 def fixed_point(value: float, digits: int, sign: str = "") -> str:
-    """`value` with `digits` after the point, without a minus before what rounds to nothing."""
+    """Format `value` with `digits` decimals, without a minus sign if it rounds to zero."""
     return f"{round(value, digits) + 0.0:{sign}.{digits}f}"
 
 
 class ShownUnit(NamedTuple):
-    """A unit of numbers that people read.
+    """A unit of displayed numbers.
 
     Attributes:
-        text: the unit.
-        ending: the unit in keys and columns.
-        per_SI: how many of it are one `SI`.
-        SI: the unit of the value in Python and JSON.
+        text: unit symbol.
+        ending: form of the unit in keys and column names.
+        per_SI: number of these units in one `SI`.
+        SI: unit of the value in Python and JSON.
     """
 
     text: str
@@ -48,7 +81,7 @@ COUNT = ShownUnit("", "count", 1.0, "1")
 
 @dataclass(frozen=True)
 class MeasuredValue:
-    """The value of a measure, SI, and a remark; None with the reason if it does not exist."""
+    """The SI value of a measure with a remark, or None with the reason why it does not exist."""
 
     value: float | None
     reason: str = ""
@@ -56,23 +89,26 @@ class MeasuredValue:
 
 Value = float | MeasuredValue | None
 Values = Mapping[str, MeasuredValue]
-"""MeasuredValue values by the keys of `ROWS_BY_KEY`."""
+"""Measured values by the keys of `ROWS_BY_KEY`."""
 
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """Numbers of the plant, not of what the controller believes.
+    """Summary numbers of the plant's true state, as opposed to the controller's belief.
 
     Attributes:
-        peak, peak_time: largest pressing force (N) and when (s).
+        peak, peak_time: largest pressing force (N) and its time (s).
         end: mean pressing force of the last second (N).
-        end_x, end_y: mean force along x and y, by the robot on what it touches, of the last second (N).
-        force_error: rms of the pressing force off its reference while the force loop is on, from the first touch on
-            (N): a robot that moves through air is held to no force. None: the loop never was on, or nothing touched.
-        lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
-            None: the controller, a third-party one, tells of no reference.
-        early_trigger: how long the force loop was on before the first touch (s), until the end if there was none; 0: it
-            came on in contact; None: never.
+        end_x, end_y: mean force along x and y, by the robot on its surroundings, of the last second (N).
+        force_error: rms of the pressing force minus its reference while the force loop is on (N), from the first touch
+            on,
+            as a robot in the air has no force to hold. None if the loop never was on or nothing was touched.
+        lateral_error, z_error: rms deviation from the pre-defined reference, in x and y together, and in z (m). None if
+            a
+            third-party controller reports no reference.
+        early_trigger: time with the force loop on before the first touch (s), or before the end without a touch; 0 if
+            it
+            was switched on in contact, None if never.
         measures: every measure by its key in `ROWS_BY_KEY`, SI.
     """
 
@@ -90,17 +126,16 @@ class RunOutcome:
 
 @dataclass(frozen=True)
 class MeasureRow:
-    """A number about a run.
+    """A measure of a run: its texts, unit, computation and smallest significant difference.
 
     Attributes:
         key: name in Python and JSON, where values are SI.
-        text: name for people.
-        unit: unit that people read.
-        meaning: one sentence.
+        text: displayed name.
+        unit: displayed unit.
+        meaning: definition in one sentence.
         interval: time over which it is taken.
-        value: computation from the sums over held rows and the numbers of the whole run; NaN or None if it does not
-            exist.
-        digits: digits after the point that people read.
+        value: computation from the sums over held rows and the outcome of the whole run; NaN or None if undefined.
+        digits: displayed decimals.
         floor: smallest difference that counts, SI.
         share: smallest difference that counts, as a share of the larger value.
         missing: reason if the value does not exist.
@@ -119,38 +154,16 @@ class MeasureRow:
 
     @property
     def column(self) -> str:
-        """Name of a column, with the unit: `hold_error_N`."""
+        """Name of a table column, with the unit: `hold_error_N`."""
         return f"{self.key}_{self.unit.ending}"
 
     def format_value(self, value: float) -> str:
-        """`0.094 N`."""
+        """Format a value (SI) in the displayed unit: `0.094 N`."""
         return f"{fixed_point(value * self.unit.per_SI, self.digits)} {self.unit.text}".rstrip()
 
     def differs(self, one: float, other: float) -> bool:
-        """Whether two values differ by more than the floor."""
+        """Whether two values differ by more than the floor or share."""
         return abs(one - other) > max(self.floor, self.share * max(abs(one), abs(other)))
-
-
-FORCE_FLOOR = 0.05
-"""A step of the paper's scale (N)."""
-LENGTH_FLOOR = 2.5e-5
-"""A count of a joint encoder at the platform (m)."""
-TIME_FLOOR = 0.05
-"""Smallest difference of settling times that counts (s)."""
-EFFORT_SHARE = 0.05
-"""Smallest difference of current, torque, work and energy that counts, as a share."""
-LEAST_CHATTER = 0.05
-"""Smallest amplitude (N) that is reported as chatter."""
-LARGE_OVERSHOOT = 0.05
-"""Share of the reference beyond which an overshoot stands in the first line."""
-NOT_FOR_TASKS = "not defined for tasks"
-"""Reason of a run with tasks for having no settling time: they lead the force along a ramp."""
-NO_FORCE_LOOP = "no force loop"
-"""Reason of a run in position mode."""
-HELD_INTERVAL = "while a force is held"
-RUN_INTERVAL = "the run, until the safety monitor trips"
-WHOLE_INTERVAL = "the whole run"
-NO_OUTPUT = "no output of these drives"
 
 
 def _overshoot(hold: "HoldSums", run: RunOutcome) -> Value:
@@ -216,26 +229,30 @@ MEASURE_ROWS = (
     MeasureRow("held_lateral_error", "lateral error while held", MM,
                "rms distance of the true position from the reference in x and y", HELD_INTERVAL, _rms("lateral"), 2,
                LENGTH_FLOOR),
-    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD_INTERVAL, _rms("z"),
-               3, LENGTH_FLOOR),
-    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque, share=EFFORT_SHARE),
+    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one",
+               HELD_INTERVAL, _rms("z"), 3, LENGTH_FLOOR),
+    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN_INTERVAL, _torque,
+               share=EFFORT_SHARE),
     MeasureRow("current", "largest current", A, "largest current of any drive", RUN_INTERVAL,
                lambda hold, run: _reported_value(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
-    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN_INTERVAL,
-               lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
-    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN_INTERVAL, lambda hold, run: hold["energy"],
-               2, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive",
+               RUN_INTERVAL, lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN_INTERVAL,
+               lambda hold, run: hold["energy"], 2, share=EFFORT_SHARE, missing=NO_OUTPUT),
     MeasureRow("hold_mean_error", "mean force error while held", N,
                "mean of the true pressing force minus its reference", HELD_INTERVAL, _mean("error"), floor=FORCE_FLOOR),
     MeasureRow("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
                "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
-    MeasureRow("hold_begin", "held from", S, "first held tick", HELD_INTERVAL, lambda hold, run: hold["first"] * hold["dt"]),
-    MeasureRow("hold_end", "held until", S, "last held tick", HELD_INTERVAL, lambda hold, run: hold["last"] * hold["dt"]),
+    MeasureRow("hold_begin", "held from", S, "first held tick", HELD_INTERVAL,
+               lambda hold, run: hold["first"] * hold["dt"]),
+    MeasureRow("hold_end", "held until", S, "last held tick", HELD_INTERVAL,
+               lambda hold, run: hold["last"] * hold["dt"]),
     MeasureRow("holds", "holds", COUNT, "number of times that a force is held without a break", HELD_INTERVAL,
                lambda hold, run: hold.holds, 0),
     MeasureRow("felt_stiffness", "stiffness felt", N_PER_M,
-               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD_INTERVAL,
-               lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
+               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J",
+               HELD_INTERVAL, lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE,
+               missing="the robot is not known"),
     MeasureRow("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
                "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
                missing="no touch with the force loop on"),
@@ -248,29 +265,17 @@ MEASURE_ROWS = (
     MeasureRow("lateral_error", "lateral error", MM,
                "rms distance of the true position from the pre-defined reference in x and y", WHOLE_INTERVAL,
                lambda hold, run: run.lateral_error, 2, LENGTH_FLOOR),
-    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE_INTERVAL,
-               lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
-    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE_INTERVAL,
-               lambda hold, run: run.early_trigger, missing="the force loop is never on"),
+    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included",
+               WHOLE_INTERVAL, lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
+    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air",
+               WHOLE_INTERVAL, lambda hold, run: run.early_trigger, missing="the force loop is never on"),
 )  # fmt: skip
-"""Every measure, the first ones first."""
+"""Every measure, in display order."""
 ROWS_BY_KEY = {measure.key: measure for measure in MEASURE_ROWS}
-HEADLINE_KEYS = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
-"""Measures that stand before all others."""
-SECOND_KEYS = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
-"""Measures that follow them."""
-FORCE_KEYS = (
-    *HEADLINE_KEYS, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
-    "end",
-)  # fmt: skip
-"""Measures that a force and its reference are enough for."""
-_HOLD_KEYS = (*HEADLINE_KEYS, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
-              "hold_overshoot_force", "hold_begin", "hold_end", "holds",
-              "felt_stiffness")  # fmt: skip
 
 
 def compute_measures(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
-    """Compute every measure of the table."""
+    """Compute every measure of the table from the sums of held rows and the outcome of the run."""
     no_hold = "" if hold["count"] else _no_hold(hold, run)
     remark = ", ".join(
         text
@@ -297,7 +302,7 @@ def compute_measures(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredVal
 
 
 def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
-    """Why no force was held."""
+    """Return the reason why no force was held."""
     forces = hold.request.forces
     if not hold.request.force_loop:
         return NO_FORCE_LOOP
@@ -316,12 +321,12 @@ def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
 
 
 def missing_measures(reason: str) -> dict[str, MeasuredValue]:
-    """Return every measure as missing, for one reason."""
+    """Return every measure as missing, all for the same reason."""
     return {measure.key: MeasuredValue(None, reason) for measure in MEASURE_ROWS}
 
 
 def value_text(key: str, values: Values) -> str:
-    """`0.094 N`, or `none (no force loop)`; a remark follows in brackets."""
+    """Format a measure: `0.094 N`, or `none (no force loop)`; a remark follows in brackets."""
     found = values.get(key, MeasuredValue(None, "not measured"))
     if found.value is None:
         return f"none ({found.reason})"
@@ -329,22 +334,22 @@ def value_text(key: str, values: Values) -> str:
 
 
 def labelled_text(key: str, values: Values) -> str:
-    """`hold error 0.094 N`."""
+    """Format a measure with its name: `hold error 0.094 N`."""
     return f"{ROWS_BY_KEY[key].text} {value_text(key, values)}"
 
 
 def first_measures(values: Values) -> list[str]:
-    """The measures of `HEADLINE_KEYS` as text, without one that tasks do not have."""
+    """Format the measures of `HEADLINE_KEYS`, without those undefined for tasks."""
     return [labelled_text(key, values) for key in HEADLINE_KEYS if values[key].reason != NOT_FOR_TASKS]
 
 
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:
-    """MeasuredValue values as a summary holds them."""
+    """Convert the measures of a summary file to `MeasuredValue` objects."""
     return {key: MeasuredValue(one["value"], one["reason"]) for key, one in facts.items()}
 
 
 def with_units(values: Values) -> dict[str, Any]:
-    """MeasuredValue values for JSON: value in SI, unit, reason."""
+    """Convert measures for JSON: value in SI, unit, reason."""
     return {
         key: {"value": one.value, "unit": unit.SI or unit.text, "reason": one.reason}
         for key, one in values.items()

@@ -1,4 +1,7 @@
-"""The tick at which the safety monitor first acts; until then the robot without monitor has the same bits."""
+"""Observer that finds the tick of the safety monitor's first intervention.
+
+Up to that tick, a run without the monitor is bit-identical.
+"""
 
 import math
 
@@ -10,17 +13,17 @@ from twin.robot.assembly.drives import ENABLE_ROLE
 
 
 class MonitorWork(Observer):
-    """Finds out when the monitor first does something to the robot.
+    """Finds the first tick with an effect of the monitor on the robot.
 
-    It does nothing as long as it passes on the very command that it is given, at every tick, and leaves the power on:
-    by induction over the ticks everything else has then the bits that it has without the monitor, if nothing reads
-    more of it than command and power. A drive that can be switched is called in another way where there is a monitor.
+    The monitor is idle while its output command equals its input bit for bit and the power stays on. If nothing else
+    reads more of it than command and power, all other signals then equal a run without it, by induction over
+    ticks. A drive with an enable input is called differently if there is a monitor, so there the tick is 0.
 
     Args:
-        past: that of the run from which this one goes on.
+        past: observer of the run whose state this run continues.
 
     Attributes:
-        first: the tick from which on the robot without monitor may be another one; infinity: never.
+        first: first tick of a possible difference to the run without monitor; infinity without one.
     """
 
     def __init__(self, past: "MonitorWork | None" = None):
@@ -29,7 +32,7 @@ class MonitorWork(Observer):
 
     @property
     def idle(self) -> bool:
-        """Whether the robot without monitor is the same one to the end."""
+        """Whether the monitor never affects the robot."""
         return self.first == math.inf
 
     def begin(self, simulation: Simulation) -> None:

@@ -1,4 +1,4 @@
-"""The outcome of a run: a few numbers of the true state, accumulated while it runs."""
+"""Outcome of a run: summary numbers of the true state, accumulated while it runs."""
 
 import math
 from copy import copy
@@ -15,23 +15,23 @@ from twin.robot.run.hold import HeldForces, HoldRequest, HoldSums, RowLayout, si
 from twin.robot.run.measures import RunOutcome, compute_measures
 
 END_TIME = 1.0
-"""The end of a run is its last second (s)."""
+"""Duration (s) of the end of a run, over which its final force is averaged."""
 BLOCK_ROWS = 1000
-"""Rows that are summed up at once."""
+"""Rows summed at once."""
 DEVIATION_COLUMNS = slice(2, None)
-"""Of the columns, where x and y of the force are for the end of the run only."""
+"""Columns of the deviation sums; x and y of the force are used for the end of the run only."""
 DEVIATION_SIGNALS = {
     "plant.F_ee_B": 3, "plant.p_B": 3, "controller.p_ref_B": 3, "controller.triggered": 1, "controller.F_z_ref": 1,
 }  # fmt: skip
-"""Signals that the errors since the first touch are made of, and their sizes."""
+"""Signals of the errors since the first touch, and their sizes."""
 
 
 class Tally(Observer):
-    """Sums up the rows of a run. How they are sliced makes no difference, not even to the last bit.
+    """Accumulates the outcome of a run, bit-identical however its rows are sliced.
 
     Args:
-        system: with the components plant and controller of `twin.robot.assembly`.
-        request: of the experiment.
+        system: layout of the rows, with the plant and controller of `twin.robot.assembly`.
+        request: force references of the experiment.
     """
 
     lasting = (
@@ -43,7 +43,7 @@ class Tally(Observer):
         self._tick = system.tick
         self._hold = HoldSums(system, request)
         self._columns = np.concatenate([signal_columns(system, *signal) for signal in DEVIATION_SIGNALS.items()])
-        # of rows that wait for the others of their block
+        # columns within the buffer of rows that wait for a full block
         self._waiting_columns = np.where(self._columns < 0, -1, np.arange(len(self._columns)))
         self._waiting, self._filled = np.empty((BLOCK_ROWS, len(self._columns))), 0
         self._deviation = DeviationSums(BLOCK_ROWS)
@@ -77,7 +77,7 @@ class Tally(Observer):
 
     @property
     def _rows_at_end(self) -> NDArray[np.float64]:
-        """Of the last second those that its end may still need."""
+        """Rows of the last second that the end of the run may still need, (n, 3)."""
         ahead = self._simulation.last_tick - self._simulation.next_tick + 1
         needed = max(0, round(END_TIME / self._tick) - ahead)
         return self._last[max(0, len(self._last) - needed) :]
@@ -90,7 +90,7 @@ class Tally(Observer):
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self._hold.add_rows(first, rows)
-        # sums of floating-point numbers depend on their order: these are always of the same rows
+        # floating-point sums depend on their order, so blocks always consist of the same rows
         while len(rows):
             if not self._filled and len(rows) >= BLOCK_ROWS:
                 self._add(rows[:BLOCK_ROWS], self._columns)
@@ -122,12 +122,12 @@ class Tally(Observer):
 
     @property
     def held_forces(self) -> tuple[HeldForces, ...]:
-        """The force of each task, in their order; empty if the controller does not report which task is on."""
+        """Held force of each task, in order; empty if the controller does not report the current task."""
         return self._hold.tasks
 
     @property
     def outcome(self) -> RunOutcome:
-        """The numbers of at least one row."""
+        """Outcome of the rows so far; at least one row is needed."""
         total = copy(self)
         if self._filled:
             total._add(self._waiting[: self._filled], self._waiting_columns)

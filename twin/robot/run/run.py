@@ -1,4 +1,4 @@
-"""One run: an experiment assembled, stepped in slices, recorded as it goes."""
+"""Execution of one run: the experiment is assembled, stepped in slices and recorded."""
 
 import json
 import shlex
@@ -48,9 +48,21 @@ from twin.robot.run.viewer import Pace, Punctuality, Viewer, ViewerObserver
 from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
+NO_STATE_DEPENDS_ON = ("recording", "title")
+"""Keys of an experiment that do not affect a saved state."""
+MAX_POLE_STEP = 2.7
+"""Maximum |pole| times step for stable classical Runge-Kutta: 2.78 on the real axis, 2.83 on the imaginary one."""
+DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
+"""Steps of the numerical derivatives: m, m/s, and m of the bristle."""
+PRESSED_DEPTH = 1e-3
+"""Depth (m) of the platform in the surface for the evaluation of the poles in contact."""
+SLICE_TICKS = BLOCK_TICKS
+SUMMARY_FILE = "summary.json"
+Report = Callable[[int, int], None]
+
 
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
-    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    """Return the metadata that records a run's origin; independent of time, place and user."""
     fmus = {
         f"{name}{'.' * bool(part)}{part}": json.dumps(
             {
@@ -84,11 +96,11 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
     classes = {role: json.dumps(part.metadata) for role, part in assembly.third_party.items() if not part.fmu}
     values = without_folders(experiment.values)
     if "controller" in assembly.substituted:
-        # gains of a law that did not run
+        # the gains of a replaced controller did not act
         values["controller"] = {k: v for k, v in values["controller"].items() if k in RETAINED_KEYS["controller"]}
     return {
         "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
-        # sorted: the same experiment may be spread over files in many ways
+        # sorted because the same experiment may be spread over files in many ways
         "origins": dict(sorted(experiment.origins.items())),
         "fmu": fmus,
         **({"python": classes} if classes else {}),
@@ -103,22 +115,18 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
     }
 
 
-NO_STATE_DEPENDS_ON = ("recording", "title")
-"""Keys of an experiment."""
-
-
 def _identity_parts(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], dict[str, str], dict[str, Any]]:
-    """Versions of packages, SHA-256 of files by the names of parts, and the values of the experiment, of a run."""
+    """Return package versions, SHA-256 of each part's file, and experiment values that identify a run."""
     values = json.loads(provenance["experiment"]["values"])
     values = {key: value for key, value in values.items() if key not in NO_STATE_DEPENDS_ON}
-    # the name of a file that has filled the table in
+    # the name of the body file, whose values are in the table already
     values.get("contact", {}).pop("body", None)
     parts = provenance.get("fmu", {}) | provenance.get("python", {})
     return provenance["versions"], {name: json.loads(text)["sha256"] for name, text in parts.items()}, values
 
 
 def drive_plans(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
-    """(`drive_1`, its plan) and so on of the joints that the experiment's own drives move."""
+    """Return (name, plan), for example (`drive_1`, plan), of each joint that the experiment's own drive moves."""
     if "drive" in assembly.substituted:
         return []
     named = [(f"drive_{number}", plan) for number, plan in enumerate(assembly.drives, start=1)]
@@ -126,7 +134,7 @@ def drive_plans(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
 
 
 def without_folders(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with FMUs, Python and other files by name only: where they lie on this machine is private."""
+    """Return `values` with file names in place of paths, as folders of this machine are private."""
     return {key: _without_folder(key, value) for key, value in values.items()}
 
 
@@ -140,34 +148,28 @@ def _without_folder(key: str, value: Any) -> Any:
     return Path(value).name if key in FILE_KEYS else value
 
 
-MAX_POLE_STEP = 2.7
-"""|pole| times step up to which classical Runge-Kutta is stable: 2.78 on the real axis, 2.83 on the imaginary one."""
-DERIVATIVE_STEPS = np.array([1e-7] * 3 + [1e-5] * 3 + [1e-7] * 2)
-"""Steps of the numerical derivatives: m, m/s, and m of the bristle."""
-PRESSED_DEPTH = 1e-3
-"""How deep (m) the platform is in the surface where the poles of contact are looked at."""
-
-
 def fast_pole_remedy(experiment: Experiment) -> str:
-    """What to do about the plant's fastest pole, in a sentence; "" if the integrator follows it."""
+    """Return a remedy for the plant's fastest pole as a sentence; "" if the integrator is stable."""
     step = experiment.cosim.tick / experiment.plant.substeps
     pole = fastest_pole(experiment)
     if not pole * step > MAX_POLE_STEP:
         return ""
     if pole == np.inf:
-        return "The plant's poles are no numbers: look for a stiffness, mass or damping that is absurd."
+        return "The plant's poles are not finite: look for an absurd stiffness, mass or damping."
     needed = int(np.ceil(pole * experiment.cosim.tick / MAX_POLE_STEP))
     remedy = f"set [plant] substeps = {needed}, or " if needed <= 1000 else ""
     return (
         f"The plant's fastest pole is about {pole:.2g} 1/s, and steps of {1e6 * step:g} us ([cosim] tick_ms / [plant] "
-        f"substeps) follow at most {MAX_POLE_STEP / step:.2g} 1/s: {remedy}look for a stiffness or damping that is too large "
-        "or a mass that is too small."
+        f"substeps) follow at most {MAX_POLE_STEP / step:.2g} 1/s: {remedy}look for a stiffness or damping that is too "
+        "large or a mass that is too small."
     )
 
 
 def fastest_pole(experiment: Experiment) -> float:
-    """|eigenvalue| (1/s) of the plant linearised at rest at its start, and pressed into the surface there; inf if what
-    it is made of gives no numbers."""
+    """Largest |eigenvalue| (1/s) of the plant linearised at its start; inf if it is not finite.
+
+    The plant is at rest, once in the air and once pressed into the surface.
+    """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     start = np.array(experiment.start)
     x, theta_m = rest_state(parameters, start)
@@ -176,7 +178,7 @@ def fastest_pole(experiment: Experiment) -> float:
         pressed = rest_state(parameters, [*start[:2], parameters.z_s - PRESSED_DEPTH])
         poles.append(_fastest_eigenvalue(parameters, *pressed))
     except Unreachable:
-        # what it cannot reach it has not touched
+        # an unreachable surface is never touched
         pass
     return max(poles)
 
@@ -184,7 +186,7 @@ def fastest_pole(experiment: Experiment) -> float:
 def _fastest_eigenvalue(parameters: PlantParameters, x: np.ndarray, theta_m: np.ndarray) -> float:
     jacobian = np.empty((STATE_SIZE, STATE_SIZE))
     plant = PlantEquations(parameters)
-    # dry friction is stiffest while it holds
+    # dry friction is stiffest while it sticks
     plant.hold(x, theta_m)
     for i, small in enumerate(DERIVATIVE_STEPS):
         step = small * np.eye(STATE_SIZE)[i]
@@ -192,12 +194,6 @@ def _fastest_eigenvalue(parameters: PlantParameters, x: np.ndarray, theta_m: np.
     if not np.isfinite(jacobian).all():
         return np.inf
     return float(np.abs(np.linalg.eigvals(jacobian)).max())
-
-
-SLICE_TICKS = BLOCK_TICKS
-SUMMARY_FILE = "summary.json"
-
-Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -208,15 +204,15 @@ class Run:
         recording: the MCAP file.
         simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
         events: (time in s, level, text).
-        trip: why the safety monitor tripped; "" if it did not.
-        drives: what stood behind each joint: file, FMI version, hash, mapping, warnings; nothing for a substitute.
-        substituted: what took the place of the experiment's own components, by their names.
-        outcome: what it came to.
-        microseconds: wall time per tick of each component, if it was measured.
-        changed: whether parameters were changed while it ran; the events say which and when.
-        punctuality: how its deadlines were kept; None if it was not paced.
-        parts: sentences on third-party parts, by their names.
-        held: what the pressing force of each task was.
+        trip: reason why the safety monitor tripped; "" if it did not.
+        drives: per drive: file, FMI version, hash, mapping, warnings; without substituted drives.
+        substituted: description of each substitute, by the name of the replaced component.
+        outcome: summary numbers of the true state.
+        microseconds: wall time (us) per tick of each component, if measured.
+        changed: whether parameters were changed by hand during the run; the events list the changes.
+        punctuality: statistics of the deadlines; None if the run was not paced.
+        parts: descriptions of third-party parts, by role.
+        held: pressing force of each task.
     """
 
     recording: Path
@@ -239,11 +235,11 @@ class Run:
         return self.simulated / self.stepping
 
     def state(self, at: float) -> SavedState:
-        """The state at the time `at` (s), of the recording or made by running again, for `Simulation.restore`.
+        """Return the state at the time `at` (s), loaded from the recording or computed by running again.
 
         Raises:
-            InputRefused: that is not within the run, or a component has no state.
-            ComponentFailed: a component failed on the way.
+            InputRefused: the time is outside the run, or a component cannot save its state.
+            ComponentFailed: a component failed before that time.
         """
         experiment = branched_experiment(self.recording)
         tick = round(at / experiment.cosim.tick)
@@ -264,33 +260,33 @@ def execute(
     viewer: Viewer | None = None,
     state: StoredState | None = None,
 ) -> Run:
-    """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
+    """Run `experiment` and record it as `folder`/run.mcap, with summary.json in the same folder.
 
     Args:
         experiment: checked.
-        folder: the run's own folder, made if it is not there.
-        progress: called with (ticks done, ticks in all) after every slice.
+        folder: folder of the run, created if missing.
+        progress: called with (ticks done, total ticks) after every slice.
         substitutes: see `assemble`. The recording, the summary and every report name them.
-        timed: measure each component.
+        timed: whether to measure the wall time of each component.
         maker: see `assemble`.
-        factor: simulated time per wall time, > 0; None: as fast as it goes. It leaves no trace in the recording.
-        viewer: who watches while it goes on, and may change parameters.
-        state: to go on from; None: from the start.
+        factor: simulated time per wall time, > 0; None for as fast as possible. It leaves no trace in the recording.
+        viewer: live viewer, which may change parameters during the run.
+        state: state to continue from; None to begin at the start.
 
     Raises:
-        InputRefused: a drive FMU does not fit, or the state is of another run.
-        ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
-        NotWritten: the disk is full; likewise.
+        InputRefused: a drive FMU does not fit, or the state belongs to another run.
+        ComponentFailed: a component failed; the rows so far stay as run.mcap.partial.
+        NotWritten: the disk is full; the rows so far stay as run.mcap.partial.
     """
     path = make_folder(Path(folder)) / RECORDING_FILE
     with assemble(experiment, substitutes, maker, state.alive if state else {}) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _execute_and_record(experiment, assembly, path, progress, timed, pace, viewer, state)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
-        # here and not in the recording, which is shared: paths of this machine are private
+        # in the summary only: the recording is shared, and paths of this machine are private
         summary["typed"] = experiment.typed
         summary["outcome"]["measures"] = with_units(run.outcome.measures)
-        # before the FMUs are freed: one that crashes then shall take nothing with it
+        # written before the FMUs are freed: one that crashes then must not lose the summary
         write_json(path.with_name(SUMMARY_FILE), summary)
     return run
 
@@ -306,7 +302,7 @@ def _execute_and_record(
     state: StoredState | None,
 ) -> Run:
     system, last_tick = assembly.system, experiment.duration_ticks
-    # at the rate "controller" nothing is recorded more often than the controller acts
+    # at rate "controller" no signal is recorded more often than the controller's period
     streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
     scene, own = Scene(experiment, system), run_observers(experiment, assembly)
     tuning = own.tuning
@@ -327,7 +323,7 @@ def _execute_and_record(
         observers += [ViewerObserver(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
         branches = state is not None and state.branch
-        # what was changed by hand before a branch is not the branch's
+        # a branch does not inherit changes made by hand in its parent run
         going_on = {name: one for name, one in lasting.items() if not branches or one is not tuning}
         adopt = start_branch if branches else None
         done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
@@ -354,7 +350,7 @@ def _execute_and_record(
 
 
 def _describe_drive(plan: DrivePlan) -> str:
-    """A drive in a few lines: files, FMI versions and hashes, foreign names, warnings."""
+    """Describe a drive in a few lines: files, FMI versions and hashes, mapped names, warnings."""
     lines = [f"{plan.label}  SSP {plan.system.version}  sha256 {plan.system.sha256[:12]}"] if plan.system else []
     lines += [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
     lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
@@ -362,14 +358,14 @@ def _describe_drive(plan: DrivePlan) -> str:
 
 
 def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
-    """The error that says `what` has happened, and what to do about it."""
+    """Return an error with the message `what` and a remedy."""
     sentences = [what]
     culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
         "drive": assembly.drives[0]
     }
     known = {component.name: component for component in simulation.system.components}
     given = simulation.inputs(known[simulation.culprit])
-    # an encoder fails by what it is given only
+    # an encoder can only fail because of its inputs
     if simulation.culprit in ("plant", "encoder") or not np.isfinite(given).all():
         hint = fast_pole_remedy(experiment)
         sentences += [hint] if hint else []

@@ -1,11 +1,11 @@
-"""The past that several runs share: a run that is made once, and others that go on from its states.
+"""Runs that share a prefix: it is simulated once, and the variants continue from its saved states.
 
-Nothing is assembled for those. Each is a system of the same components, which are put where they were in the last
-state before anything differs, and of the faults that only this run has, which come in there as in a branch. What an
-experiment says of components, and a run has changed (faults and changes do), is put back before each run.
+Variants are not assembled again. Each is a system of the same components, restored to the last state before the
+first difference, plus the variant's own faults, added as in a branch. Component parameters that a variant changed
+(by faults or scheduled changes) are restored before the next one.
 
-It is looked at whether states bring the same future back, once for each past. Where they do not, or a component has
-none, every run is made from the start: the same numbers, later.
+Whether a restored state reproduces the rest of the prefix is checked once per prefix. If it does not, or if a
+component cannot save its state, every run begins at the start: the same numbers, later.
 """
 
 import math
@@ -30,19 +30,19 @@ from twin.robot.run.branch import add_components
 from twin.robot.run.trace import Trace
 
 MAX_STATES = 64
-"""So many of a run are kept in memory, some kilobytes each, evenly over it: the way from one to a tick is short."""
+"""Maximum number of states kept in memory, some kilobytes each, evenly spaced so that any tick is near one."""
 SHARING_DISABLED = "sharing is switched off"
 
 
 IDLE_FAULT_KINDS = {"body": "surface_jump", "drive": "drive_runaway"}
-"""By the mechanism of faults that are seen before they act, one of them."""
+"""Idle stand-in by fault mechanism, for faults whose components are present before they act."""
 
 
 def prefix_experiment(experiment: Experiment) -> Experiment:
-    """The run whose past `experiment` has: without its faults, or with such as never act.
+    """Return the experiment of the prefix: `experiment` without its faults, or with idle ones that never act.
 
-    A surface that will move has a body from the start. A shaft behind a drive is a continuous component more: where
-    these do not see each other's newest outputs as they are, what passes through it is late.
+    A surface that will move has a body from the start. A fault of a drive adds a continuous component: where such
+    components do not see each other's newest outputs directly, it delays the signals that pass through it.
     """
     cosim = experiment.cosim
     passed_on = cosim.scheme == "gauss_seidel" and cosim.inputs == "hold" and cosim.iterations == 1
@@ -55,15 +55,15 @@ def prefix_experiment(experiment: Experiment) -> Experiment:
 
 
 class SharedPrefix:
-    """A run, and others with the same past; a context manager that frees what it keeps.
+    """A simulated prefix and the runs that continue from it; a context manager that frees the states.
 
     Args:
-        experiment: of the run; its faults never act, see `prefix_experiment`.
-        observers: of the run.
-        share: False: every run is made from the start, for comparison.
+        experiment: experiment of the prefix; its faults never act, see `prefix_experiment`.
+        observers: observers of the prefix.
+        share: False to make every run from the start, for comparison.
 
     Attributes:
-        lacking: why runs are made from the start, as a sentence; "" if they are not.
+        lacking: reason why runs begin at the start; "" if they share the prefix.
 
     Raises:
         InputRefused: a part of the robot does not fit.
@@ -93,15 +93,15 @@ class SharedPrefix:
             assembly.close()
 
     def run_variant(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> SimulationResult:
-        """Run `experiment`, which does not differ from that of the past before `tick`.
+        """Run `experiment`, which equals the prefix before `tick`, from the last state before it.
 
         Args:
-            experiment: its faults and changes alone may be other ones; its duration too.
-            tick: the first at which anything may be other.
-            observers: see the last kept state as the beginning; of a run from the start, tick 0.
+            experiment: differs from the prefix in faults, scheduled changes and duration only.
+            tick: first tick that may differ.
+            observers: observers of the run; `begin` sees the restored state, or tick 0 of a run from the start.
 
         Returns:
-            The run. What its components hold is there until the next one.
+            The simulation. Its component memory is valid until the next run.
 
         Raises:
             InputRefused: a part of the robot, or a fault, does not fit.
@@ -124,7 +124,7 @@ class SharedPrefix:
 
         done = simulate(replace(self._assembly, system=system), experiment.duration_ticks, observers, start=start)
         if done.failure and system.component(done.simulation.culprit).holders():
-            # what is inside an FMU that has failed is nothing to go back with
+            # the instance of a failed FMU cannot be restored
             self.close()
         return done
 
@@ -142,21 +142,17 @@ class SharedPrefix:
             self.close()
 
     def _run_prefix(self, observers: Sequence[Observer]) -> None:
-        """Make the run and its states, and look whether one of them brings the same future back.
-
-        Raises:
-            ComponentFailed: an FMU refuses, or a component failed.
-        """
+        """Simulate the prefix, keep its states, and check that one of them reproduces the rest."""
         assert self._assembly is not None
         last = self.experiment.duration_ticks
         keeper = _StateRecorder(last, self._states)
         done = simulate(self._assembly, last, [keeper, *observers]).require_success()
         self._simulation = done.simulation
         if not reproduces(self._simulation, self._states[len(self._states) // 2 :]):
-            self.lacking = "from a state that was kept, a component goes on to other numbers"
+            self.lacking = "a component does not reproduce its numbers from a saved state"
 
     def _parts(self, experiment: Experiment, assembly: Assembly) -> Mapping[str, list[Component]]:
-        """The components of `assembly` by row, with the surface of `experiment`, which has no state."""
+        """Return the components of `assembly` by row, with the stateless surface of `experiment`."""
         own = bool(assembly.components_by_row["body"]) and "body" not in assembly.third_party
         return (
             {**assembly.components_by_row, "body": [Body(motions(experiment))]} if own else assembly.components_by_row
@@ -164,7 +160,7 @@ class SharedPrefix:
 
 
 def reproduces(simulation: Simulation, states: Sequence[SystemState]) -> bool:
-    """Whether the first of `states`, which were taken one after the other, brings all the others back."""
+    """Whether restoring the first of `states` and continuing gives all later `states` again."""
     simulation.restore(states[0])
     for state in states:
         while simulation.next_tick < state.tick and not simulation.is_over:
@@ -191,10 +187,10 @@ def simulate_variants(
     Args:
         make: assembles the system.
         at: tick of the change.
-        last: tick that gets the last row.
-        only: signals that are kept, see `Trace`.
-        ways: change the system at the beginning of tick `at`.
-        watch: further observers of a system's run.
+        last: tick of the last row.
+        only: signals to keep, see `Trace`.
+        ways: functions that change the system at the beginning of tick `at`.
+        watch: returns further observers of a system's run.
         slice_ticks: see `simulate`.
 
     Returns:
@@ -219,7 +215,7 @@ def simulate_variants(
 
 
 class _StateRecorder(Observer):
-    """Keeps states on the way to tick `last`, in a list."""
+    """An observer that appends up to `MAX_STATES` evenly spaced states, up to tick `last`, to a list."""
 
     def __init__(self, last: int, states: list[SystemState]):
         self.halts = range(0, last + 1, math.ceil((last + 1) / MAX_STATES))

@@ -1,4 +1,4 @@
-"""A run in memory: its topics, all or every n-th of its rows, all or some of its signals."""
+"""A run in memory: its topics, all or every n-th of its rows, all or selected signals."""
 
 import math
 import re
@@ -20,12 +20,12 @@ from twin.robot.experiment.experiment import Experiment
 
 
 def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
-    """One per component, in their order.
+    """Return one recorded stream per component, in component order.
 
-    `drive_1` is the topic drive/1, `fault_1` is fault/1, everything else has its own name.
+    `drive_1` becomes the topic drive/1, `fault_1` fault/1; other components keep their names.
 
     Args:
-        shortest: ticks from one message to the next, at least.
+        shortest: minimum number of ticks between messages.
     """
     streams = []
     for c, component in enumerate(system.components):
@@ -36,12 +36,12 @@ def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
 
 
 def fields_of(system: System) -> dict[str, Field]:
-    """`topic.field` -> the field, of all that a recording of `system` has."""
+    """Return the fields of all signals that a recording of `system` has, by `topic.field`."""
     return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
 
 
 class _StoredSignal(NamedTuple):
-    """A signal that is kept: its field, the ticks between two of its values, its columns in memory."""
+    """A kept signal: its field, the ticks between its values, its columns in memory."""
 
     field: Field
     period: int
@@ -49,16 +49,16 @@ class _StoredSignal(NamedTuple):
 
 
 class Trace(Observer):
-    """Keeps a run, and is read like a recording of it: `trace["plant.F_ee_B"]`, `trace.time("drive/1")`.
+    """Keeps a run in memory and is read like a recording: `trace["plant.F_ee_B"]`, `trace.time("drive/1")`.
 
     Args:
-        every: rows are kept of every `every`-th tick, tick 0 first.
-        only: the signals that are kept, `topic.field` each; none: all of them.
-        past: of the same signals, what was before a simulation that does not begin at tick 0; None: it does.
+        every: row interval: every `every`-th tick is kept, from tick 0.
+        only: signals to keep, each `topic.field`; empty for all.
+        past: trace of the same signals before the first tick of the simulation; None if it begins at tick 0.
 
     Attributes:
-        metadata: a recording's; there is none.
-        tick: of the simulation (s).
+        metadata: metadata as of a recording; always empty.
+        tick: duration of a tick (s).
     """
 
     def __init__(self, every: int = 1, only: Collection[str] = (), past: "Trace | None" = None):
@@ -93,22 +93,27 @@ class Trace(Observer):
         self._count += len(chosen)
 
     def __getitem__(self, key: str) -> NDArray:
-        """Values of `topic.field` when it was due, in every kept row: (n,) or, for a field of several values,
-        (n, size); float64, int64 or bool.
+        """Return the values of `topic.field` when it was due, in every kept row.
+
+        The shape is (n,), or (n, size) for a field of several values; float64, int64 or bool.
 
         Raises:
-            UnknownSeries: no such signal was kept; it names the nearest ones.
+            UnknownSeries: the signal was not kept; the message suggests the nearest names.
         """
         return self.held(key)[:: self._stride(self._signal(key).period)]
 
     def held(self, key: str) -> NDArray:
-        """Values of `topic.field` as they held at the times `t`, shaped as those of `[]`; raises the same."""
+        """Return the zero-order-held values of `topic.field` at the times `t`, shaped as by `[]`.
+
+        Raises:
+            UnknownSeries: the signal was not kept.
+        """
         field, _, columns = self._signal(key)
         values = self.values[:, columns] if field.size > 1 else self.values[:, columns.start]
         return values != 0.0 if field.kind == "bool" else values.astype(VALUE_TYPES[field.kind], copy=False)
 
     def of_drives(self, name: str) -> NDArray[np.float64]:
-        """The field `name` of all three drives at the times `t`, (n, 3); (n, 0) where they have none."""
+        """Return the field `name` of all three drives at the times `t`, (n, 3); (n, 0) if they do not have it."""
         keys = [key for key in self._signals if key.startswith("drive") and key.endswith(f".{name}")]
         return np.column_stack([self.held(key) for key in keys]) if keys else np.zeros((self._count, 0))
 
@@ -119,14 +124,14 @@ class Trace(Observer):
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """The kept rows, (n, numbers of all kept signals)."""
+        """The kept rows, (n, width of all kept signals)."""
         return self._memory[: self._count]
 
     def time(self, topic: str) -> NDArray[np.float64]:
-        """When `topic` was due (s), (n,); rounded to nanoseconds, as in a recording.
+        """Return the due times of `topic` (s), (n,); rounded to nanoseconds as in a recording.
 
         Raises:
-            UnknownSeries: nothing of that topic was kept; it names the nearest ones.
+            UnknownSeries: no signal of the topic was kept; the message suggests the nearest names.
         """
         periods = {key.rpartition(".")[0]: chosen.period for key, chosen in self._signals.items()}
         if topic not in periods:
@@ -137,7 +142,7 @@ class Trace(Observer):
         return np.rint(ticks * (self.tick * NS_PER_S)) / NS_PER_S
 
     def fields(self) -> dict[str, Field]:
-        """`topic.field` -> the field with its unit and meaning, in the order of the components."""
+        """Return the kept fields with unit and meaning by `topic.field`, in component order."""
         return {key: chosen.field for key, chosen in self._signals.items()}
 
     def _signal(self, key: str) -> _StoredSignal:
@@ -148,15 +153,16 @@ class Trace(Observer):
         return self._signals[key]
 
     def _stride(self, period: int) -> int:
-        """Kept rows from one at which something of that `period` (ticks) is due to the next."""
+        """Return the number of kept rows from one due tick to the next, for a signal period in ticks."""
         return math.lcm(period, self._every) // self._every
 
 
 def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] = ()) -> Trace:
-    """Run `experiment` in this process and keep what `Trace` asks for.
+    """Run `experiment` in this process and return its trace; see `Trace` for the arguments.
 
     Raises:
-        InputRefused: a drive FMU does not fit. ComponentFailed: a component failed.
+        InputRefused: a drive FMU does not fit.
+        ComponentFailed: a component failed.
     """
     trace = Trace(every, only)
     with assemble(experiment) as assembly:

@@ -1,4 +1,4 @@
-"""Parameters of a run that may be changed while it goes on."""
+"""Parameters that can be changed during a run."""
 
 import threading
 from typing import Any
@@ -15,12 +15,12 @@ from twin.robot.experiment.schema import changed_value
 
 
 class Tuning(Observer):
-    """The parameters of one run that may be changed while it goes on.
+    """The parameters of one run that can be changed while it is stepped.
 
     `values`, `request` and `close` may be called from any thread.
 
     Attributes:
-        first: what was changed by hand first, as its event says it; "" as long as nothing was.
+        first: event text of the first change by hand; "" without one.
     """
 
     lasting = ("first", "_values")
@@ -36,18 +36,18 @@ class Tuning(Observer):
         self._lock = threading.Lock()
 
     def values(self) -> dict[str, float]:
-        """Every parameter that may be changed, by its key in the experiment's file, in the unit of that key.
+        """Return every tunable parameter by its experiment key, in the unit of that key.
 
-        What has been asked for counts already.
+        Pending requests are included.
         """
         with self._lock:
             return self._values | {key: number for key, (number, _) in self._asked.items()}
 
     def request(self, key: str, number: object) -> None:
-        """Ask for `number` (in the unit of the key) from the next slice on.
+        """Request the value `number` (in the unit of the key) from the next slice on.
 
         Raises:
-            InputRefused: no such parameter, a value that the experiment's schema refuses, or the run is over.
+            InputRefused: the parameter is unknown, its value is invalid, or the run is over.
         """
         if key not in self._tunables:
             raise InputRefused(f"{unknown_key(key, list(self._tunables))}; only these can be changed while it runs")
@@ -58,7 +58,7 @@ class Tuning(Observer):
             self._asked[key] = (float(number), value)  # type: ignore[arg-type]
 
     def restore(self, state: Any) -> None:
-        """What was changed by hand before is so again."""
+        """Restore the parameters that had been changed by hand when the state was saved."""
         before = dict(self._values)
         super().restore(state)
         for key, number in self._values.items():
@@ -68,7 +68,7 @@ class Tuning(Observer):
                 self._tunables[key].memory[...] = changed_value(DECLARED_TABLES, key, number, self._experiment.values)
 
     def ready(self, tick: int) -> None:
-        """Make the changes asked for, so that they act from `tick` on."""
+        """Apply the requested changes, so that they act from `tick` on."""
         with self._lock:
             asked, self._asked = self._asked, {}
             for key, (number, value) in asked.items():
@@ -78,7 +78,7 @@ class Tuning(Observer):
                     self.first = self.first or self._changes[0].text
 
     def on_rows(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        """Tell what was changed by hand before this slice, and by the experiment itself in it."""
+        """Report the changes made by hand before this slice, and by the experiment within it."""
         with self._lock:
             for change in self._experiment.changes:
                 if first <= change.tick < first + len(rows) and change.key in self._values:
@@ -92,11 +92,11 @@ class Tuning(Observer):
         self._changes.append(TickEvent(tick, "INFO", change, "tuning"))
 
     def close(self) -> None:
-        """Refuse from now on."""
+        """Refuse all later requests."""
         with self._lock:
             self._open = False
 
 
 def _number_text(number: float) -> str:
-    """With every digit that it takes to get the same number back."""
+    """Format a number with as many digits as are needed to read the same number back."""
     return repr(number).removesuffix(".0")

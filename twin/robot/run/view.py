@@ -1,4 +1,4 @@
-"""A run that is read, as rows: in memory, recorded, or a log; and its measures."""
+"""Read access to a run as rows (in memory, recorded, or a log), and its outcome."""
 
 import re
 from collections.abc import Mapping
@@ -14,24 +14,24 @@ from twin.robot.run.outcome import BLOCK_ROWS, DEVIATION_SIGNALS, RunOutcome, Ta
 
 
 class RunView(Protocol):
-    """A run to read: a `Trace`, a `Recording`, or a log by its adapter."""
+    """A readable run: a `Trace`, a `Recording`, or a log through its adapter."""
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
         """Metadata of the recording, by name and key; empty for a run in memory and a log."""
 
     def __getitem__(self, key: str) -> NDArray:
-        """Values of `topic.field`: (n,) or (n, size)."""
+        """Return the values of `topic.field`: (n,) or (n, size)."""
 
     def time(self, topic: str) -> NDArray:
-        """Times of the messages of a topic (s), (n,)."""
+        """Return the times of the messages of a topic (s), (n,)."""
 
     def fields(self) -> Mapping[str, Field]:
-        """`topic.field` -> the field."""
+        """Return the fields by `topic.field`."""
 
 
 class LogView:
-    """A log as a run to read.
+    """A log as a readable run.
 
     Args:
         series: values by `topic.field`, (n,) or (n, size).
@@ -57,12 +57,12 @@ class LogView:
 
 def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
     """Return the index of the sample at `times` (s) that holds at each of `t` (s), (n,); 0 before the first sample."""
-    # half a nanosecond: rounding of the recorded times
+    # half a nanosecond, because recorded times are rounded
     return (times.searchsorted(t + 5e-10, side="right") - 1).clip(min=0)
 
 
 def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
-    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); the first before it came."""
+    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); before the first, its value."""
     values: NDArray = run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
     return values
 
@@ -81,7 +81,7 @@ class BelievedRun:
 
 
 class _Rows:
-    """The signals of a run that its measures are made of, as rows at the times of the plant."""
+    """The signals behind the measures of a run, as rows at the times of the plant."""
 
     def __init__(self, run: RunView):
         t, known = run.time("plant"), run.fields()
@@ -117,11 +117,11 @@ class _Rows:
 
 
 def outcome_of(run: RunView, request: HoldRequest) -> RunOutcome | None:
-    """Compute the outcome of a run that is read; None if it has no true force.
+    """Compute the outcome of a recorded run; None if it has no true force.
 
     Args:
-        run: with rows of the plant.
-        request: of its experiment; its rows are taken as they are, whatever `every` says.
+        run: run with rows of the plant.
+        request: force references of its experiment; `every` is ignored.
     """
     if "plant.F_ee_B" not in run.fields() or not len(run.time("plant")):
         return None

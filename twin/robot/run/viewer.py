@@ -1,4 +1,4 @@
-"""Viewers of a running simulation, and the pace of a run."""
+"""Live viewer of a running simulation, and real-time pacing of a run."""
 
 import math
 from collections.abc import Sequence
@@ -15,33 +15,34 @@ from twin.robot.run.tuning import Tuning
 from twin.robot.scene import Scene
 
 SLICE_TIME = 0.01
-"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with what it costs."""
+"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with its overhead."""
 
 
 class Viewer(Protocol):
-    """Called by the thread that steps, between slices; what it takes its time over delays the run."""
+    """Interface of a live viewer, called between slices by the thread that steps; slow calls delay the run."""
 
     def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
-        """A run begins as soon as this returns.
+        """Prepare to show a run, which begins when this returns.
 
         Args:
-            streams: in the order of the recording.
+            streams: recorded streams, in the order of the recording.
+            scene: drawing of the robot.
             tick: duration of a tick (s).
-            tuning: what may be changed, by any thread, until the run is over.
+            tuning: tunable parameters, usable by any thread until the run is over.
         """
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Show what has just been simulated.
+        """Show the rows of the latest slice.
 
         Args:
             first: tick of the first row.
-            rows: (n, width of the system's outputs), overwritten by the next slice.
-            events: what happened in them.
+            rows: system outputs, (n, width), overwritten by the next slice.
+            events: events within these rows.
         """
 
 
 class ViewerObserver(Observer):
-    """Shows a run to `viewer`; the arguments are those of its `begin`."""
+    """An observer that passes a run to `viewer`, with the arguments of `Viewer.begin`."""
 
     def __init__(self, viewer: Viewer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
         self._viewer, self._streams, self._scene, self._tuning = viewer, streams, scene, tuning
@@ -55,15 +56,15 @@ class ViewerObserver(Observer):
 
 @dataclass(frozen=True)
 class Punctuality:
-    """How a paced run kept its deadlines.
+    """Statistics of a paced run's deadlines.
 
     Attributes:
-        factor: simulated time per wall time that was wanted.
-        achieved: what it came to.
-        deadlines: how many there were.
-        misses: at how many the work was not done yet.
-        worst: longest time by which one was missed (s).
-        jitter, jitter_99: standard deviation and 99th percentile of the time from a deadline to going on (s).
+        factor: requested simulated time per wall time.
+        achieved: achieved simulated time per wall time.
+        deadlines: number of deadlines.
+        misses: number of missed deadlines.
+        worst: longest delay of a missed deadline (s).
+        jitter, jitter_99: standard deviation and 99th percentile of the wake-up delay after a deadline (s).
     """
 
     factor: float
@@ -76,7 +77,7 @@ class Punctuality:
 
     @property
     def sentence(self) -> str:
-        """For people, less than 80 columns."""
+        """Summary text in less than 80 columns."""
         missed = f"{self.misses} of {self.deadlines} deadlines missed"
         if self.misses:
             missed += f", by {1e3 * self.worst:.1f} ms at most"
@@ -84,7 +85,7 @@ class Punctuality:
 
 
 class Pace(Observer):
-    """Lets simulated time pass `factor` times as fast as the clock on the wall, see `Deadlines`.
+    """An observer that paces a simulation at `factor` times real time, see `Deadlines`.
 
     Args:
         factor: simulated time per wall time, > 0.
@@ -92,7 +93,7 @@ class Pace(Observer):
 
     Attributes:
         tick_time: wall time of a tick (s).
-        deadlines: of its ticks.
+        deadlines: deadlines of the ticks.
     """
 
     def __init__(self, factor: float, tick: float):
@@ -101,7 +102,7 @@ class Pace(Observer):
         self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Ticks between two looks at what has come: at most `SLICE_TIME`, at least one tick, and a divisor of `block`."""
+        """Return the slice length in ticks: at most `SLICE_TIME`, at least one tick, a divisor of `block`."""
         most = max(1, math.floor(SLICE_TIME / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
@@ -109,7 +110,7 @@ class Pace(Observer):
         simulation.pace(self.deadlines)
 
     def punctuality(self) -> Punctuality:
-        """Of every deadline so far."""
+        """Return the statistics of all deadlines so far."""
         found = self.deadlines.counts
         count, mean = max(1, found["count"]), found["sum"] / max(1, found["count"])
         due = (found["last"] - found["start"]) * self.tick_time if found["count"] else 0.0

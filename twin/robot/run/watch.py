@@ -1,4 +1,4 @@
-"""The events of a run: triggers, phases of tasks, trips, faults, messages of FMUs."""
+"""Events of a run: triggers, phases of tasks, trips, faults, messages of FMUs."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -23,11 +23,11 @@ CUT_SHORT_TEXTS = {
     PhaseKind.TAP: UNREACHED_TEXT,
     **dict.fromkeys(PRESSING_PHASES, "lost contact"),
 }
-"""What it means if a phase is followed by the retraction that is not its turn."""
+"""Event text by phase, if the phase is cut short by an early retraction."""
 
 
 class Watch(Observer):
-    """Finds the events of a run in its rows, slice by slice."""
+    """An observer that derives the events of a run from its rows."""
 
     lasting = ("_before", "_touched", "_early", "_tripped", "_power")
 
@@ -39,7 +39,7 @@ class Watch(Observer):
             *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
             "controller.F_z",
         )
-        # a third-party one need not tell
+        # a third-party controller need not report these signals
         known = all(assembly.system.has_output(name) for name in names)
         self._watched = [assembly.system.columns(name).start for name in names] if known else []
         self._before = np.zeros(len(names) - 1)
@@ -79,7 +79,7 @@ class Watch(Observer):
                 yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
 
     def _false_trigger(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """A force loop that is on before the robot truly touches: it controls the force of air."""
+        """Yield a warning when the force loop is switched on before the first true touch, and another at that touch."""
         if self._touched or not self._of_touch:
             return
         F_ee_z, on = rows[:, self._of_touch].T
@@ -101,7 +101,7 @@ class Watch(Observer):
         if before[0] != number:
             yield TickEvent(tick, "INFO", f"{name} of {len(self._tasks)} begins", "controller")
         was = PhaseKind(int(before[1])) if before[1] else PhaseKind.DONE
-        # a probe is followed by a retraction either way; what tells them apart is the force
+        # a probe always ends in a retraction; the force decides whether it succeeded
         felt = was is PhaseKind.PROBE and F_z >= self._experiment.tasks[number - 1].force
         if phase is PhaseKind.RETRACT and was in CUT_SHORT_TEXTS and not felt:
             yield TickEvent(tick, "WARNING", f"{name} {CUT_SHORT_TEXTS[was]}", "controller")
@@ -121,7 +121,7 @@ class Watch(Observer):
             yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
 
     def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """That of a third-party monitor, of which it is known only that."""
+        """Yield the trip event of a third-party monitor, which reports no reason."""
         if self._tripped or not self._system.has_output("monitor.tripped"):
             return
         at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
@@ -138,12 +138,12 @@ class Watch(Observer):
 
 
 class RunObservers(NamedTuple):
-    """The observers of every run that have a state; with its recorder they are what a saved state holds, by name.
+    """The stateful observers of every run; a saved state holds them by name, with the recorder.
 
     Attributes:
         tuning: changes by hand.
-        watch: the monitor's and the tasks' events.
-        tally: the outcome, and the pressing force of each task.
+        watch: events of monitor and tasks.
+        tally: outcome, and pressing force of each task.
     """
 
     tuning: Tuning
@@ -152,7 +152,7 @@ class RunObservers(NamedTuple):
 
 
 def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
-    """New observers of a run of `experiment`, which `assembly` was made of."""
+    """Create the observers of a new run of `experiment`, assembled as `assembly`."""
     system = assembly.system
     tally = Tally(system, HoldRequest.from_experiment(experiment))
     return RunObservers(Tuning(experiment, assembly), Watch(assembly, experiment), tally)

@@ -89,7 +89,7 @@ def test_every_shipped_task_can_be_carried_out_on_every_body_but_for_a_push_over
         (
             "pressing",
             ["task.1.force_N=0.6"],
-            "force_N = 0.6 is not above [controller.touch] contact_N = 0.6, at which contact is felt",
+            "force_N = 0.6 is not above [controller.touch] contact_N = 0.6, the threshold of contact",
         ),
         (
             "pressing",

@@ -1,4 +1,4 @@
-"""Consistency of the options of a controller beside the paper's law: tissue, schedule, breath, taps that learn."""
+"""Consistency of the controller's options beyond the paper's law: tissue, schedule, breath, learning taps."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -16,21 +16,21 @@ from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.plant.dynamics import TrueRobot
 
 MAX_BAND_RATIO = 0.05
-"""Middle of the estimator's band times the controller's period, at most: 20 calls per swing."""
+"""Maximum centre frequency of the tissue estimate times the controller's period: 20 calls per swing."""
 RUNGE_KUTTA_STEPS = 4
 """Runge-Kutta steps per period of the controller."""
 
 
 class Loop(NamedTuple):
-    """The robot going up and down on a tissue, one mass on its springs, with a drive of first order; SI.
+    """Vertical motion of the robot on a tissue: one mass on its springs, with a first-order drive; SI.
 
     Attributes:
-        mass, spring, friction: of the platform with what moves with it (kg), in z (N/m), of the joints in z (N s/m).
-        lag: of the drive (s).
-        kp: of the position loop (1/s).
-        corner: low-pass on the force (Hz).
-        give, slow: share of the springs' speed by which the motors give way to swings (1/s), and its corner (Hz).
-        period: of the controller (s).
+        mass, spring, friction: moving mass (kg), stiffness in z (N/m), joint friction in z (N s/m).
+        lag: lag of the drive (s).
+        kp: gain of the position loop (1/s).
+        corner: corner frequency of the force's low-pass (Hz).
+        give, slow: gain (1/s) and corner of the motors' yielding to swings of the springs' torque.
+        period: period of the controller (s).
     """
 
     mass: float
@@ -45,21 +45,21 @@ class Loop(NamedTuple):
 
 
 def spectral_radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
-    """Largest magnitude of a pole of the sampled loops on a tissue of `stiffness` (N/m) with gains of the force loop.
+    """Compute the largest pole magnitude of the sampled loops on a tissue of `stiffness` (N/m) with given force gains.
 
-    The states are height, speed, motor, the drive's speed; what is held for a period is the command.
+    The continuous states are height, speed, motor and drive speed; the command is held for a period.
     """
     m, K = loop.mass, loop.spring
     A = np.zeros((5, 5))
     A[0, 1] = 1.0
     A[1] = [-(K + stiffness) / m, -loop.friction / m, K / m, 0.0, 0.0]
     A[2, 3] = 1.0
-    # a drive without lag is one with a very short one
+    # a drive without lag is modelled with a very short one
     A[3, 3:] = np.array([-1.0, 1.0]) / max(loop.lag, 0.2 * loop.period)
     z = A * (loop.period / RUNGE_KUTTA_STEPS)
     one = np.eye(5)
     held = np.linalg.matrix_power(one + z @ (one + z / 2.0 @ (one + z / 3.0 @ (one + z / 4.0))), RUNGE_KUTTA_STEPS)
-    # then low-passed force, integral, slow force of the springs
+    # further states: low-passed force, integral, slow force of the springs
     F = np.zeros(8)
     F[[0, 2]] = K, -K
     force, giving = low_pass_share(loop.corner, loop.period), low_pass_share(loop.slow, loop.period)
@@ -79,11 +79,11 @@ def spectral_radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float
 
 
 def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple | None) -> Iterator[str]:
-    """Each reason why the controller cannot do it, in a sentence.
+    """Yield an error message for each option that the controller cannot fulfil.
 
     Args:
-        plant: the robot as it is, if that is right.
-        start: where the platform begins (m), if that is known.
+        plant: true robot; None if its table is invalid.
+        start: initial platform position (m); None if unknown.
     """
     touch, force = computer.touch, computer.force
     needs = {
@@ -111,7 +111,7 @@ def adaptive_errors(computer: Computer, plant: TrueRobot | None, start: Triple |
 
 
 def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
-    """The loop as the check takes it: a robot at `start` (m), with a drive that lags as the controller believes."""
+    """Build the loop of the stability check: a robot at `start` (m) whose drive has the believed lag."""
     known, model = tissue_sensing(computer, start), computer.model
     squares = float(np.sum(jacobian(geometry_of(model), start)[:, 2] ** 2))
     forward, damping = computer.feed_forward, computer.damping
@@ -129,7 +129,7 @@ def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
 
 
 def _unstable_gains(computer: Computer, plant: TrueRobot, start: Triple) -> Iterator[str]:
-    """The first set of gains that shakes on the stiffness that it is for: of a point, or between two."""
+    """Yield the first set of gains, of a point or between two, that is unstable on its stiffness."""
     loop = believed_loop(computer, plant, start)
     points = [SchedulePoint.from_tables(point) for point in computer.force.schedule]
     table = schedule_table(points).view(np.recarray)

@@ -1,4 +1,4 @@
-"""Consistency of the tables of an experiment with one another and with the robot."""
+"""Consistency of an experiment's tables with one another and with the robot."""
 
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -15,12 +15,12 @@ from twin.robot.mechanism.geometry import geometry_of
 
 
 def disagreements(tables: Tables, reference: WayPoints | None, named: Collection[str]) -> list[str]:
-    """Every way in which the tables that are right by themselves do not fit together, one sentence each.
+    """Return an error message for each conflict between tables that are valid by themselves.
 
     Args:
-        tables: of the experiment.
-        reference: its way points, if they are right.
-        named: what the file has, right or not.
+        tables: valid tables of the experiment.
+        reference: its waypoints; None if they are invalid.
+        named: names of all tables in the file, valid or not.
     """
     checked = tables.by_name
     other = tables.stand_ins
@@ -51,7 +51,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
 
 
 def _adaptive_errors(tables: Tables, reference: WayPoints | None) -> list[str]:
-    """What the controller does besides the paper's law, where it is twin's own."""
+    """Return errors of the controller's options beyond the paper's law, if it is twin's own."""
     checked = tables.by_name
     computer = checked.get("controller")
     if computer is None or computer.force is None:
@@ -63,7 +63,7 @@ def _adaptive_errors(tables: Tables, reference: WayPoints | None) -> list[str]:
 
 
 def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[str]:
-    """A surface that [body] moves moves as that says alone."""
+    """Return a conflict for each other motion of a surface that a third-party [body] moves."""
     if "body" not in tables.stand_ins:
         return []
     contact = tables.by_name.get("contact")
@@ -74,7 +74,7 @@ def _surface_motion_conflicts(tables: Tables, named: Collection[str]) -> list[st
 
 
 def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
-    """Way points or tasks, position or force: what of the other tables that needs is missing, or is too much."""
+    """Return tables that are missing or superfluous for waypoints or tasks, and for position or force mode."""
     has_tasks = "task" in named
     if has_tasks == ("reference" in named):
         return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]
@@ -82,7 +82,7 @@ def _mode_errors(checked: Mapping[str, Any], named: Collection[str]) -> list[str
         return []
     computer = checked["controller"]
     if computer.force is None:
-        # third-party, with modes and gains of its own
+        # third-party, with its own modes and gains
         return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
     force = {
         "reference_N": computer.force.reference,

@@ -1,4 +1,4 @@
-"""Contradictions among the limits of [monitor], and between them and the robot."""
+"""Consistency of the limits of [monitor] with each other and with the robot."""
 
 import math
 
@@ -9,21 +9,21 @@ from twin.robot.monitor.limits import Monitor
 from twin.robot.monitor.safe_action import retreat
 
 MIN_RESOLUTION_RATIO = 3.0
-"""A limit has to be this many times what the encoders resolve, or rounding alone comes near it."""
+"""Minimum ratio of a limit to the encoders' resolution, so that rounding alone stays well below it."""
 
 
 def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float, speed_limit: float) -> list[str]:
-    """Every way in which the limits of [monitor] cannot all mean something, one sentence each; none if not enabled.
+    """Return an error message for each contradiction of the limits of [monitor]; empty if it is disabled.
 
     Args:
         belief: the monitor's model of the robot.
-        sample_period: between two encoder messages, and between two commands (s).
-        speed_limit: of the controller's commands (rad/s).
+        sample_period: period of encoder messages and commands (s).
+        speed_limit: limit of the controller's commands (rad/s).
     """
     if not monitor.enabled:
         return []
     if monitor.z_min >= monitor.z_max:
-        # no middle of the workspace to look at the others from
+        # the other checks need the middle of the workspace
         return [
             f"[monitor] z_min_mm = {1e3 * monitor.z_min:g} is not below z_max_mm = {1e3 * monitor.z_max:g}; "
             "exchange them",
@@ -89,13 +89,14 @@ def _robot_contradictions(monitor: Monitor, belief: MonitorBelief, sample_period
         if getattr(monitor, key) < MIN_RESOLUTION_RATIO * resolved:
             mistakes.append(
                 f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is below the resolution of the "
-                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least {MIN_RESOLUTION_RATIO:g} times that"
+                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least "
+                f"{MIN_RESOLUTION_RATIO:g} times that"
             )
     return mistakes
 
 
 def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
-    """Limits that encoders bound: attribute, unit of its key, that unit per SI, and one count after the low-pass."""
+    """Return limits with a resolution: attribute, unit of its key, that unit per SI, filtered value of one count."""
     return [
         ("force_limit", "N", 1.0, one_count.force),
         ("contact_force", "N", 1.0, one_count.force),
@@ -110,7 +111,7 @@ def _resolution_limits(one_count: Resolution, share: float) -> list[tuple[str, s
 
 
 def _retraction_contradictions(monitor: Monitor, belief: MonitorBelief) -> list[str]:
-    """The retraction has to raise the platform from everywhere: looked at around the top and around the bottom."""
+    """Return an error if the retraction does not raise the platform; checked around the top and the bottom."""
     for z in (monitor.z_max, monitor.z_min):
         for angle in range(0, 360, 30):
             x = monitor.workspace_radius * math.cos(math.radians(angle))

@@ -1,4 +1,4 @@
-"""Reach of poses and references: the workspace, the hard stops of joints, ball joints and links that meet."""
+"""Reach of poses and references: workspace, hard stops of joints, ball joints, and collisions of links."""
 
 from collections.abc import Iterable
 from functools import lru_cache
@@ -15,13 +15,13 @@ from twin.robot.mechanism.workspace import BARS_PER_LEG, Bars, ball_joint_angles
 from twin.robot.plant.dynamics import TrueRobot
 
 WAY_POINT_SPACING = 1e-3
-"""How densely (m) straight lines are checked for reach."""
+"""Spacing (m) of the points checked on straight lines."""
 
 
 def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
-    """(which pose, why) the robot cannot be at one of `p_B` (n, 3) in m, all of which it reaches; None if it can.
+    """Return (index, reason) of a pose of `p_B`, (n, 3) in m, that an obstruction prevents; None if all are free.
 
-    What the robot's file does not state does not limit it.
+    All poses must be within kinematic reach. Limits that the robot's file does not declare are not checked.
     """
     geometry, places = geometry_of(plant), np.asarray(p_B)
     if (met := _find_stop_obstruction(plant, geometry, places)) is not None:
@@ -53,7 +53,7 @@ def find_obstruction(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, s
 
 
 def _find_stop_obstruction(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
-    """As `find_obstruction`, of the joints' hard stops."""
+    """Return (index, reason) of a pose beyond the joints' hard stops, like `find_obstruction`."""
     if plant.joint_lower is None and plant.joint_upper is None:
         return None
     theta_l = joint_angles(geometry, places)
@@ -73,22 +73,24 @@ def _format_position(p_B: NDArray[np.float64]) -> str:
 
 
 def reach_error(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
-    """Why the robot cannot be at one of `p_B` (..., 3) in m, of that pose alone; None if it can."""
+    """Return the error of one unreachable pose of `p_B` (..., 3) in m; None if all are reachable."""
     try:
         joint_angles(geometry, p_B)
     except Unreachable as problem:
-        # of many poses the sentence would name the index; of the pose alone it does not
+        # the message for a single pose does not contain an index
         return problem if p_B.ndim == 1 else reach_error(geometry, np.array(problem.pose))
     return None
 
 
 def reference_errors(reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None) -> list[str]:
-    """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`, or at
-    which `plant` bends too far or meets itself."""
+    """Return the first error of a reference: out of reach of one of `geometries`, or obstructed for `plant`.
+
+    Checked are the waypoints and the lines between them.
+    """
     return list(_pose_errors(reference, tuple(geometries), plant))
 
 
-# the runs of a sweep have one way, mostly, and so have the studies of an experiment
+# the runs of a sweep, and the studies of an experiment, mostly share one reference
 @lru_cache(64)
 def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
     if len(reference.t) != len(reference.p):
@@ -101,7 +103,7 @@ def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: 
                 if reference.shape:
                     return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
                 return [f"[reference] way point {number}: {problem}"]
-    # only now: between points beyond reach a line has any number of points
+    # only for reachable waypoints: a line between absurd ones would need any number of points
     places, ends = _line_points(reference.p)
     for geometry in geometries:
         if reach_error(geometry, places) is None:
@@ -118,7 +120,7 @@ def _pose_errors(reference: WayPoints, geometries: tuple[Geometry, ...], plant: 
 
 
 def _line_points(points: tuple[Triple, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Each way point, with points on the line towards the next: all of them (n, 3), and of each line where it ends."""
+    """Return waypoints and intermediate points of the lines between them, (n, 3), and the end index of each line."""
     starts = np.array(points)
     ways = np.diff(starts, axis=0, append=starts[-1:])
     counts = 1 + (np.linalg.norm(ways, axis=1) / WAY_POINT_SPACING).astype(int)

@@ -1,4 +1,4 @@
-"""Feasibility of tasks: room, speed and force."""
+"""Feasibility of tasks: space, speed and force."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -19,23 +19,23 @@ from twin.robot.plant.contact_law import elastic_force
 from twin.robot.plant.dynamics import PlantParameters, TrueRobot
 
 PATH_SPACING = 1e-3
-"""How densely (m) paths are looked at."""
+"""Spacing (m) of the points checked on paths."""
 MAX_DENSE_LENGTH = 1.0
-"""Length (m) from which on a path is looked at less densely: no robot reaches all of it anyway."""
+"""Length (m) of a path above which it is checked less densely: it exceeds every robot's reach anyway."""
 MAX_BODY_DEPTH = 0.1
-"""No body gives way further than this (m)."""
+"""Maximum indentation (m) of any body."""
 
 
 @dataclass(frozen=True)
 class TaskContext:
-    """Everything that decides whether a task is possible.
+    """Everything that determines whether a task is feasible.
 
     Attributes:
-        plant: the robot and what it presses on, as they are.
-        robot: the table [plant].
-        geometries: as it is, and as the controller believes it.
+        plant: true robot and surface.
+        robot: table [plant].
+        geometries: true geometry, and the controller's.
         approach, controller: their tables.
-        monitor: its table, if it watches.
+        monitor: its table; None if it is disabled.
     """
 
     plant: PlantParameters
@@ -47,7 +47,7 @@ class TaskContext:
 
 
 def task_errors(situation: TaskContext, tasks: Mapping[int, Task], duration: float) -> list[str]:
-    """Why `tasks`, by number, cannot or should not be carried out within `duration` (s): each reason in a sentence."""
+    """Return error messages for `tasks`, by number, that are infeasible, unsafe or too long for `duration` (s)."""
     mistakes = [f"[task {n}] {text}" for n, task in tasks.items() for text in _single_task_errors(situation, task)]
     seconds = sum(_task_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
     ways = ((getattr(before, "to", before.point), task.point) for before, task in pairwise(tasks.values()))
@@ -58,7 +58,7 @@ def task_errors(situation: TaskContext, tasks: Mapping[int, Task], duration: flo
 
 
 def _task_time(approach: Approach, task: Task, surface: float) -> float:
-    """How long a task takes (s), about: down, work, up."""
+    """Estimate the duration of a task (s): down, work, up."""
     way = approach.height - surface
     work = task.times * task.period + task.lift / approach.speed if isinstance(task, Tap) else _contact_time(task)
     return way / approach.descent + work + approach.release + way / approach.speed + 3.0 * approach.ramp
@@ -75,13 +75,13 @@ def _single_task_errors(s: TaskContext, task: Task) -> Iterator[str]:
     if s.controller.touch is not None and task.force <= s.controller.touch.contact:
         yield (
             f"force_N = {task.force:g} is not above [controller.touch] contact_N = {s.controller.touch.contact:g}, "
-            "at which contact is felt"
+            "the threshold of contact"
         )
     if problem := _reach_error(s, path):
         yield problem
         return
     depth = _pressing_depth(s.plant, task.force)
-    # a third-party controller has limits of its own
+    # a third-party controller has its own limits
     limit = s.controller.force.limit if s.controller.force is not None else MAX_BODY_DEPTH
     if depth is None or depth > limit:
         yield (
@@ -101,42 +101,42 @@ def _single_task_errors(s: TaskContext, task: Task) -> Iterator[str]:
 
 
 def _task_path(task: Task) -> NDArray[np.float64]:
-    """Points (n, 2) in m over which the task works."""
+    """Return the path of a task, (n, 2) in m."""
     point = np.array(task.point)
     if isinstance(task, Roll):
         angle = np.linspace(0.0, 2.0 * np.pi, 49)
         return point + task.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if isinstance(task, Push):
         way = np.array(task.to) - point
-        # a line that is longer than any robot needs no more points to be refused
+        # a line longer than any robot is refused with fewer points, too
         count = 2 + int(min(float(np.linalg.norm(way)), MAX_DENSE_LENGTH) / PATH_SPACING)
         return point + np.linspace(0.0, 1.0, count)[:, None] * way
     return point[None, :]
 
 
 def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
-    """z of the surface (m) over (x, y); infinitely far below where a curved one ends."""
+    """Return z of the surface (m) at (x, y); -inf beyond the edge of a curved one."""
 
     def depth(z: float) -> float:
         return float(surface_depth(plant, x, y, z))
 
-    # a thin limb has an underside: from its axis upwards there is but one surface
+    # searched from the axis upwards, as a thin limb also has an underside
     low = plant.z_s - (MAX_BODY_DEPTH if plant.shape == Shape.PLANE else plant.radius)
     high = plant.z_s + MAX_BODY_DEPTH
     below, above = depth(low), depth(high)
     if below * above >= 0.0:
         return -math.inf
     if plant.shape == Shape.PLANE:
-        # the depth falls along a line
+        # the depth is linear in z
         return low + (high - low) * below / (below - above)
-    # here, because loading it takes a third of the time in which a process gets ready to run, and few bodies are curved
+    # imported here: loading it takes a third of a process's start-up time, and few bodies are curved
     from scipy.optimize import brentq
 
     return float(brentq(depth, low, high))
 
 
 def _pressing_depth(plant: PlantParameters, force: float) -> float | None:
-    """Depth (m) at which the body answers with `force` (N)."""
+    """Return the indentation (m) that makes the body react with `force` (N); None if it cannot."""
     if plant.K == 0.0 or elastic_force(plant, MAX_BODY_DEPTH) < force:
         return None
     from scipy.optimize import brentq
@@ -160,7 +160,7 @@ def _approach_errors(
     if isinstance(task, Tap) and (seconds := 2.0 * task.lift / task.speed + s.approach.ramp) > task.period:
         yield f"period_s = {task.period:g}: lift_mm = {1e3 * task.lift:g} down and up again takes {seconds:.2f} s"
     for (x, y), z in zip(path, surface, strict=True):
-        # tangent of the angle between the surface's normal and the vertical
+        # tangent of the angle between surface normal and vertical
         n = surface_frame(s.plant, x, y, z)[3]
         slope = math.hypot(n[0], n[1]) / n[2] if n[2] > 0.0 else math.inf
         if slope > s.plant.mu:
@@ -173,7 +173,7 @@ def _approach_errors(
 
 
 def _reach_error(s: TaskContext, path: NDArray[np.float64]) -> str | None:
-    """Straight down from the travelling height to the floor, everywhere on the path."""
+    """Return the first unreachable or obstructed point between travelling height and floor along the path."""
     height, floor = s.approach.height, s.approach.floor
     heights = (
         np.arange(floor, height + PATH_SPACING, PATH_SPACING)
@@ -206,7 +206,7 @@ def _motor_speed_errors(
 def _velocities(
     s: TaskContext, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
-    """(x and y, velocity, z) where the task moves: SI."""
+    """Yield (x and y, velocity, z) of the motions of a task, SI."""
     for point, z in zip(path, surface, strict=True):
         if isinstance(task, Roll):
             omega = 2.0 * np.pi * task.rate
@@ -258,14 +258,14 @@ def _monitor_errors(
 
 
 def _working_speed(task: Task) -> float:
-    """How fast the task moves in or towards contact (m/s)."""
+    """Return the speed of the task in or towards contact (m/s)."""
     if isinstance(task, Roll):
         return 2.0 * math.pi * task.rate * task.radius
     return task.speed if isinstance(task, Tap | Push) else 0.0
 
 
 def _contact_time(task: Task) -> float:
-    """How long the task presses without a pause (s), release and gentle descent aside."""
+    """Return the duration of uninterrupted contact (s), without release and gentle descent."""
     if isinstance(task, Tap):
         return 0.0
     if isinstance(task, Roll):
