@@ -13,7 +13,8 @@ MIN_SENTENCES = 100
 
 
 def test_few_sentences_of_any_room_are_foreign_to_the_field(root: Path):
-    count, marked = defaultdict(int), defaultdict(list)
+    count: dict[str, int] = defaultdict(int)
+    marked: dict[str, list[str]] = defaultdict(list)
     for path in sorted((root / "twin").rglob("*.py")):
         parts = path.relative_to(root / "twin").parts
         number, found = marked_sentences(path)

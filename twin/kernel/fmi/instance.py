@@ -232,7 +232,7 @@ class Instance:
 
     @contextmanager
     def calling(self, function: str) -> Iterator[None]:
-        """Announce a call of an FMI function to the hooks; restore working directory and floating-point mode afterwards."""
+        """Announce a call of an FMI function to the hooks; restore the folder and the floating-point mode."""
         here, mode = working_directory(), floating_point.mode()
         try:
             with groups.announce_call(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
@@ -270,8 +270,8 @@ class Instance:
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
-        # FMPy changes to the library's folder to load it, and remains there on failure; a library built by gcc with -Ofast
-        # changes the floating-point mode when it is loaded
+        # FMPy changes to the library's folder to load it, and remains there on failure; loading a library built with
+        # gcc -Ofast changes the floating-point mode
         finally:
             os.chdir(here)
             self.restore_mode(mode)

@@ -135,7 +135,8 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
     if rest > SETTLED_BAND * abs(step):
         raise InputRefused(
             f"the step response has not settled: in its last {t[-1] - t[-2 * tail]:.3g} s it is still {rest:.3g} from "
-            f"its end, {100 * rest / abs(step):.0f} % of the step, expected at most {100 * SETTLED_BAND:g} %; simulate longer"
+            f"its end, {100 * rest / abs(step):.0f} % of the step, "
+            f"expected at most {100 * SETTLED_BAND:g} %; simulate longer"
         )
     share = (y - before) / step
     farthest = int(np.argmax(share))
