@@ -73,7 +73,7 @@ def test_every_kind_is_in_the_list_or_left_out_with_a_reason(chosen, left_out):
 def test_a_common_cause_breaks_what_its_kind_can_break(cause):
     known = FAULT_KINDS[cause.kind]
     assert cause.target in known.targets + known.groups
-    assert {cause.seen.free, cause.seen.contact} <= {None, 0.0, *(known.magnitudes or ())}
+    assert {cause.threshold.free, cause.threshold.contact} <= {None, 0.0, *(known.magnitudes or ())}
 
 
 def test_pairs_have_one_kind_of_each_component_and_no_pair_that_is_one_fault():

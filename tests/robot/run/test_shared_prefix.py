@@ -171,12 +171,12 @@ def test_a_state_that_is_handed_over_a_tick_late_is_seen(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize(
     ("fault", "kind", "left_out"),
-    [(GLITCH, FaultComponent, "join"), (RUNAWAY, DriveFault, "passed_on"), (LATE, MessageFault, "passed_on")],
+    [(GLITCH, FaultComponent, "join_run"), (RUNAWAY, DriveFault, "idle_outputs"), (LATE, MessageFault, "idle_outputs")],
 )
 def test_a_fault_that_does_not_come_in_as_if_it_had_been_there_is_seen(
     monkeypatch: pytest.MonkeyPatch, fault: Fault, kind: type, left_out: str
 ):
-    idle = {"join": lambda self, tick: None, "passed_on": lambda self, given: np.zeros(width(self.outputs))}
+    idle = {"join_run": lambda self, tick: None, "idle_outputs": lambda self, given: np.zeros(width(self.outputs))}
     monkeypatch.setattr(kind, left_out, idle[left_out])
     experiment = with_fault(pressing(6.5), fault)
     with SharedPrefix(prefix_experiment(experiment)) as past, pytest.raises(AssertionError):
