@@ -19,7 +19,7 @@ DEFAULT_RUNS = 260
 
 
 class Sets(StrEnum):
-    """How many faults at once."""
+    """Number of simultaneous faults that the search may combine."""
 
     SINGLE = "single"
     COMMON = "common"

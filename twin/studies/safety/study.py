@@ -83,7 +83,7 @@ def safety(
 
 
 def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
-    """Reject invalid bodies, variants and sensitivities before the first run.
+    """Reject invalid bodies, variants and sensitivities of a hazard table before the first run.
 
     Raises:
         InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
@@ -117,14 +117,14 @@ def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
 def write_page(
     table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
 ) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
-    """Make the runs of a table and write its page into `folder`.
+    """Make the runs of a hazard table and write its page into `folder`.
 
     Args:
         settings: `key=value` of the experiment, in addition to the table.
         quick: without sensitivity and other hardware.
 
     Returns:
-        Its lines, and the thresholds of the monitor that were tried.
+        The lines of the table, and the results of the tried monitor thresholds.
 
     Raises:
         InputRefused: the experiment or a threshold cannot be used. NotWritten: the disk refuses.
