@@ -105,7 +105,7 @@ class SessionSummary:
         no_alarm: reason for the missing alarm.
         caution: caution for alarms; "" for an identified robot.
         ahead: score of the predictions; None without predictions.
-        measured: names of the `SIGNAL_COLUMNS` that arrived.
+        measured_signals: names of the `SIGNAL_COLUMNS` that arrived.
         silent: missing topic or joint at the end; "" if samples arrived until the end.
         map_error: error of the column map, with the correct map; "" without an error.
     """
