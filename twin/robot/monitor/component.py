@@ -163,7 +163,8 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
 
 
 def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
-    """Return the largest spring deflection (rad, motor side) of a press with `force` (N) at `p_B` (3,), m.
+    """Compute the largest spring deflection (rad, motor side) while the robot presses with `force` (N) at `p_B` (3,),
+    m.
 
     tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; plus the dead zone.
 
@@ -197,7 +198,8 @@ def low_pass_share(corner, dt):
 
 @njit(cache=True, error_model="numpy")
 def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
-    """Update angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the previous sample.
+    """Update the monitor's angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the
+    previous sample.
 
     An unusable count leaves its angle unchanged; that matters only after a trip, since the first one trips.
 

@@ -66,7 +66,7 @@ class Monitor(Settings):
 
 
 class Limits(Values, parts=(setting_fields(Monitor),)):
-    """Limits of the monitor and parameters of its retraction, SI.
+    """Limits of the safety monitor and parameters of its retraction, SI.
 
     A check trips when its limit is reached; a contact ends at half of its initial force. docs/safety.md has the
     purpose of each.

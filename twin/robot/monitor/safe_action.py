@@ -282,7 +282,7 @@ def close_brakes(limits, seen, retraction, tick, now):
 
 
 class Retreat(NamedTuple):
-    """Effect of a retraction on the platform.
+    """Effect of the monitor's retraction on the platform: rise and sideways motion.
 
     Attributes:
         raised: rise of the platform (m).

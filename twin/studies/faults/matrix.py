@@ -94,13 +94,15 @@ class FaultRow:
 
     @property
     def is_unavoidable(self) -> bool:
-        """Whether the force exceeds the bound unexpectedly, and also with an ideal monitor."""
+        """Whether the fault pushes the force beyond its bound unexpectedly, and even an ideal monitor could not prevent
+        it.
+        """
         ideal = 0.0 if self.ideal is None else self.ideal
         return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
     @property
     def is_avoidable_excess(self) -> bool:
-        """Whether the force exceeds the bound unexpectedly, and an ideal monitor limits it."""
+        """Whether the fault pushes the force beyond its bound unexpectedly, but an ideal monitor would prevent it."""
         return not self.is_safe and not self.expects_excess and not self.is_unavoidable
 
     @property

@@ -161,7 +161,9 @@ class CombinationRow:
 
     @property
     def force_bound(self) -> float:
-        """Maximum force of a kept row (N): a share of the limit, or of the peak with an ideal monitor."""
+        """Maximum force of an acceptable run with combined faults (N): a share of the limit, or of the peak with an
+        ideal monitor.
+        """
         return max(MAX_PEAK_SHARE * self.limit, 0.0 if self.ideal is None else MAX_IDEAL_SHARE * self.ideal)
 
     @property
@@ -171,7 +173,7 @@ class CombinationRow:
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor missed faults that are stated as detected."""
+        """Whether the monitor missed combined faults that are stated as detected."""
         return self.expects_detection and not self.is_detected
 
     @property

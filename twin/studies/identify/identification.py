@@ -104,7 +104,7 @@ class Identification:
 def identify_log(
     log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False, say: Say = ignore_progress
 ) -> Identification:
-    """Identify a robot from the encoders and the scale of a log.
+    """Identify springs, zeros, backlash, friction and scale of a robot from a log with encoders and scale.
 
     Args:
         log: log of `read_log`.

@@ -35,7 +35,7 @@ MAX_LISTED_NAMES = 12
 
 @dataclass(frozen=True)
 class RobotSamples:
-    """Samples of a robot, n of them, in order of time.
+    """Samples of a robot in order of time: encoder counts, commands, force and torques.
 
     Attributes:
         t: sampling times (n,), s, ascending, by the robot's clock.

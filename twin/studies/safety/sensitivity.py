@@ -74,7 +74,7 @@ def threshold_points(
 
 
 def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
-    """Return the value of `key` of [monitor] in the experiment, in the key's unit.
+    """Return the experiment's own value of a monitor threshold `key`, in the key's unit.
 
     Raises:
         InputRefused: `key` is not a number of [monitor].

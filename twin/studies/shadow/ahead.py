@@ -183,7 +183,7 @@ class ForceDifference:
 
 @dataclass
 class PredictionScore:
-    """Score of the predictions of a session against the estimates that followed.
+    """Score of a session's predictions, against the estimates that followed.
 
     Attributes:
         predictions: number of predictions.
@@ -469,7 +469,7 @@ class _PredictingPart:
         self._warned = bool(len(beyond))
 
     def _no_band(self, task: float) -> str:
-        """Return why a prediction during `task` has no band; "" if it has one."""
+        """Return the reason why a prediction during `task` has no uncertainty band; "" if it has a band."""
         if self._ahead.moves:
             return "no band: the surface moves by twin's clock"
         return "no band: a tap's time of touch is not estimated" if task in self._ahead.taps else ""

@@ -73,8 +73,8 @@ def speed_variance(m, sensor):
 
 @njit(cache=True, error_model="numpy")
 def innovation(m, sensor, count, h, expected):
-    """Compute the innovation of a count and its variance into `m.nu` and `m.R` (rad, rad^2); NaN for a count without
-    news.
+    """Compute the innovation of an encoder count and its variance into `m.nu` and `m.R` (rad, rad^2); NaN for a count
+    without news.
 
     The angle was in the cell of the previous count, has moved as the filter expects, and is in the cell of this count:
     it lies where both overlap. A repeated count is the same cell, hence no news unless noise dithers it.

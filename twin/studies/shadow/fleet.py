@@ -180,8 +180,8 @@ def transmit_samples(
 
 
 def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
-    """Compute the difference between the commands of the twin's own controller, on the same counts, and the robot's;
-    see `farthest_command`.
+    """Run the twin's own controller on a robot's counts, and return the largest difference of its commands from the
+    robot's; see `farthest_command`.
 
     Empty for a third-party controller, and for one with tasks: its point in the program depends on single samples, and
     some are lost.
@@ -253,7 +253,7 @@ def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: Shado
 
 @dataclass(frozen=True)
 class FalseAlarmRate:
-    """Rate of false alarms of healthy robots.
+    """Rate of false alarms, measured on healthy robots.
 
     Attributes:
         alarms: number of alarms.

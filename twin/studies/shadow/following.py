@@ -72,7 +72,8 @@ class StateEstimate(NamedTuple):
 
 
 class OwnController:
-    """The twin's own controller on the robot's counts, compared with the robot's commands if they are known.
+    """Part of a twin that runs the twin's own controller on the robot's counts, and compares its commands with the
+    robot's if known.
 
     It begins with the first sample; if the robot's program is already running, it is at another point.
 
@@ -426,7 +427,7 @@ def twin_of(
     ahead: Callable[[OwnController, RobotState], PlantPart] | None = None,
     columns: Mapping[str, MappedColumn] = {},
 ) -> Twin:
-    """Create the twin of the robot that `experiment` describes.
+    """Create the twin of the robot that `experiment` describes, with all its parts.
 
     Args:
         where: begins error messages on the robot's data.

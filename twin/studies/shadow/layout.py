@@ -59,7 +59,7 @@ MATRIX_TYPE = ("f8", (STATES, MATRIX_WIDTH))
 
 
 class ShadowDrive(NamedTuple):
-    """Drive model of the filter, SI.
+    """Drive model of the filter, SI: lag, droop and inertia of a motor.
 
     Attributes:
         lag: T_m (s); 0 if the speed is the commanded one.

@@ -143,7 +143,7 @@ class AcceptButton:
 
 
 class TwoRobots:
-    """Drawing of the robot by its counts, and over it of the plant model; a `Drawn` of the server.
+    """Drawing for viewers: the robot by its counts, and over it the plant model; a `Drawn` of the server.
 
     Args:
         experiment: experiment of the robot.

@@ -76,7 +76,7 @@ class Receiver:
         return self._thread.native_id
 
     def start(self) -> None:
-        """Start the receiving thread."""
+        """Start the thread that receives messages."""
         self._thread.start()
 
     def stop(self) -> None:

@@ -234,8 +234,8 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
 
 
 def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """Fit a `line` with intervals at least as wide as for independent errors, since few groups can agree by chance;
-    None with too few groups.
+    """Fit a line to clustered data like `line`, with intervals at least as wide as for independent errors, since few
+    groups can agree by chance; None with too few groups.
 
     Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
     Sec. VI.D).
@@ -270,7 +270,7 @@ def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
-    """Fit the stiffness of the contact, p_z = z_s + m_x p_x + m_y p_y - F/K; None if not determined."""
+    """Fit the stiffness K of the contact, p_z = z_s + m_x p_x + m_y p_y - F/K; None if not determined."""
     pressed = seen.select(on_scale(seen))
     if not len(pressed.t):
         return None
@@ -317,7 +317,9 @@ class SampleRing:
         self._next = 0
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Store samples at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n, 13)."""
+        """Store samples of the robot at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n,
+        13).
+        """
         at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MAX_SAMPLES
@@ -330,7 +332,7 @@ class SampleRing:
 
 
 class Reidentifier:
-    """Sample buffer with a search for changed parameters in a background thread.
+    """Search for changed parameters in a background thread, with a buffer of the newest samples.
 
     Args:
         experiment: belief about the robot.

@@ -125,7 +125,7 @@ class Session:
         self.followed = SessionSummary(source.name)
 
     def wait_for_topics(self) -> None:
-        """Subscribe to every topic of the map as soon as it is published.
+        """Wait for the topics of the column map, and subscribe to each as soon as it is published.
 
         Raises:
             LogError: the type of a topic is unknown or unsupported.

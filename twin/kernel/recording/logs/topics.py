@@ -201,7 +201,7 @@ class TopicReading:
     def __init__(
         self, path: Path, name: str, topic: LoggedTopic, time: MappedColumn | None, field_paths: Sequence[str]
     ) -> None:
-        """Decode every message of `topic` once.
+        """Decode every message of a topic once, and determine the times.
 
         Args:
             time: field with the times; None for log times.

@@ -46,8 +46,7 @@ class Playback:
         readings: readings of a table, in order; empty for `topics`.
         speed: 1 for real time, 0 for no limit.
         part: start and end (s) of the part to play, by the times of `read_log`: stamps by `time`, or log times; times
-        of a
-            wall clock count from the first message.
+            of a wall clock count from the first message.
         time: field of the messages with the time; None for log times.
     """
 

@@ -57,7 +57,7 @@ NO_COLUMNS: frozenset[int] = frozenset()
 
 
 class Sample(NamedTuple):
-    """State of the robot at one stamp.
+    """State of the robot at one stamp, assembled from its messages.
 
     Attributes:
         t: time since the first sample (ns); after a restart of the robot's clock it continues by arrivals.
@@ -243,7 +243,7 @@ class Aligner:
     """
 
     def __init__(self, width: int, needed: Sequence[int], lateness: float, learns_first: bool = False):
-        """Create an aligner without readings.
+        """Create an aligner, still without readings.
 
         Args:
             width: width of a row.
