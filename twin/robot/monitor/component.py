@@ -262,7 +262,7 @@ def observe_platform(belief, seen, share, dt):
 
 @njit(cache=True, error_model="numpy")
 def update_hidden_force(limits, belief, seen, ticks, dt):
-    """Update the motor load beyond the springs' torque, and its duration as a hidden force.
+    """Update the monitor's estimate of the motor load beyond the springs' torque, and its duration as a hidden force.
 
     A drive whose speed droops by `drive_droop` (rad/s per N m) under load settles at omega_ref - droop tau_load (P12 of
     docs/equations.md). Command and motor encoder thus measure the load without the joint encoder; a drifting joint

@@ -38,7 +38,9 @@ TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
 
 @functools.cache
 def _runs(signals: frozenset[str], most: int) -> Runs:
-    """Return the runs of this process that keep `signals`; a shared past is simulated on its second request."""
+    """Return this process's runner of experiments, which keeps `signals`; a past shared by runs is simulated on its
+    second request.
+    """
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 

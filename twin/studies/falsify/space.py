@@ -279,8 +279,8 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
 
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
-    """List the combinations of directions to try for the faults of a set: 1 and -1 for magnitudes that may change sign
-    or be inverted, else 1.
+    """List the directions to try for each fault of a set: (1, -1) if its magnitude may change sign or be inverted, else
+    (1,).
     """
     return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 

@@ -166,8 +166,8 @@ class HazardLine:
 
     @property
     def dangerous_count(self) -> tuple[int, int]:
-        """Random draws that exceed the limit or fail without the monitor, as (number below the limit with the monitor,
-        all).
+        """Effect of the monitor on the dangerous random draws, which exceed the limit or fail without it: (draws below
+        the limit with the monitor, dangerous draws).
         """
         bad = [
             run

@@ -34,9 +34,9 @@ def safety(
 ) -> Result:
     """Run every cause of a hazard table, and write a page from hazard to run.
 
-    Each line: the worst case found by search, with the monitor and without,
-    what is seen, how long and how hard a person feels it, what other hardware
-    would give. The page complies with no standard by itself.
+    Each line shows the worst case found by search, with the monitor and without,
+    the share of detected runs, force and duration at the person, and the result
+    with other hardware. The page alone complies with no standard.
 
     Exit code: 0 every line is kept, or exceeded as its table states, 1 a line
     is exceeded, failed, or worse than --against, 2 input refused.

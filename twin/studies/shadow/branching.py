@@ -192,7 +192,7 @@ class Branching:
             tau_load: loads of the springs on the shafts (n, 3), N m.
 
         Returns:
-            The tick of the newest call of the controller.
+            The reached tick, a multiple of the controller's period.
         """
         call = self.call
         gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))

@@ -393,8 +393,8 @@ class Aligner:
         partial.arrived = arrived
 
     def _partial(self, stamp: int, there: frozenset[int], period: float) -> _PartialSample | None:
-        """Find the pending sample that a reading belongs to: equal stamp, or a near stamp and exactly the reading's
-        columns missing.
+        """Find the pending sample that a reading belongs to: equal stamp, or a near stamp and the reading's columns
+        still missing.
         """
         nearest = None
         for one in self._pending:
