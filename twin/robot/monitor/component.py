@@ -328,7 +328,7 @@ def observe(m, count_m, count_l, ticks, tick):
         update_hidden_force(m.limits, m.belief, m.seen, ticks, dt)
     update_timers(m.limits, m.seen, m.timers, m.sent, ticks)
     evaluate_sample(m.seen, m.timers, m.values, m.joints, tick)
-    # a robot that cannot stand where its encoders say has no position to start from
+    # without a pose that fits the encoders, the retraction has no start position
     if posed:
         m.seen.started = 1
 

@@ -38,7 +38,7 @@ may close; ticks without a valid encoder message; per drive whether the motor an
 angle of the motor and, on the motor's side, of the joint since the trip (rad), positive downwards."""
 SINK_LIMIT = math.radians(3.0)
 """Maximum angle (rad) of a motor below its angle at the trip, in addition to the remaining travel of the slowest
-obeying drive: less than 4 N on a rigid body. The same above the end of its retraction."""
+obeying drive: less than 4 N on a rigid body. The limit above the end of its retraction is equal."""
 DOUBT_SHARE = 0.5
 """Minimum share of a frozen encoder's limit for doubting further encoders after a trip; also the minimum share of
 `jump_limit` for two samples in the same direction to count as a motion."""
@@ -201,7 +201,7 @@ def cut_power(retraction, i, lines, now):
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
     """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) the trip.
 
-    Drives without a sound encoder lose their power at the end of the retraction. Once all drives stand, force or depth
+    Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or depth
     at a limit cut all.
 
     Args:

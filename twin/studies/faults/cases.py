@@ -11,7 +11,7 @@ from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, Fault, checke
 
 @dataclass(frozen=True)
 class Case:
-    """One fault at one time: a cell of the fault matrix before its run.
+    """Fault at one time, which is one cell of the fault matrix before its run.
 
     Attributes:
         magnitude: magnitude in the catalogue's unit; None for kinds without a magnitude.

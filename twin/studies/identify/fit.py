@@ -45,7 +45,7 @@ class Fit:
         unknowns: the parameters.
         x: values (17,); undetermined ones at their start.
         covariance: covariance (17, 17) of the determined directions, by the scatter between clusters.
-        independent: the same for independent errors.
+        independent: covariance for independent errors.
         unseen: orthonormal undetermined directions in units of sizes (17, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
         seen: used windows.

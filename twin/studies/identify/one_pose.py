@@ -25,8 +25,8 @@ MAX_PRESS_WIDTH = 2e-3
 
 
 class OnePoseStep(NamedTuple):
-    """One evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad) by a line through
-    the origin.
+    """Evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad) by a line through the
+    origin.
     """
 
     name: str

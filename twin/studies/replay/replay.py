@@ -51,7 +51,7 @@ class Replay:
     Attributes:
         model, log: belief about the robot, and its samples.
         estimator: outputs of the controller's estimator at the samples, by port.
-        twin: the same with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
+        twin: outputs with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
         plant: outputs of the plant model; None if it was not simulated.
         starts: times of the plant model's starts (s).
         forces: F_z of `estimator`, `twin` and `plant` against the measured force; empty without one.

@@ -31,7 +31,7 @@ Status = Literal["kept", "exceeded", "exceeded as stated", "failed"]
 
 @dataclass(frozen=True)
 class EvidenceRun:
-    """One run behind a hazard line.
+    """Run behind a hazard line, with its reactions with the monitor and without.
 
     Attributes:
         cause: cause of the hazard, as text.

@@ -24,7 +24,7 @@ LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "
 PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
 """Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
 ASSUMED_PREFIX = "assumed"
-"""How the source of a number begins that is not published."""
+"""Prefix of the `source` of an unpublished number."""
 
 
 class HazardFile(Settings):
@@ -169,7 +169,7 @@ def read_hazards(path: Path) -> SafetyTable:
     """Read and check the hazard table of a file.
 
     Raises:
-        InputRefused: the file is missing or invalid; the message has all mistakes.
+        InputRefused: the file is missing or invalid; the message lists all errors.
     """
     values = dict(read_source(path).values)
     mistakes: list[str] = []

@@ -56,7 +56,7 @@ STIFFNESS_ERROR, TOUCHED_STIFFNESS_ERROR = 0.2, 0.05
 """Relative stiffness error of a surface, before and after the robot has pressed on it."""
 MODEL_ERROR, MODEL_ERROR_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
 """Model error of force (N, in contact) and height (m), and its share of the predicted change. Calibrated so that 98 %
-of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) lie within; robots differ most by their dry
+of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) are within the band; robots differ most by their dry
 friction."""
 FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE = 0.1, 0.5
 """Limits of the mean command difference over half a second (rad/s, and relative to the commands' rms). Beyond both,
@@ -97,7 +97,7 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATE
     """Compute the first columns of the Cholesky factor of `P` (n, n), with the states `first` ordered before all
     others.
 
-    The columns (n, len(first)) hold the whole variances of these states, and of the other states the correlated part.
+    The columns (n, len(first)) have the whole variance of these states, and the correlated part of the other states.
     """
     left, columns = P.copy(), []
     for k in first:

@@ -31,7 +31,7 @@ MIN_STIFFNESS_SHARE, MAX_STIFFNESS_SHARE = 0.5, 2.0
 SMOOTHING_TIME = 0.05
 """Time constant of the low-pass filter of joint angles (s); estimation noise would release dry friction."""
 ENCODER_ZERO, JOINT_FRICTION, MAX_FRICTION = math.radians(0.05), 0.02, 0.04
-"""rad, N m. Zeros of encoders and dry friction of healthy robots lie within the first two."""
+"""rad, N m. Zeros of encoders and dry friction of healthy robots are within the first two."""
 TORQUE_DEVIATION, FORGETTING_FACTOR = 1e-2, 0.995
 """Standard deviation of one measurement of the springs' torques in free air (N m), and the weight that each measurement
 leaves to earlier ones."""

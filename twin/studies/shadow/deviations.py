@@ -21,7 +21,7 @@ SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
 robots."""
 DEVIATION_SHARE = 0.75
 """Standard deviation by the largest error. At the corners of the fleet, where several causes are largest at once, at
-most a tenth of all samples lies beyond 1.96 deviations."""
+most a tenth of all samples exceeds 1.96 deviations."""
 SPRING_KEY, DEAD_ZONE_KEY = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
 NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
 NIS_SAMPLES = 500

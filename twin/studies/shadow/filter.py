@@ -76,8 +76,8 @@ def innovation(m, sensor, count, h, expected):
     """Compute the innovation of an encoder count and its variance into `m.nu` and `m.R` (rad, rad^2); NaN for a count
     without news.
 
-    The angle was in the cell of the previous count, has moved as the filter expects, and is in the cell of this count:
-    it lies where both overlap. A repeated count is the same cell, hence no news unless noise dithers it.
+    The angle was in the cell of the previous count, has moved as the filter expects, and is in the cell of this count,
+    hence in the overlap of both. A repeated count has the same cell, hence no news unless noise dithers it.
     """
     motor = sensor < 3
     turn = 2.0 * math.pi / (m.belief.motor_counts if motor else m.belief.joint_counts)

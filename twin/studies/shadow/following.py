@@ -397,7 +397,7 @@ class Twin:
         """Accept `proposal` of changed parameters in all parts: filter, plant model, predictions, and the alarm after
         cooling down.
 
-        To be called between two calls of `feed`, from the same thread.
+        Call it between two calls of `feed`, from the same thread.
 
         Returns:
             Whether `proposal` was still open.

@@ -80,7 +80,7 @@ class Noises(NamedTuple):
     Attributes:
         v: intensity of unmodelled platform acceleration (m/s2/sqrt(Hz)).
         F: intensity of the force's random walk on a platform at rest in contact (N/sqrt(s)).
-        air: the same in free air.
+        air: intensity of the force's random walk in free air (N/sqrt(s)).
         unsure: relative uncertainty of the surface's stiffness.
         mu: lateral share of a force change.
         touch: correlation time of a force change (s).

@@ -1,6 +1,6 @@
 """Reception of messages: samples as soon as they are complete, and the state estimate of each sample at once.
 
-Beside a live robot reception has its own thread; recording and display take its results in slices.
+With a live robot, reception has its own thread; recording and display take its results in slices.
 """
 
 import math
