@@ -201,8 +201,8 @@ def cut_power(retraction, i, lines, now):
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
     """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) the trip.
 
-    Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or depth
-    at a limit cut all.
+    Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or
+    depth at a limit cut all.
 
     Args:
         lines: whether each drive has a power line of its own.

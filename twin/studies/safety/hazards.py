@@ -22,7 +22,7 @@ from twin.robot.experiment.source import read_source
 LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
 """Limited quantity of each key of a limit."""
 PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
-"""Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
+"""Separators of fault kinds: of faults that begin together, and of a second fault after the trip of the first."""
 ASSUMED_PREFIX = "assumed"
 """Prefix of the `source` of an unpublished number."""
 

@@ -56,8 +56,8 @@ STIFFNESS_ERROR, TOUCHED_STIFFNESS_ERROR = 0.2, 0.05
 """Relative stiffness error of a surface, before and after the robot has pressed on it."""
 MODEL_ERROR, MODEL_ERROR_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
 """Model error of force (N, in contact) and height (m), and its share of the predicted change. Calibrated so that 98 %
-of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) are within the band; robots differ most by their dry
-friction."""
+of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) are within the band; robots differ most by their
+dry friction."""
 FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE = 0.1, 0.5
 """Limits of the mean command difference over half a second (rad/s, and relative to the commands' rms). Beyond both,
 another controller moves the robot, or one at another point of its program."""

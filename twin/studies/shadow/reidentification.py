@@ -61,7 +61,7 @@ MIN_GROUPS = 4
 SPRING_PRECISION = 1e-3
 """Best relative precision of a spring, limited by the rotor's inertia and its motion in a window."""
 DEAD_ZONE_PRECISION = 4e-3
-"""The same if the dead zone is fitted, too: a torque error that changes sign with it moves both."""
+"""Best relative precision with a fitted dead zone: a torque error that changes sign with it moves both."""
 MAX_GROUP_SHARE = 0.85
 """Maximum share of one group in a contact's stiffness: other groups do not reveal errors of a single press."""
 NO_SLOW_MOTION = "nothing moves slowly and evenly"
