@@ -49,7 +49,7 @@ of its low-passed speed, 0.33 rad/s."""
 
 @njit(cache=True)
 def retraction_speed(limits, retraction, since):
-    """Return the commanded speed (rad/s) of every powered motor during the retraction, `since` (s) the trip."""
+    """Return the commanded speed (rad/s) of every powered motor during the retraction, `since` (s) after the trip."""
     turning = retraction.power == 1 and since < (limits.retract - 1e-9) / limits.retract_speed
     return -limits.retract_speed if turning else 0.0
 
@@ -146,7 +146,7 @@ def is_too_fast(limits, seen, retraction, i, retracting):
 
 @njit(cache=True)
 def is_too_late(limits, seen, retraction, i, since):
-    """Check whether drive `i` reverses into the retraction later than the slowest obeying drive, `since` (s) the trip.
+    """Check whether drive `i` reverses into the retraction later than the slowest obeying drive, `since` (s) after the trip.
 
     The joint is judged, too, unless it is doubted; with a doubted motor encoder the joint alone.
     """
@@ -199,7 +199,7 @@ def cut_power(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) the trip.
+    """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) after the trip.
 
     Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or
     depth at a limit cut all.
@@ -236,7 +236,7 @@ def is_retraction_over(limits, since):
 
 @njit(cache=True)
 def follow_tolerance(limits, since):
-    """Return the maximum deviation (rad/s) of a motor from its command during a retraction, `since` (s) the trip;
+    """Return the maximum deviation (rad/s) of a motor from its command during a retraction, `since` (s) after the trip;
     smaller at the end.
     """
     return (

@@ -107,8 +107,8 @@ def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.
 
 
 def clear_of_edges(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
-    """Check for each window (n,) that all deflections stay off the edges of the dead zone, so that the law of the mean
-    is the mean of the law."""
+    """Check for each window (n,) that all spring deflections stay off the edges of the dead zone, so that the spring
+    law is linear within the window and holds for its means."""
     return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
 
 

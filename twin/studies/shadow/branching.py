@@ -68,7 +68,7 @@ class RobotSnapshot(NamedTuple):
 
 
 class BranchChange(NamedTuple):
-    """Change of one branch from the present state.
+    """Change applied to the present state at the start of a branch.
 
     Attributes:
         dx: added to the state (15,).
@@ -93,8 +93,8 @@ def _deepest(parameters, p, count):
 
 
 def _inputs(drive: Component, number: int) -> list[int]:
-    """Map the inputs of a drive to columns of (three commands, three loads, 1): the columns of its joint, or all three;
-    power is 1."""
+    """List, for each input element of a drive, its column among seven values: three commands, three loads, and 1. A
+    scalar input takes the column of its joint, a vector all three; power is 1."""
     found: list[int] = []
     for port in drive.inputs:
         first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(END_SUFFIX), 6)

@@ -62,7 +62,7 @@ class WrongFields:
 
     @property
     def texts(self) -> int:
-        """Number of wrong fields that contain other text."""
+        """Number of wrong fields in the column that contain text, i.e. are neither empty nor an invalid number."""
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:

@@ -204,7 +204,7 @@ class MessageReader:
         ]
 
     def _resolve_fields(self, message: Any) -> None:
-        """Resolve units of the mapped fields, and the stamp, with the first message."""
+        """Determine the units of the mapped fields, and the place of the stamp, from the first message."""
         mistakes = []
         for signal, column in self._columns.items():
             path = column.name[self._prefix :]

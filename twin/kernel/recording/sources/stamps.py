@@ -294,7 +294,9 @@ class Aligner:
         return self._begin() if self._knows_periods(topic, arrived, reading) else []
 
     def _knows_periods(self, topic: str, arrived: int, reading: Reading) -> bool:
-        """Check whether the periods of all needed columns are known with this reading, or are not needed."""
+        """Check whether waiting readings can be aligned: the periods of all needed columns are known with this reading,
+        or not needed.
+        """
         assert self._waiting is not None
         key, there = (topic, reading.columns), self._needed.intersection(reading.columns)
         stream = self._learning.setdefault(key, _ReadingStream(there))
