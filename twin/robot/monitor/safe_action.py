@@ -146,7 +146,8 @@ def is_too_fast(limits, seen, retraction, i, retracting):
 
 @njit(cache=True)
 def is_too_late(limits, seen, retraction, i, since):
-    """Check whether drive `i` reverses into the retraction later than the slowest obeying drive, `since` (s) after the trip.
+    """Check whether drive `i` reverses later than the slowest obeying drive in a retraction, `since` (s) after the
+    trip.
 
     The joint is judged, too, unless it is doubted; with a doubted motor encoder the joint alone.
     """
@@ -199,7 +200,8 @@ def cut_power(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) after the trip.
+    """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) after the
+    trip.
 
     Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or
     depth at a limit cut all.
