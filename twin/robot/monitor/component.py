@@ -282,8 +282,7 @@ def update_hidden_force(limits, belief, seen, ticks, dt):
 @njit(cache=True)
 def observe_contact(seen, contact_force, ticks):
     """Update the state of the contact, its depth and duration; a contact begins at `contact_force` (N) and ends at half
-    of it.
-    """
+    of it."""
     F_z = -seen.F_ee_B[2]
     if not seen.touching and F_z >= contact_force:
         seen.touching = 1
@@ -336,8 +335,7 @@ def observe(m, count_m, count_l, ticks, tick):
 @njit(cache=True, error_model="numpy")
 def receive_sample(m, u, tick):
     """Read the encoder message from the monitor's inputs `u`; return the ticks since the previous message, 0 without a
-    new one.
-    """
+    new one."""
     # not >=: that would let NaN pass
     lost = 0 if abs(u.sample) < MAX_SAMPLE_NUMBER else 1
     m.values[INVALID_SAMPLE] = count_unusable(u.count_m, MAX_COUNT) + count_unusable(u.count_l, MAX_COUNT) + lost

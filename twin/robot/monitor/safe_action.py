@@ -107,8 +107,7 @@ def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, co
 @njit(cache=True)
 def add_travel(limits, seen, retraction, dt):
     """Add the travel of each motor and joint angle since the trip, `dt` (s) after the previous sample; jumps are
-    ignored.
-    """
+    ignored."""
     for i in range(3):
         if abs(seen.rate_m[i]) < limits.jump_limit or keeps_moving(limits, seen, i):
             retraction.travel_m[i] += dt * seen.rate_m[i]
@@ -230,8 +229,7 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
 @njit(cache=True)
 def is_retraction_over(limits, since):
     """Check whether the slowest obeying drive has stopped after the retraction, within `FOLLOW_SLACK`, `since` (s) the
-    trip.
-    """
+    trip."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
     return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= FOLLOW_SLACK * limits.follow_limit
 
@@ -239,8 +237,7 @@ def is_retraction_over(limits, since):
 @njit(cache=True)
 def follow_tolerance(limits, since):
     """Return the maximum deviation (rad/s) of a motor from its command during a retraction, `since` (s) after the trip;
-    smaller at the end.
-    """
+    smaller at the end."""
     return (
         FOLLOW_SLACK * limits.follow_limit
         if limits.disobeyed and is_retraction_over(limits, since)

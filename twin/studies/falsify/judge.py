@@ -39,8 +39,7 @@ TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
 @functools.cache
 def _runs(signals: frozenset[str], most: int) -> Runs:
     """Return this process's runner of experiments, which keeps `signals`; a past shared by runs is simulated on its
-    second request.
-    """
+    second request."""
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
@@ -88,8 +87,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
 
 class Judge:
     """Judge of faults: it makes runs, and returns their distances from a violation as shares of the healthy distance on
-    the same body.
-    """
+    the same body."""
 
     def __init__(
         self,
@@ -142,8 +140,7 @@ class Judge:
 
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
         """Run each fault of `batch`, up to the failure of a component if any, and return its distance from a violation
-        as a share of the healthy distance; infinite for a refused run.
-        """
+        as a share of the healthy distance; infinite for a refused run."""
         shares = []
         for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
@@ -160,8 +157,7 @@ class Judge:
 
     def _without_fault(self, wrong: TriedFault) -> str:
         """Run the healthy robot at the place of a fault, and return the reason why the place is unsuitable: it
-        violates, trips or fails; "" if suitable.
-        """
+        violates, trips or fails; "" if suitable."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
             (facts,) = self._run_batch([unbroken])
@@ -177,8 +173,7 @@ class Judge:
 
     def trip(self, wrong: TriedFault) -> int:
         """Return the tick for delaying the second fault of an ordered pair: the trip that the first fault causes, or
-        its onset without a trip.
-        """
+        its onset without a trip."""
         return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
     def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:

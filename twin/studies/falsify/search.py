@@ -56,8 +56,7 @@ class Search:
 
     def spend_runs(self) -> None:
         """Run the whole search: a race over all fault kinds, then evolution of the violating kinds, until the budget of
-        runs is spent.
-        """
+        runs is spent."""
         self._race()
         found = sorted((share, kind) for kind, (_, share) in self.worst.items())
         violated = [kind for share, kind in found if share < 0.0] or [kind for _, kind in found[:1]]
@@ -107,8 +106,7 @@ class Search:
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
         """Run the faults of `batch`, and return their shares of the healthy distance; infinite for new runs that exceed
-        the maximum.
-        """
+        the maximum."""
         fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))

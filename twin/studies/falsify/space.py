@@ -134,8 +134,7 @@ class Space:
 
     def places(self, kind: str) -> list[Place]:
         """List every place (target, direction and body) of a fault kind, starting with the first target on the
-        experiment's own body.
-        """
+        experiment's own body."""
         return [Place(*place) for place in product(self.targets(kind), product(*ways_of(kind)), self.bodies)]
 
     def place(self, wrong: TriedFault) -> Place:
@@ -178,8 +177,7 @@ class Space:
 
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
         """Compute the magnitude of fault `number` of a set at a share of its range, see `magnitude_between`; a second
-        drive fault may creep.
-        """
+        drive fault may creep."""
         one = parse_fault_set(kind)[number].kind
         return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
@@ -191,8 +189,7 @@ class Space:
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
         """Return the magnitude of each fault of `wrong` as a share of its range, the inverse of `Space.fault`; 0 for
-        kinds without a magnitude.
-        """
+        kinds without a magnitude."""
         return (
             wrong.shares
             if single_kind(wrong.kind) is None
@@ -280,8 +277,7 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
     """List the directions to try for each fault of a set: (1, -1) if its magnitude may change sign or be inverted, else
-    (1,).
-    """
+    (1,)."""
     return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 
 

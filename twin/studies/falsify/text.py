@@ -213,8 +213,7 @@ def _table(
     found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
 ) -> Table:
     """Format the runs nearest to a violation as a table, one row per run; names of sets are long and contain the
-    target.
-    """
+    target."""
     rows = [_row(one, requirements, holes, space) for one in found]
     sets = any(
         mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)

@@ -95,8 +95,7 @@ class FaultRow:
     @property
     def is_unavoidable(self) -> bool:
         """Whether the fault pushes the force beyond its bound unexpectedly, and even an ideal monitor could not prevent
-        it.
-        """
+        it."""
         ideal = 0.0 if self.ideal is None else self.ideal
         return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
@@ -113,8 +112,7 @@ class FaultRow:
     @property
     def matches_statement(self) -> bool:
         """Whether the run is as the catalogue states: it does not fail, and an undetectable fault was not detected in
-        time.
-        """
+        time."""
         return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:
@@ -186,7 +184,6 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
 
 def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:
     """Compute the largest force (N) with an ideal monitor: all power is cut when the true force of the run `watched`
-    reaches `limit` (N).
-    """
+    reaches `limit` (N)."""
     at = fault.onset + int(np.argmax(true_force(watched)[fault.onset :] >= limit))
     return stage.reaction((fault, Fault("power_off", "power", at))).peak

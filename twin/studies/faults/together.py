@@ -69,8 +69,7 @@ class FaultCombination(NamedTuple):
 
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
     """Yield the common causes of several faults at `onset` (s), with each magnitude and direction; all kinds if `kinds`
-    is empty.
-    """
+    is empty."""
     for cause in COMMON_CAUSES:
         if kinds and cause.kind not in kinds:
             continue
@@ -83,8 +82,7 @@ def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultComb
 
 def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
     """Yield the pairs of faults that begin together at `onset` (s), each fault in each direction; all kinds if `kinds`
-    is empty.
-    """
+    is empty."""
     for pair in FAULT_PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
             for sizes in product(*map(_signed_sizes, pair)):
@@ -94,8 +92,7 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]
 
 def slowest(kind: str, later: bool) -> float | None:
     """Return the smallest magnitude to search for a fault kind; None for the catalogue's. A drive fault that comes
-    second may creep.
-    """
+    second may creep."""
     return SLOW_SPEEDS[0] if later and kind == RUNAWAY_KIND else None
 
 
@@ -162,8 +159,7 @@ class CombinationRow:
     @property
     def force_bound(self) -> float:
         """Maximum force of an acceptable run with combined faults (N): a share of the limit, or of the peak with an
-        ideal monitor.
-        """
+        ideal monitor."""
         return max(MAX_PEAK_SHARE * self.limit, 0.0 if self.ideal is None else MAX_IDEAL_SHARE * self.ideal)
 
     @property
@@ -179,8 +175,7 @@ class CombinationRow:
     @property
     def verdict(self) -> Literal["kept", "beyond", "missed"]:
         """Verdict on a combination of faults: "beyond" if the force exceeds the bound, "missed" if an expected
-        detection is missing, else "kept".
-        """
+        detection is missing, else "kept"."""
         return "beyond" if self.exceeds_bound else "missed" if self.misses_detection else "kept"
 
     @property
@@ -211,8 +206,7 @@ class CombinationRow:
 
 def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
     """List the combinations of faults of one kind of set; empty for single faults. Ordered pairs begin in contact, the
-    worse case.
-    """
+    worse case."""
     if kind is FaultSet.PAIRS:
         ordered = ordered_pairs(onset, kinds, MATRIX_DELAYS, MATRIX_SLOW_SPEEDS) if in_contact else ()
         return [*pairs(onset, kinds), *ordered]

@@ -50,8 +50,7 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
 
 def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the factors of mu and beta in the tangential force F_t (2n, 3); `along` (n, 2): direction of each
-    window's motion.
-    """
+    window's motion."""
     A = np.zeros((2 * len(force), 3))
     A[:, 0] = (force[:, None] * along).ravel()
     A[0::2, 1] = A[1::2, 2] = 1.0
@@ -62,8 +61,7 @@ def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArra
 
 def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Mark the windows (n,) on the scale where the head has moved in one direction for `SETTLED_TIME`; v (n, 2),
-    m/s.
-    """
+    m/s."""
     speed = np.linalg.norm(v, axis=1)
     moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING_SPEED))
     heading = v[moving] / speed[moving, None]

@@ -36,8 +36,7 @@ MIN_LOSS = 0.02
 
 class NotIdentifiable(TwinError):
     """Error: a valid log does not determine the requested quantity; the message has the reason and the data to
-    record.
-    """
+    record."""
 
     exit_code = 1
 
@@ -77,8 +76,7 @@ class Identification:
     @property
     def loss(self) -> Estimate | None:
         """Estimate of ln(eta), for belt losses that depend on direction; None if loading and unloading cannot be
-        compared.
-        """
+        compared."""
         axis, one = self.fit.direction(LOSS), self.fit.unknowns[LOSS]
         if not self.fit.is_determined(axis, one.size):
             return None
@@ -198,8 +196,7 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
 
 def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
     """Collect the stiffness quantities: k_s eta, and k_s and eta separately if motor torque or direction-dependent
-    losses determine them.
-    """
+    losses determine them."""
     product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
     loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))

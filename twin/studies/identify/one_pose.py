@@ -26,8 +26,7 @@ MAX_PRESS_WIDTH = 2e-3
 
 class OnePoseStep(NamedTuple):
     """Evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad) by a line through the
-    origin.
-    """
+    origin."""
 
     name: str
     k_s_eta: float
@@ -107,8 +106,7 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
 
 def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the force on the scale -F_ee,z of (27) without weight for deflections w (n, 3), and the contribution of
-    the weight (n,), N.
-    """
+    the weight (n,), N."""
     at = pose(belief, press.joint - joint_zero)
     J_z = at.J[:, :, 2]
     return -np.sum(J_z * (k * belief.N * w), axis=1), platform_weight(belief) - np.sum(J_z * at.g_a, axis=1)

@@ -35,8 +35,7 @@ class Parameter:
 
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
     """Create the unknowns of an identification in their order, starting from `belief` and a believed `height` of the
-    scale (m).
-    """
+    scale (m)."""
     k = belief.k_s * belief.eta
     offsets = np.subtract(belief.motor_zero, np.multiply(belief.N, belief.joint_zero))
     degree = float(np.radians(1.0))

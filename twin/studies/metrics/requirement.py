@@ -77,8 +77,7 @@ def _ticks(begin: float, end: float | None, tick: float) -> tuple[int, int | Non
 
 def _largest(values: Curve, first: int, last: int | None) -> Curve:
     """Compute, for each tick, the largest of `values` in the window from `first` to `last` ticks later, cut at the end
-    of the run; -inf if the window is empty.
-    """
+    of the run; -inf if the window is empty."""
     if last is None or last - first >= len(values):
         return _shift(np.maximum.accumulate(values[::-1])[::-1], first)
     if last < first:
@@ -120,8 +119,7 @@ def _term(term: Term, held: SignalValues) -> Curve:
 
 class SignalInfo(Protocol):
     """Shape and unit of a recorded signal, known before a run: the part of `recording.messages.Field` that a formula
-    needs.
-    """
+    needs."""
 
     @property
     def size(self) -> int: ...

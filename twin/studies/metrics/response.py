@@ -62,8 +62,7 @@ def overshoot(y: Curve, target: float) -> float:
 
 def rise_time(t: Curve, y: Curve, before: float, after: float) -> float:
     """Compute the 10 % to 90 % rise time (s) of y between the values `before` and `after`; infinity if y never reaches
-    90 %.
-    """
+    90 %."""
     share = (y - before) / (after - before)
     return first_time(t, share >= 0.9) - first_time(t, share >= 0.1)
 
@@ -165,8 +164,7 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
 
 def crossing_time(t: Curve, y: Curve, level: float) -> float:
     """Return the time at which y first rises to `level`, interpolated linearly between samples; infinity if it never
-    does.
-    """
+    does."""
     above = np.flatnonzero(y >= level)
     if len(above) == 0:
         return np.inf
@@ -289,8 +287,7 @@ def fitted_circle(x: Curve, y: Curve) -> tuple[float, float, float]:
 
 def turns_about(x: Curve, y: Curve, centre: tuple[float, float]) -> float:
     """Count the turns of a path about `centre`, counter-clockwise positive; successive points must be less than half a
-    turn apart.
-    """
+    turn apart."""
     angle = np.unwrap(np.arctan2(y - centre[1], x - centre[0]))
     return float(angle[-1] - angle[0]) / (2.0 * np.pi)
 
@@ -304,8 +301,7 @@ def along_and_off(p: Curve, start: tuple[float, float], end: tuple[float, float]
 
 def travel(t: Curve, rate: Curve) -> float:
     """Compute the control effort, the integral of |rate| over time, summed over the columns of (n, k): the total travel
-    of the motors.
-    """
+    of the motors."""
     return float(np.sum(np.trapezoid(np.abs(rate), t, axis=0)))
 
 

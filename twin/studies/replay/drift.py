@@ -126,8 +126,7 @@ def _block_means(
     t: NDArray[np.float64], r: NDArray[np.float64], block: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute ends (s) and means of the complete blocks of a residual; blocks with under half the samples of the
-    fullest block are dropped.
-    """
+    fullest block are dropped."""
     if not len(t):
         return np.empty(0), np.empty(0)
     index = np.floor((t - t[0]) / block).astype(np.int64)

@@ -175,8 +175,7 @@ def _dimension(unit: str) -> Dimension | None:
 
 def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
     """Format an entry of a column map, `"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "" if the column's name
-    contains it.
-    """
+    contains it."""
     name = signal if signal == TIME_SIGNAL else json.dumps(signal)
     unit = unit or split_unit(column)[1]
     rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")

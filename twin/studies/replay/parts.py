@@ -89,8 +89,7 @@ class SampledSteps:
 
     def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Step the sampled component, and return its outputs (n, width) at times `t` (n,), s; fewer if a step
-        failed.
-        """
+        failed."""
         h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
         copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
         copies[0] = self.copies[-1]

@@ -102,8 +102,7 @@ class MapCheck:
 
     def add(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
         """Add angles of motors and joints (n, 3), rad, to the check of the column map; rows that are not finite are
-        skipped.
-        """
+        skipped."""
         there = np.isfinite(theta_m + theta_l).all(axis=1)
         if not np.any(there):
             return
@@ -127,8 +126,7 @@ class MapCheck:
     @property
     def map_error(self) -> str:
         """Check the column map against the whole log. Return an error message with the corrected map; "" if the map
-        fits.
-        """
+        fits."""
         if not self._columns:
             return ""
         return self._angles_error() or self._force_error()
@@ -215,8 +213,7 @@ def _factor(way: str) -> float:
 
 def count_conversion(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
     """Return offset and gain that convert the angles of an encoder to counts: (angle + zero of the encoder) * counts
-    per rad.
-    """
+    per rad."""
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
     return zero, turn / (2.0 * np.pi)

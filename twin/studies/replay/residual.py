@@ -101,8 +101,7 @@ def statistics(residual: Residual) -> Statistics:
 
 def _lag(residual: Residual) -> float:
     """Estimate the lag (s) between value and measurement by the least spread of their difference; NaN if the log is
-    mostly gaps.
-    """
+    mostly gaps."""
     period = max(float(np.median(np.diff(residual.t))), MIN_LAG_STEP)
     if np.ptp(residual.t) > MAX_LAG_PERIODS * period:
         return np.nan

@@ -60,8 +60,7 @@ class RobotSamples:
 
     def held_commands(self, omega_ref: NDArray[np.float64]) -> "RobotSamples":
         """Fill missing commands by holding each command until the next; omega_ref: commands (3,) before the first,
-        rad/s.
-        """
+        rad/s."""
         commanded = np.vstack([omega_ref, self.u[:, OMEGA_REF]])
         newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
         u = self.u.copy()
@@ -175,8 +174,7 @@ def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64
 
 def _received(name: str, keys: Iterable[str]) -> str:
     """Return the name of the received counts in a recording: the counts of the last encoder fault, else of the encoder
-    itself.
-    """
+    itself."""
     faults = [int(m[1]) for key in keys if (m := re.fullmatch(rf"fault/(\d+)\.{name}(\[0\])?", key))]
     return f"fault/{max(faults)}.{name}" if faults else f"encoder.{name}"
 

@@ -133,8 +133,7 @@ def _samples(replay: Replay) -> list[Block]:
 
 def next_command(replay: Replay, log: str) -> list[str]:
     """Return the arguments of the command to run next on a log: it finds the changed part, or, without a measured
-    force, the change; empty if the replay had the plant model already.
-    """
+    force, the change; empty if the replay had the plant model already."""
     if replay.log.force is not None:
         return ["twin", "identify", log]
     return [] if replay.plant else ["twin", "replay", log, "--plant"]

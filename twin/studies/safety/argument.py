@@ -21,8 +21,7 @@ FONT_SIZE = 10.0
 
 def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -> None:
     """Draw the safety argument of a hazard table to `path`: the goal of the table, a goal for each line, the runs
-    behind each.
-    """
+    behind each."""
     from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
     rows = -(-len(lines) // BOXES_PER_ROW)

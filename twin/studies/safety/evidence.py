@@ -167,8 +167,7 @@ class HazardLine:
     @property
     def dangerous_count(self) -> tuple[int, int]:
         """Effect of the monitor on the dangerous random draws, which exceed the limit or fail without it: (draws below
-        the limit with the monitor, dangerous draws).
-        """
+        the limit with the monitor, dangerous draws)."""
         bad = [
             run
             for run in self._runs_of("draw")
@@ -258,8 +257,7 @@ def variant_peaks(
     line: HazardLine, table_: SafetyTable, path: Path, stage: Stage | None
 ) -> dict[str, tuple[float, float] | None]:
     """Repeat the worst run of `line` with each variant of the hardware, and return (peak, left) in N by variant; None
-    if it fails.
-    """
+    if it fails."""
     worst = line.worst
     if worst is None or stage is None:
         return {}

@@ -88,8 +88,7 @@ def line_of(
 
 def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
     """Yield cause, magnitudes, onset and delay (s) of each run in a hazard's grid; the delay is 0 unless the cause is
-    ordered.
-    """
+    ordered."""
     for cause in hazard.causes:
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
@@ -100,8 +99,7 @@ def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | 
 
 def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
     """Run the healthy robot, and return its distance from violating a requirement, by formula, body and offset, or the
-    failed run.
-    """
+    failed run."""
     where = "" if stage.offset == NO_OFFSET else " at " + ", ".join(f"{1e3 * each:g}" for each in stage.offset) + " mm"
     try:
         with assemble(stage.experiment) as assembly:

@@ -21,8 +21,7 @@ LINE_COLUMNS = (
 
 def lines_table(lines: Sequence[HazardLine]) -> Table:
     """Format the hazard lines as a table: limit, worst run with the monitor, with an ideal one and without, detected
-    runs, status.
-    """
+    runs, status."""
     rows = []
     for line in lines:
         worst = line.worst

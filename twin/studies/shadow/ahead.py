@@ -109,8 +109,7 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATE
 
 def branch_changes(P: NDArray[np.float64], around: ContactEstimate) -> list[list[BranchChange]]:
     """List the changes to simulate for a prediction's band, by cause; a cause has one branch for both signs, or one for
-    each.
-    """
+    each."""
     height = TOUCHED_HEIGHT_ERROR if math.isfinite(around.height) else HEIGHT_ERROR
     share = TOUCHED_STIFFNESS_ERROR if math.isfinite(around.share) else STIFFNESS_ERROR
     estimate = [[BranchChange(dx=Z * column)] for column in cholesky_first(P).T]

@@ -63,8 +63,7 @@ UNKNOWN_PARAMETER = "which parameter is not known"
 
 def run_length(H: float) -> float:
     """Compute the mean number of blocks between false alarms of one cumulative sum at the edge of the tolerance; `H`:
-    threshold by sigma.
-    """
+    threshold by sigma."""
     b = H + 1.166
     return 2.0 * (math.expm1(b) - b)
 
@@ -106,8 +105,7 @@ RateTolerances = Mapping[float, Tolerances]
 
 def rate_of(t: NDArray[np.float64]) -> float:
     """Estimate the sampling rate (Hz) from the median interval of stamps `t` (n,), s; NaN with fewer than two
-    stamps.
-    """
+    stamps."""
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else math.nan
 
 
@@ -119,8 +117,7 @@ def tolerances_at(limits: RateTolerances, rate: float) -> Tolerances | None:
 
 class WatchState(StrEnum):
     """State of the alarm's watch on a robot: listening, confirming an alarm, searching its cause, cooling down or
-    off.
-    """
+    off."""
 
     LISTENING = "listening"
     CONFIRMING = "confirming"
@@ -308,8 +305,7 @@ class ShadowWatch:
 
     def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
         """Update the sums of the alarm with a block that ended at `t` (s), and return the resulting changes of
-        state.
-        """
+        state."""
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
             self._change_state(WatchEvent(t, self._interrupted))
@@ -325,8 +321,7 @@ class ShadowWatch:
 
     def _refuse_other_beginning(self, t: float) -> None:
         """Stop comparing commands if they differ already in the first blocks: robot and twin did not begin their
-        program together.
-        """
+        program together."""
         tolerance, sigma = (
             self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
             self._limits.sigma.get(COMMAND_CHANNEL, math.nan),

@@ -84,8 +84,7 @@ class BranchChange(NamedTuple):
 @entry("double", PARAMETERS_RECORD, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
     """Return the largest depth (m) of the massage head below the surface over `count` platform positions `p` (3
-    each).
-    """
+    each)."""
     positions, most = carray(p, 3 * count), -math.inf
     for k in range(count):
         most = max(most, surface_depth(parameters, positions[3 * k], positions[3 * k + 1], positions[3 * k + 2]))
@@ -258,8 +257,7 @@ class Branching:
         self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: ContactEstimate
     ) -> RobotSnapshot:
         """Take a snapshot of the robot's present state to run branches from; call `catch_up` first. Arguments: see
-        `RobotSnapshot`.
-        """
+        `RobotSnapshot`."""
         drives = self._drive_places.save_state(self._at)
         return RobotSnapshot(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.snapshot())
 

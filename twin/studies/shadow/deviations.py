@@ -53,8 +53,7 @@ class HealthyDeviation:
         J: NDArray[np.float64], tau_l: NDArray[np.float64],
     ) -> NDArray[np.float64]:  # fmt: skip
         """Widen the filter's standard deviations (n, 15) for a healthy robot, by NIS and new counts (n,), J (n, 3, 3)
-        and tau_l (n, 3).
-        """
+        and tau_l (n, 3)."""
         added = np.zeros((len(deviation), STATES))
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))

@@ -155,8 +155,7 @@ def correct(m, h, y):
 @njit(cache=True, error_model="numpy")
 def begin(m, u):
     """Initialise the filter's state from the counts, at rest, with the force of statics; return False if they fit no
-    pose.
-    """
+    pose."""
     for leg in range(3):
         m.theta_l[leg] = measured_angle(m, 3 + leg, u.count_l[leg])
         m.x[MOTOR + leg] = measured_angle(m, leg, u.count_m[leg])

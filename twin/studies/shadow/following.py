@@ -63,8 +63,7 @@ class PlantPart(Part, Protocol):
 
 class StateEstimate(NamedTuple):
     """Estimate by the filter of the robot's state. x: state (15,); P: covariance (15, 15); J: Jacobian of the joints
-    (3, 3), SI.
-    """
+    (3, 3), SI."""
 
     x: NDArray[np.float64]
     P: NDArray[np.float64]
@@ -161,8 +160,7 @@ class RobotState:
 
     def estimate_at_once(self, sample: Sample) -> None:
         """Estimate the robot's state from a sample that has just arrived; `feed`, possibly in another thread, returns
-        its row later.
-        """
+        its row later."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
         self._one.u[:] = sample.row
@@ -214,8 +212,7 @@ def own_controllers(experiment: Experiment) -> list[OwnController]:
 
 def farthest_command(rows: Rows) -> Rows:
     """Find the largest of the three command differences between robot and twin (n,), rad/s, for the alarm; empty
-    without commands.
-    """
+    without commands."""
     return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
 
 
@@ -322,8 +319,7 @@ class AlarmWatch:
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
         """Accept a proposal of changed parameters, learn a new reference after cooling down, and return the new
-        plant.
-        """
+        plant."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.restart(self._t)

@@ -130,8 +130,7 @@ class AcceptButton:
 
     def press(self) -> str | None:
         """Accept the proposal requested by a viewer. Return an error message, "" on success, or None without a
-        request.
-        """
+        request."""
         with self._lock:
             asked, self._asked = self._asked, None
         if asked is None or self._twin is None:
@@ -169,8 +168,7 @@ class TwoRobots:
 
     def drawings(self, first: int, rows: NDArray[np.float64], /) -> Iterator[Drawing]:
         """Yield the drawings of robot and plant model for rows, see `Drawn`; a robot without a known pose is not
-        drawn.
-        """
+        drawn."""
         yield Drawing("scene", first, np.empty((1, 0)))
         robot = values_by_port(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
         model = values_by_port(MOTION, rows[:, self._places["plant"]])

@@ -83,8 +83,7 @@ def linearise(m, special):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stiffness(m, leg):
     """Compute the spring's stiffness d tau_load / d theta_m (N m/rad) and torque tau_load (N m) of a leg; 0 inside the
-    dead zone.
-    """
+    dead zone."""
     p, theta_m = m.parameters, m.x[MOTOR + leg]
     d = loaded_deflection(p, m.anchors, leg, theta_m, m.theta_l[leg])
     high = loaded_deflection(p, m.anchors, leg, theta_m + BY_ANGLE, m.theta_l[leg])

@@ -318,8 +318,7 @@ class SampleRing:
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
         """Store samples of the robot at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n,
-        13).
-        """
+        13)."""
         at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MAX_SAMPLES

@@ -232,8 +232,7 @@ class Session:
 
     def _process_slice(self, end: bool = False) -> bool:
         """Process one slice of the session: rows of the samples, recording and live view. Return whether samples have
-        arrived.
-        """
+        arrived."""
         if self._viewer and (text := self._viewer.press()):
             self._record_event(Happening(self._t, text), "accepted")
         received = self._receiver.drain(end)

@@ -91,8 +91,7 @@ def _sources(
     table: CsvTable, columns: Mapping[str, MappedColumn], known: Mapping[str, str], mistakes: list[str]
 ) -> tuple[dict[str, MappedColumn], dict[str, str]]:
     """Select the columns to read from a CSV file, with units; also return the omitted signals, each with an error
-    message.
-    """
+    message."""
     sources = {}
     for signal, column in columns.items():
         # the whole name, then without unit and sign, then `Fz` for `Fz_N`

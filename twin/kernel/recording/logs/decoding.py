@@ -244,8 +244,7 @@ class UnknownElement(LookupError):
 
 def path_parts(path: str) -> tuple[str | int, ...]:
     """Split the path of a message field: `joints.position[2]` into joints, position, 2; names with dots may be quoted:
-    `position."arm.knee"`.
-    """
+    `position."arm.knee"`."""
     return tuple(int(index) if index else quoted or name for quoted, name, index in PATH_PART.findall(path))
 
 

@@ -166,8 +166,7 @@ def no_samples_error(where: Path | str, start: float, end: float, first: float, 
 
 def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
     """Finish a log after reading: count times of a wall clock from the first sample, select the `part`, add notes on
-    missing samples.
-    """
+    missing samples."""
     notes = list(log.notes)
     series = log.series
     start = min(float(one.t[0]) for one in series.values())

@@ -352,8 +352,7 @@ def field_numbers(
 
 def restart_index(t: NDArray[np.float64]) -> int:
     """Find the first restart of a log's clock: the index at which the times t (n,), n >= 2, in s, go back; 0 without a
-    restart.
-    """
+    restart."""
     steps = np.diff(t)
     back = np.flatnonzero(steps < -max(MAX_OVERTAKING, MAX_OVERTAKING_PERIODS * float(np.median(np.abs(steps)))))
     return int(back[0]) + 1 if len(back) else 0
@@ -389,8 +388,7 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
 
 def written_by_twin(path: Path) -> bool:
     """Check whether the header of an MCAP file names `twin.kernel.recording` as its writer; false for a damaged
-    header.
-    """
+    header."""
     with path.open("rb") as file:
         try:
             header = next(StreamReader(file, record_size_limit=MAX_HEADER_BYTES).records)

@@ -143,15 +143,13 @@ class Clocks:
     @property
     def offset(self) -> float:
         """Lag of the robot's clock behind the local clock, including the shortest transport (s); NaN without
-        messages.
-        """
+        messages."""
         return min(self._floors) / NS_PER_S if self._floors else math.nan
 
     @property
     def drift(self) -> float:
         """Drift of the robot's clock against the local clock (s/s), positive for a slow robot clock; NaN until
-        known.
-        """
+        known."""
         n, x, y, xx, xy = self._sums
         determinant = n * xx - x * x
         if n < MIN_DRIFT_SECONDS or determinant <= 0.0:
@@ -223,8 +221,7 @@ def _divisor(lengths: Sequence[int], single: float) -> float:
 @dataclass(slots=True)
 class _Interval:
     """Interval between two samples (ns), and the number of samples counted as missing in it; None if the period was
-    unknown.
-    """
+    unknown."""
 
     length: int
     missing: int | None
@@ -280,8 +277,7 @@ class Aligner:
     @property
     def due(self) -> int | None:
         """Deadline for the completion of the next sample (ns, by the clock of arrivals); None without a pending
-        sample.
-        """
+        sample."""
         return self._pending[0].arrived + self._budget if self._pending else None
 
     def add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
@@ -295,8 +291,7 @@ class Aligner:
 
     def _knows_periods(self, topic: str, arrived: int, reading: Reading) -> bool:
         """Check whether waiting readings can be aligned: the periods of all needed columns are known with this reading,
-        or not needed.
-        """
+        or not needed."""
         assert self._waiting is not None
         key, there = (topic, reading.columns), self._needed.intersection(reading.columns)
         stream = self._learning.setdefault(key, _ReadingStream(there))
@@ -396,8 +391,7 @@ class Aligner:
 
     def _partial(self, stamp: int, there: frozenset[int], period: float) -> _PartialSample | None:
         """Find the pending sample that a reading belongs to: equal stamp, or a near stamp and the reading's columns
-        still missing.
-        """
+        still missing."""
         nearest = None
         for one in self._pending:
             if one.stamp == stamp:
@@ -477,8 +471,7 @@ class Aligner:
 
     def _messages_to_restart(self, stamp: int, arrived: int) -> int:
         """Return the number of successive messages like this one that make a restart of the robot's clock; 0 if the
-        message fits the clock.
-        """
+        message fits the clock."""
         if self._last < 0:
             return 0
         if stamp > self._last:
@@ -503,8 +496,7 @@ class Aligner:
 
     def _restart(self, arrived: int) -> list[Sample]:
         """Complete the last samples of the robot's previous clock, begin with the messages of the new clock, and return
-        the samples.
-        """
+        the samples."""
         found = self.ready_samples(arrived, end=True)
         suspects, self._suspects = self._suspects, []
         for _, _, reading in suspects:
