@@ -45,8 +45,7 @@ its limit; and the motor angle (rad) of the last movement of each joint encoder.
 
 
 def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """Return the limit and the rest value of every trip reason, (REASON_COUNT,) each, SI; the limit of NONE is
-    infinite."""
+    """Return limit and rest value of every trip reason, (REASON_COUNT,) each, SI; the limit of NONE is infinite."""
     limit, rest = np.full(REASON_COUNT, math.inf), np.zeros(REASON_COUNT)
     limit[1:] = [
         1.0, limits.stale_time, limits.jump_limit, 1.0, limits.deflection_limit, limits.frozen_time,
@@ -71,8 +70,7 @@ def count_unusable(values, largest):
 
 @njit(cache=True)
 def store_largest(values, joints, reason, x, scale):
-    """Store the largest magnitude of a vector `x` (3,), times `scale`, as the value of a check, and its index as the
-    joint."""
+    """Store the largest magnitude of `x` (3,), times `scale`, as the value of a check, and its index as the joint."""
     worst = 0
     for i in range(1, 3):
         if abs(x[i]) > abs(x[worst]):
@@ -83,8 +81,7 @@ def store_largest(values, joints, reason, x, scale):
 
 @njit(cache=True)
 def update_timers(limits, seen, timers, sent, ticks):
-    """Advance the timers of each joint (frozen encoder, unfollowed command, saturation) by the `ticks` between two
-    samples."""
+    """Advance each joint's timers (frozen encoder, unfollowed command, saturation) by the `ticks` between samples."""
     for i in range(3):
         demand = sent[i]
         if seen.moved_m[i] or abs(demand) <= limits.frozen_demand:
@@ -125,8 +122,7 @@ def evaluate_sample(seen, timers, values, joints, tick):
 
 @njit(cache=True)
 def evaluate_command(limits, timers, omega_ref, values, joints, ticks, tick):
-    """Compute the values of the monitor checks on the command `omega_ref` (3,), rad/s, `ticks` after the previous
-    command."""
+    """Compute the monitor checks on the command `omega_ref` (3,), rad/s, `ticks` after the previous command."""
     values[INVALID_COMMAND] = count_unusable(omega_ref, MAX_COMMAND)
     for i in range(3):
         saturated = abs(omega_ref[i]) >= REACHED_SHARE * limits.command_limit
@@ -136,8 +132,8 @@ def evaluate_command(limits, timers, omega_ref, values, joints, ticks, tick):
 
 @njit(cache=True, error_model="numpy")
 def first_violation(values, limit, rest):
-    """Return the code of the first reason with a reached limit (0 without a violation), and the largest share of all
-    limits."""
+    """Return the code of the first reason with a reached limit (0 if all are kept), and the largest share of a
+    limit."""
     reason, utilisation = 0, 0.0
     for k in range(1, REASON_COUNT):
         share = (values[k] - rest[k]) / (limit[k] - rest[k])

@@ -163,8 +163,7 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
 
 
 def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
-    """Compute the largest spring deflection (rad, motor side) while the robot presses with `force` (N) at `p_B` (3,),
-    m.
+    """Compute the largest spring deflection (rad, motor side) of a robot pressing with `force` (N) at `p_B` (3,), m.
 
     tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; plus the dead zone.
 

@@ -67,8 +67,7 @@ def keeps_moving(limits, seen, i):
 
 @njit(cache=True)
 def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
-    """Mark encoders as doubtful after a trip: the encoders named by its `reason`, and any that later jumps or is
-    unusable.
+    """Mark encoders as doubtful after a trip: those named by its `reason`, and any that later jumps or is unusable.
 
     A deflection and a hidden force doubt the joint encoders alone: the motor encoders still show whether drives obey. A
     motor encoder that keeps moving is trusted again: its drive moves.
@@ -106,7 +105,7 @@ def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, co
 
 @njit(cache=True)
 def add_travel(limits, seen, retraction, dt):
-    """Add the travel of each motor and joint angle since the trip, `dt` (s) after the previous sample; jumps are
+    """Add the travel of motor and joint angles since the trip, `dt` (s) after the previous sample; jumps are
     ignored."""
     for i in range(3):
         if abs(seen.rate_m[i]) < limits.jump_limit or keeps_moving(limits, seen, i):
@@ -131,8 +130,7 @@ def update_command_bounds(limits, retraction, sent, dt):
 
 @njit(cache=True)
 def is_too_fast(limits, seen, retraction, i, retracting):
-    """Check whether drive `i` exceeds the bounds of its recent commands, in either direction, by more than
-    `follow_limit`.
+    """Check whether drive `i` exceeds the bounds of its recent commands, either way, by more than `follow_limit`.
 
     With a doubted motor encoder the joint is judged, only downwards and only after the retraction: it swings as fast as
     the retraction.
@@ -145,8 +143,7 @@ def is_too_fast(limits, seen, retraction, i, retracting):
 
 @njit(cache=True)
 def is_too_late(limits, seen, retraction, i, since):
-    """Check whether drive `i` reverses later than the slowest obeying drive in a retraction, `since` (s) after the
-    trip.
+    """Check whether drive `i` retracts later than the slowest obeying drive, `since` (s) after the trip.
 
     The joint is judged, too, unless it is doubted; with a doubted motor encoder the joint alone.
     """
@@ -199,8 +196,7 @@ def cut_power(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut the power of drives that disobey the retraction, or are too fast or too far after it, `since` (s) after the
-    trip.
+    """Cut the power of drives that disobey the retraction, or move too fast or too far, `since` (s) after the trip.
 
     Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or
     depth at a limit cut all.
@@ -228,8 +224,7 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
 
 @njit(cache=True)
 def is_retraction_over(limits, since):
-    """Check whether the slowest obeying drive has stopped after the retraction, within `FOLLOW_SLACK`, `since` (s) the
-    trip."""
+    """Check whether the slowest obeying drive has stopped, within `FOLLOW_SLACK`, `since` (s) after the trip."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
     return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= FOLLOW_SLACK * limits.follow_limit
 

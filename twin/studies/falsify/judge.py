@@ -44,8 +44,7 @@ def _runs(signals: frozenset[str], most: int) -> Runs:
 
 
 def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run an experiment file, `settings[0]`, and return the distance from violating each of its requirements as
-    "NAME.distance".
+    """Run the experiment file `settings[0]`; return the distance from violating each requirement as "NAME.distance".
 
     A failed component ends the run; requirements are judged until then.
 

@@ -197,8 +197,7 @@ class Space:
         )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
-        """Create the TOML text of an experiment with the faults of `wrong` and the requirements, as `twin run` reads
-        it.
+        """Create the TOML text of an experiment with the faults of `wrong` and the requirements, for `twin run`.
 
         Args:
             experiment: file to extend, relative to the folder of the new file.

@@ -173,8 +173,7 @@ def falsify_result(
     seconds: float,
     folder: Path,
 ) -> Result:
-    """Create the report of `twin falsify`: verdict, requirements, violating kinds and the nearest others, gaps, and
-    files.
+    """Create the report of `twin falsify`: verdict, requirements, violating and nearest kinds, gaps, and files.
 
     Args:
         found: nearest run of each kind, worst first.
@@ -212,8 +211,7 @@ def falsify_result(
 def _table(
     found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
 ) -> Table:
-    """Format the runs nearest to a violation as a table, one row per run; names of sets are long and contain the
-    target."""
+    """Format the runs nearest to a violation as a table, a row per run; names of sets are long and have the target."""
     rows = [_row(one, requirements, holes, space) for one in found]
     sets = any(
         mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)

@@ -94,8 +94,7 @@ class FaultRow:
 
     @property
     def is_unavoidable(self) -> bool:
-        """Whether the fault pushes the force beyond its bound unexpectedly, and even an ideal monitor could not prevent
-        it."""
+        """Whether the fault pushes the force beyond its bound unexpectedly, even with an ideal monitor."""
         ideal = 0.0 if self.ideal is None else self.ideal
         return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
@@ -111,8 +110,7 @@ class FaultRow:
 
     @property
     def matches_statement(self) -> bool:
-        """Whether the run is as the catalogue states: it does not fail, and an undetectable fault was not detected in
-        time."""
+        """Whether the run is as the catalogue states: no failure, and no undetectable fault detected in time."""
         return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:

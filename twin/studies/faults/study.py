@@ -15,8 +15,7 @@ ROWS_FILE, MATRIX_FILE, PICTURE_FILE = "rows.jsonl", "matrix.json", "matrix.png"
 
 
 class SetOfFaults(StrEnum):
-    """Number of faults at once, an option of `twin faults`: a copy of `twin.studies.faults.together.FaultSet`, whose
-    import slows down `--help`."""
+    """Number of faults at once: a copy of `twin.studies.faults.together.FaultSet`, whose import slows down `--help`."""
 
     SINGLE = "single"
     COMMON = "common"

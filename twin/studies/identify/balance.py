@@ -120,7 +120,7 @@ def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np
 
 
 def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
-    """Compute the torques that accelerate the robot (n, 3), N m, without I_r, which is unknown and a tenth of the
+    """Compute the torques that accelerate the robot (n, 3), N m, without I_r: it is unknown and a tenth of the
     total."""
     I_a = (belief.m_a / 3.0 + belief.m_b / 2.0) * belief.l_a**2
     mass = belief.m_p + 1.5 * belief.m_b

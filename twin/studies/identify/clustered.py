@@ -17,8 +17,7 @@ class Line(NamedTuple):
 
 
 def t_factor(clusters: int) -> float:
-    """Return the half width of a 95 % interval in standard deviations: Student's t of clusters - 1 degrees of
-    freedom."""
+    """Return the half width of a 95 % interval in standard deviations: Student's t, clusters - 1 degrees of freedom."""
     return float(student.ppf(0.5 + 0.5 * CONFIDENCE_LEVEL, clusters - 1)) if clusters > 1 else np.inf
 
 
@@ -53,8 +52,7 @@ def sandwich(
 
 
 def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """Solve A c = y, A (m, p), by least squares, with 95 % intervals for clustered errors; None if A is rank
-    deficient."""
+    """Solve A c = y, A (m, p), by least squares with 95 % intervals for clustered errors; None if rank deficient."""
     if len(y) < A.shape[1] or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
     inverse = np.linalg.pinv(A)

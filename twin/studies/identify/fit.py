@@ -88,14 +88,13 @@ class Fit:
         return self.rows.residual[at] / self.rows.per_newton
 
     def misfit(self, *kinds: int) -> float:
-        """Compute the root mean square of the residuals of `kinds`, in units of one sample's rounding; 0 without
+        """Compute the rms residual of the equations of `kinds`, in units of one sample's rounding; 0 without
         residuals."""
         at = np.isin(self.rows.kind, kinds)
         return float(np.sqrt(np.mean((self.rows.residual[at] / self.rows.sigma[at]) ** 2))) if np.any(at) else 0.0
 
     def half_width_through(self, quantity: Callable[[NDArray[np.float64]], float]) -> float:
-        """Compute the half width of the 95 % interval of any function of the parameters x (17,), by its gradient at
-        x."""
+        """Compute the half width of the 95 % interval of a function of the parameters x (17,), by its gradient at x."""
         steps = np.diag(1e-4 * sizes(self.unknowns))
         slope = [(quantity(self.x + e) - quantity(self.x - e)) / (2.0 * e.sum()) for e in steps]
         return self.half_width(np.array(slope))

@@ -60,8 +60,7 @@ def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArra
 
 
 def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Mark the windows (n,) on the scale where the head has moved in one direction for `SETTLED_TIME`; v (n, 2),
-    m/s."""
+    """Mark the windows (n,) on the scale where the head moves in one direction for `SETTLED_TIME`; v (n, 2), m/s."""
     speed = np.linalg.norm(v, axis=1)
     moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING_SPEED))
     heading = v[moving] / speed[moving, None]

@@ -1,5 +1,4 @@
-"""Identification of a robot from a log: every quantity with its interval, or the statement that it is not
-determined."""
+"""Identification of a robot from a log: every quantity with its interval, or a statement that it is not determined."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,8 +34,7 @@ MIN_LOSS = 0.02
 
 
 class NotIdentifiable(TwinError):
-    """Error: a valid log does not determine the requested quantity; the message has the reason and the data to
-    record."""
+    """Error: a valid log does not determine the requested quantity; the message has the reason and data to record."""
 
     exit_code = 1
 
@@ -75,8 +73,7 @@ class Identification:
 
     @property
     def loss(self) -> Estimate | None:
-        """Estimate of ln(eta), for belt losses that depend on direction; None if loading and unloading cannot be
-        compared."""
+        """Estimate of ln(eta), for belt losses by direction; None if loading and unloading cannot be compared."""
         axis, one = self.fit.direction(LOSS), self.fit.unknowns[LOSS]
         if not self.fit.is_determined(axis, one.size):
             return None

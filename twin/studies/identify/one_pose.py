@@ -25,7 +25,7 @@ MAX_PRESS_WIDTH = 2e-3
 
 
 class OnePoseStep(NamedTuple):
-    """Evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad) by a line through the
+    """Evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad), line through the
     origin."""
 
     name: str
@@ -80,7 +80,7 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
 
 
 def _press(seen: Windows, belief: Belief) -> Windows | None:
-    """Select the loading half of the press nearest to the base's axis, and among equals the press with the largest
+    """Select the loading half of the press nearest to the base's axis; among equals the one with the largest
     increase."""
     chosen = np.flatnonzero(on_scale(seen))
     if len(chosen) < 3:

@@ -36,8 +36,7 @@ SignalValues = Callable[[str], NDArray]
 
 
 def distance(formula: Formula, tick: float, held: SignalValues) -> float:
-    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if the run
-    violates it.
+    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if violated.
 
     Args:
         tick: time between two values (s).
@@ -118,8 +117,7 @@ def _term(term: Term, held: SignalValues) -> Curve:
 
 
 class SignalInfo(Protocol):
-    """Shape and unit of a recorded signal, known before a run: the part of `recording.messages.Field` that a formula
-    needs."""
+    """Shape and unit of a recorded signal, known before a run: the part of `Field` that a formula needs."""
 
     @property
     def size(self) -> int: ...

@@ -61,15 +61,13 @@ def overshoot(y: Curve, target: float) -> float:
 
 
 def rise_time(t: Curve, y: Curve, before: float, after: float) -> float:
-    """Compute the 10 % to 90 % rise time (s) of y between the values `before` and `after`; infinity if y never reaches
-    90 %."""
+    """Compute the 10 % to 90 % rise time (s) of y between `before` and `after`; infinity if y never reaches 90 %."""
     share = (y - before) / (after - before)
     return first_time(t, share >= 0.9) - first_time(t, share >= 0.1)
 
 
 def steepest_rise(t: Curve, y: Curve, span: float) -> float:
-    """Compute the largest mean rate of y over any interval of `span` (s), in its unit per s; infinity if the samples
-    are shorter.
+    """Compute the largest mean rate of y over any `span` (s), in its unit per s; infinity if the samples are shorter.
 
     Args:
         t, y: evenly spaced samples (n,).
@@ -163,8 +161,7 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
 
 
 def crossing_time(t: Curve, y: Curve, level: float) -> float:
-    """Return the time at which y first rises to `level`, interpolated linearly between samples; infinity if it never
-    does."""
+    """Return the time at which y first rises to `level`, interpolated linearly between samples; infinity if never."""
     above = np.flatnonzero(y >= level)
     if len(above) == 0:
         return np.inf
@@ -222,8 +219,7 @@ def lag(t: Curve, y: Curve, reference: Curve, longest: float) -> float:
 
 
 def path_error(p: Curve, path: Curve) -> Curve:
-    """Compute the distance of each point to the nearest place of a path, regardless of time, (n,) in the unit of the
-    points.
+    """Compute the distance of each point to the nearest place of a path, at any time, (n,) in the points' unit.
 
     Args:
         p: points (n, d).
@@ -306,8 +302,7 @@ def travel(t: Curve, rate: Curve) -> float:
 
 
 def work(t: Curve, torque: Curve, speed: Curve) -> tuple[float, float]:
-    """Compute the work (J) of shafts on their loads: (delivered, returned), the integrals of positive and of negative
-    power.
+    """Compute the work (J) of shafts on their loads: (delivered, returned), integrals of positive and negative power.
 
     Args:
         t: s (n,).

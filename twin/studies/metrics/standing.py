@@ -159,8 +159,7 @@ def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[D
 
 
 def overall_ranks(each: Sequence[Ranks]) -> Ranks:
-    """Combine the ranks of several experiments: better if better in at least one experiment and worse in no other, and
-    so on."""
+    """Combine the ranks of several experiments: better if better in at least one and worse in no other, and so on."""
     found = {}
     for name in dict.fromkeys(name for ranks in each for name in ranks):
         seen = {ranks[name] for ranks in each if ranks.get(name)}

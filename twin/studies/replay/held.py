@@ -27,8 +27,7 @@ LOG_MEASURES = (*FORCE_KEYS, "hold_begin", "hold_end")
 
 
 def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
-    """Compute the measures of the force held in a log; without a force or a controller each measure is None, with the
-    reason.
+    """Compute the measures of a log's held force; without force or controller each measure is None, with the reason.
 
     Args:
         log: samples with the measured force.

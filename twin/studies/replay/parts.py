@@ -88,8 +88,7 @@ class SampledSteps:
         self._last: float | None = None
 
     def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Step the sampled component, and return its outputs (n, width) at times `t` (n,), s; fewer if a step
-        failed."""
+        """Step the sampled component, and return its outputs (n, width) at times `t` (n,), s; fewer if a step fails."""
         h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
         copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
         copies[0] = self.copies[-1]
@@ -212,8 +211,7 @@ class PlantRun:
 
 
 class PlantModel:
-    """Part of a twin that simulates the plant with the robot's motor angles, and compares the joint angles with the
-    robot's.
+    """Part of a twin: the plant simulated with the robot's motor angles, and its joint angles less the robot's.
 
     It starts at rest at the robot's position, and again after a gap of more than `LONGEST_GAP`, or outside the
     workspace. A start discards stiction.

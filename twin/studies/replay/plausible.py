@@ -101,8 +101,7 @@ class MapCheck:
         return self._sentence(text, "theta_m", ways)
 
     def add(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
-        """Add angles of motors and joints (n, 3), rad, to the check of the column map; rows that are not finite are
-        skipped."""
+        """Add angles of motors and joints (n, 3), rad, to the check of the column map; rows not finite are skipped."""
         there = np.isfinite(theta_m + theta_l).all(axis=1)
         if not np.any(there):
             return
@@ -125,8 +124,7 @@ class MapCheck:
 
     @property
     def map_error(self) -> str:
-        """Check the column map against the whole log. Return an error message with the corrected map; "" if the map
-        fits."""
+        """Check the column map against the whole log. Return an error message with the corrected map; "" if it fits."""
         if not self._columns:
             return ""
         return self._angles_error() or self._force_error()
@@ -212,8 +210,7 @@ def _factor(way: str) -> float:
 
 
 def count_conversion(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
-    """Return offset and gain that convert the angles of an encoder to counts: (angle + zero of the encoder) * counts
-    per rad."""
+    """Return offset and gain that convert an encoder's angles to counts: (angle + zero) * counts per rad."""
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
     return zero, turn / (2.0 * np.pi)

@@ -59,8 +59,7 @@ class RobotSamples:
         return replace(self, t=self.t[chosen], u=self.u[chosen])
 
     def held_commands(self, omega_ref: NDArray[np.float64]) -> "RobotSamples":
-        """Fill missing commands by holding each command until the next; omega_ref: commands (3,) before the first,
-        rad/s."""
+        """Hold each command until the next one; omega_ref: commands (3,) before the first, rad/s."""
         commanded = np.vstack([omega_ref, self.u[:, OMEGA_REF]])
         newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
         u = self.u.copy()
@@ -88,8 +87,7 @@ class RobotSamples:
 
 
 def samples_of(run: RunView) -> RobotSamples:
-    """Extract a robot's samples from a run of the twin: counts, commands, torques and force as its computer receives
-    them.
+    """Extract a robot's samples from a run: counts, commands, torques and force as its computer receives them.
 
     With faulty encoders the counts are the received ones. A measured force appears only at its own times.
 
@@ -162,8 +160,7 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
 
 
 def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    """Write `values` (m,) of times `t` (m,), s, into a column of the samples, each at the first sample at or after its
-    time.
+    """Write `values` (m,) of times `t` (m,), s, into a column of the samples, at the first sample not before each.
 
     The newest of several values for one sample is written.
     """

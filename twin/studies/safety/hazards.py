@@ -77,8 +77,7 @@ class Variant(Settings):
 
 
 class Sensitivity(Settings):
-    """Table [sensitivity]: monitor thresholds to vary, to count false trips of healthy robots and to find the worst
-    peaks."""
+    """Table [sensitivity]: monitor thresholds to vary, for false trips of healthy robots and for the worst peaks."""
 
     keys: tuple[str, ...] = setting(min_length=1, help="keys of [monitor], one at a time")
     factors: tuple[float, ...] = setting(min_length=2, help="by which each is multiplied")

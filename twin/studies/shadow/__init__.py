@@ -1,5 +1,4 @@
-"""Digital twin of a running robot: it follows the robot's stamped messages, estimates its state, and detects
-divergence.
+"""Digital twin of a running robot: it follows the robot's messages, estimates its state, and detects divergence.
 
 `filter` estimates the state, `alarm` decides, and `fleet` has the tolerances of healthy robots.
 """

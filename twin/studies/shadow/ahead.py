@@ -108,8 +108,7 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATE
 
 
 def branch_changes(P: NDArray[np.float64], around: ContactEstimate) -> list[list[BranchChange]]:
-    """List the changes to simulate for a prediction's band, by cause; a cause has one branch for both signs, or one for
-    each."""
+    """List the changes to simulate for a prediction's band, by cause: one branch for both signs, or one for each."""
     height = TOUCHED_HEIGHT_ERROR if math.isfinite(around.height) else HEIGHT_ERROR
     share = TOUCHED_STIFFNESS_ERROR if math.isfinite(around.share) else STIFFNESS_ERROR
     estimate = [[BranchChange(dx=Z * column)] for column in cholesky_first(P).T]
@@ -124,8 +123,8 @@ def band(
     now: NDArray[np.float64],
     unsure: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the uncertainty band of a prediction: lower and upper bounds (leads, 2) of force and height about a
-    branch.
+    """Compute the uncertainty band of a prediction: bounds (leads, 2) of force and height about a branch, lower and
+    upper.
 
     Args:
         first: force and height of the branch (leads, 2).

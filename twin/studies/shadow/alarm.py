@@ -1,5 +1,4 @@
-"""Alarm for divergence of robot and twin: cumulative sums over means of prior residuals, with a chosen rate of false
-alarms.
+"""Alarm for divergence of robot and twin: cumulative sums over means of residuals, with a chosen rate of false alarms.
 
 E. S. Page, Continuous inspection schemes, Biometrika 41 (1954) 100. With r_n the mean residual of block n and r_0 the
 mean of the first blocks,
@@ -104,8 +103,7 @@ RateTolerances = Mapping[float, Tolerances]
 
 
 def rate_of(t: NDArray[np.float64]) -> float:
-    """Estimate the sampling rate (Hz) from the median interval of stamps `t` (n,), s; NaN with fewer than two
-    stamps."""
+    """Estimate the sampling rate (Hz) from the median interval of stamps `t` (n,), s; NaN with under two stamps."""
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else math.nan
 
 
@@ -116,8 +114,7 @@ def tolerances_at(limits: RateTolerances, rate: float) -> Tolerances | None:
 
 
 class WatchState(StrEnum):
-    """State of the alarm's watch on a robot: listening, confirming an alarm, searching its cause, cooling down or
-    off."""
+    """State of the alarm's watch on a robot: listening, confirming, searching the cause, cooling down or off."""
 
     LISTENING = "listening"
     CONFIRMING = "confirming"
@@ -304,8 +301,7 @@ class ShadowWatch:
         return [change for change in self.changes if change.alarm]
 
     def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
-        """Update the sums of the alarm with a block that ended at `t` (s), and return the resulting changes of
-        state."""
+        """Update the alarm's sums with a block that ended at `t` (s), and return the resulting changes of state."""
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
             self._change_state(WatchEvent(t, self._interrupted))

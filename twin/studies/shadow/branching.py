@@ -83,8 +83,7 @@ class BranchChange(NamedTuple):
 
 @entry("double", PARAMETERS_RECORD, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
-    """Return the largest depth (m) of the massage head below the surface over `count` platform positions `p` (3
-    each)."""
+    """Return the largest depth (m) of the head below the surface over `count` platform positions `p` (3 each)."""
     positions, most = carray(p, 3 * count), -math.inf
     for k in range(count):
         most = max(most, surface_depth(parameters, positions[3 * k], positions[3 * k + 1], positions[3 * k + 2]))
@@ -276,8 +275,7 @@ class Branching:
             raise InputRefused(f"{where}the controller cannot be another one in mid-run")
 
     def run(self, now: RobotSnapshot, other: BranchChange = BranchChange()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
-        """Simulate a branch from a snapshot; return pressing force (N) and height (m) at each of `LEAD_TIMES` (leads,
-        2).
+        """Simulate a branch from a snapshot; return pressing force (N) and height (m) at `LEAD_TIMES` (leads, 2).
 
         NaN after the failure of a component.
         """
@@ -365,8 +363,8 @@ class Branching:
         self._simulation.jump_to(now.tick, outputs)
 
     def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Return displacement and velocity of a moving surface by the twin's clock (6,), SI, and the outputs of its
-        component.
+        """Return displacement and velocity of a moving surface by the twin's clock (6,), SI, and its component's
+        outputs.
 
         Args:
             tick: the time; None for now.

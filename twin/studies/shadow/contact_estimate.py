@@ -198,8 +198,7 @@ class ContactEstimate:
         higher: float = 0.0,
         share: float = 1.0,
     ) -> tuple[float, float, NDArray[np.float64]]:
-        """Compute height (m), stiffness (N/m) and bristle deflection (2,), m, of a surface that exerts the estimated
-        force.
+        """Compute height (m), stiffness (N/m) and bristle (2,), m, of a surface that exerts the estimated force.
 
         Args:
             higher: added to the height (m) unless the robot touches the surface.
@@ -221,8 +220,7 @@ class ContactEstimate:
         return height, float(p["K"]), along / float(p["sigma_0"]) * (min(1.0, limit / size) if size else 1.0)
 
     def _contact_record(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
-        """Compute the contact at an estimated state, corrected for zeros and friction, as a record of
-        `_TOUCH_RECORD`."""
+        """Compute the contact at an estimated state, without zeros and friction, as a record of `_TOUCH_RECORD`."""
         seen: NDArray = self._touch[0]
         seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
         seen["F"] = x[FORCE : FORCE + 3] - self.tare(J)

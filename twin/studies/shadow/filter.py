@@ -154,8 +154,7 @@ def correct(m, h, y):
 
 @njit(cache=True, error_model="numpy")
 def begin(m, u):
-    """Initialise the filter's state from the counts, at rest, with the force of statics; return False if they fit no
-    pose."""
+    """Initialise the filter from the counts, at rest, with the force of statics; return False if they fit no pose."""
     for leg in range(3):
         m.theta_l[leg] = measured_angle(m, 3 + leg, u.count_l[leg])
         m.x[MOTOR + leg] = measured_angle(m, leg, u.count_m[leg])
@@ -278,7 +277,7 @@ def _without_dry_friction(parameters: PlantParameters) -> tuple[object, ...]:
 
 
 class Shadow(NativeComponent):
-    """Extended Kalman filter as a sampled component: counts and commands of a robot in, its state out, one step per
+    """Extended Kalman filter, a sampled component: counts and commands of a robot in, its state out, one step per
     sample.
 
     The step length is the time since the previous sample by the robot's stamps; the first step ignores it.

@@ -115,8 +115,7 @@ class OwnController:
         return held
 
     def _call_samples(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Find the samples, by index, of the controller calls among times `t` (n,), s, including slightly early
-        samples."""
+        """Find the samples of the controller calls among times `t` (n,), s, by index; slightly early samples count."""
         T, number = self._period, np.arange(-1, len(t))
         # due time of the next call if each sample so far was one
         due = np.maximum.accumulate(np.concatenate([[self._next], t + 0.5 * T]) - T * number) + T * number
@@ -318,8 +317,8 @@ class AlarmWatch:
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
-        """Accept a proposal of changed parameters, learn a new reference after cooling down, and return the new
-        plant."""
+        """Accept a proposal of changed parameters, return the new plant, and learn a new reference after cooling
+        down."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.restart(self._t)

@@ -77,8 +77,7 @@ def accepted_values(accepted: Sequence[Adaptation]) -> str:
 
 
 class AcceptButton:
-    """Parameters of a live session for viewers: the button `shadow.accept`, the proposal and the status line.
-    Thread-safe.
+    """Parameters of a live session for viewers: button `shadow.accept`, proposal and status line. Thread-safe.
 
     Args:
         twin: the proposing twin; None without proposals.
@@ -104,8 +103,7 @@ class AcceptButton:
         }
 
     def request(self, name: str, value: object, /) -> None:
-        """Request a change of a viewer parameter, see `Parameters`; true accepts the proposal that is open now, and no
-        other.
+        """Request a change of a viewer parameter, see `Parameters`; true accepts the presently open proposal only.
 
         Raises:
             InputRefused: an unknown parameter, no boolean, or no open proposal.
@@ -129,8 +127,7 @@ class AcceptButton:
             self._asked = proposal if value else None
 
     def press(self) -> str | None:
-        """Accept the proposal requested by a viewer. Return an error message, "" on success, or None without a
-        request."""
+        """Accept the proposal requested by a viewer. Return an error message, "" on success, None without a request."""
         with self._lock:
             asked, self._asked = self._asked, None
         if asked is None or self._twin is None:
@@ -167,8 +164,7 @@ class TwoRobots:
         list(self.drawings(0, np.zeros((1, max(place.stop for place in places.values())))))
 
     def drawings(self, first: int, rows: NDArray[np.float64], /) -> Iterator[Drawing]:
-        """Yield the drawings of robot and plant model for rows, see `Drawn`; a robot without a known pose is not
-        drawn."""
+        """Yield drawings of robot and plant model for rows, see `Drawn`; a robot without a known pose is left out."""
         yield Drawing("scene", first, np.empty((1, 0)))
         robot = values_by_port(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
         model = values_by_port(MOTION, rows[:, self._places["plant"]])

@@ -231,8 +231,7 @@ class Session:
                 self._recording.flush()
 
     def _process_slice(self, end: bool = False) -> bool:
-        """Process one slice of the session: rows of the samples, recording and live view. Return whether samples have
-        arrived."""
+        """Process one slice of samples: rows, recording and live view. Return whether samples have arrived."""
         if self._viewer and (text := self._viewer.press()):
             self._record_event(Happening(self._t, text), "accepted")
         received = self._receiver.drain(end)

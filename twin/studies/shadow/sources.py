@@ -49,8 +49,8 @@ def open_source(
     notes: list[str],
     part: tuple[float | None, float | None] = (None, None),
 ) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
-    """Open a source of samples. Return it, the columns of its signals (empty for a recording of twin), and whether it
-    is live.
+    """Open a source of samples. Return it, its signals' columns (empty for a recording of twin), and whether it is
+    live.
 
     Args:
         source: text of the command line.

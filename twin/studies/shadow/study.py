@@ -41,8 +41,7 @@ def _find_source(asked: ArgumentValues) -> None:
 def _limits(
     fleet: Path | None, experiment: Path, settings: Sequence[str], say: Say
 ) -> "tuple[Tolerances | RateTolerances | None, str]":
-    """Load or compute the alarm's tolerances for an experiment. Return them, or None, and the reason why they are
-    missing.
+    """Load or compute the alarm's tolerances for an experiment. Return them, or None, and the reason if missing.
 
     Raises:
         InputRefused: `fleet` is given and cannot be used; all errors of the file.

@@ -103,8 +103,7 @@ def _with_nan(facts: Mapping[str, Mapping[str, float | None]]) -> Tolerances:
 
 
 def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
-    """Compute the alarm's tolerances from a fleet, for each sampling rate (Hz) fast enough to find the
-    `CHECKED_FAULTS`."""
+    """Compute a fleet's alarm tolerances, for each sampling rate (Hz) fast enough to find the `CHECKED_FAULTS`."""
     twin = fleet.twin()
 
     def progress(what: str, share: float | None = None) -> None:
@@ -117,8 +116,7 @@ def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
 
 
 def finds_faults(fleet: Fleet, limits: Tolerances, every: int = 1) -> bool:
-    """Check whether the alarm finds the `CHECKED_FAULTS` in a robot that matches its belief, with one in `every`
-    samples."""
+    """Check whether the alarm finds the `CHECKED_FAULTS` in a robot as believed, with one in `every` samples."""
     twin = fleet.twin()
     fleet = replace(fleet, robots=((),))
     onset = round(twin.duration_ticks // (3 * max(1, len(twin.tasks))) * twin.cosim.tick, 9)

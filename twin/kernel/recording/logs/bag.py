@@ -137,8 +137,7 @@ def _plain_file(file: Path) -> Iterator[Path]:
 
 
 def _sqlite_topics(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
-    """Read the topics of a bag's SQLite file `plain`, decompressed from `file`, and a note on an unfinished
-    recording."""
+    """Read the topics of a bag's SQLite file `plain`, unpacked from `file`, and a note on an unfinished recording."""
     size = plain.stat().st_size
     with plain.open("rb") as start:
         head = start.read(HEAD_BYTES)

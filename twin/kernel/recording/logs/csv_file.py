@@ -90,8 +90,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
 def _sources(
     table: CsvTable, columns: Mapping[str, MappedColumn], known: Mapping[str, str], mistakes: list[str]
 ) -> tuple[dict[str, MappedColumn], dict[str, str]]:
-    """Select the columns to read from a CSV file, with units; also return the omitted signals, each with an error
-    message."""
+    """Select the columns to read from a CSV file, with units; also return the omitted signals with error messages."""
     sources = {}
     for signal, column in columns.items():
         # the whole name, then without unit and sign, then `Fz` for `Fz_N`

@@ -387,8 +387,7 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
 
 
 def written_by_twin(path: Path) -> bool:
-    """Check whether the header of an MCAP file names `twin.kernel.recording` as its writer; false for a damaged
-    header."""
+    """Check whether the header of an MCAP file names `twin.kernel.recording` as its writer; false if it is damaged."""
     with path.open("rb") as file:
         try:
             header = next(StreamReader(file, record_size_limit=MAX_HEADER_BYTES).records)

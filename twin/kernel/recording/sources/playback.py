@@ -123,8 +123,7 @@ class Playback:
         return self._order
 
     def _times(self, name: str) -> list[float]:
-        """Return the times of the messages of topic `name` (s), for selecting a part of the log; NaN without a
-        stamp."""
+        """Return the times of the messages of topic `name` (s), to select a part of the log; NaN without a stamp."""
         topic = self._topics[name]
         if self._time is not None and self._part != (None, None):
             with suppress(NoField):

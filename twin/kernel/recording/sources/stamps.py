@@ -142,14 +142,12 @@ class Clocks:
 
     @property
     def offset(self) -> float:
-        """Lag of the robot's clock behind the local clock, including the shortest transport (s); NaN without
-        messages."""
+        """Lag of the robot's clock behind the local clock, with the shortest transport (s); NaN without messages."""
         return min(self._floors) / NS_PER_S if self._floors else math.nan
 
     @property
     def drift(self) -> float:
-        """Drift of the robot's clock against the local clock (s/s), positive for a slow robot clock; NaN until
-        known."""
+        """Drift of the robot's clock against the local one (s/s), positive for a slow robot clock; NaN until known."""
         n, x, y, xx, xy = self._sums
         determinant = n * xx - x * x
         if n < MIN_DRIFT_SECONDS or determinant <= 0.0:
@@ -220,8 +218,7 @@ def _divisor(lengths: Sequence[int], single: float) -> float:
 
 @dataclass(slots=True)
 class _Interval:
-    """Interval between two samples (ns), and the number of samples counted as missing in it; None if the period was
-    unknown."""
+    """Interval between two samples (ns), and the number of samples missing in it; None if the period was unknown."""
 
     length: int
     missing: int | None
@@ -276,8 +273,7 @@ class Aligner:
 
     @property
     def due(self) -> int | None:
-        """Deadline for the completion of the next sample (ns, by the clock of arrivals); None without a pending
-        sample."""
+        """Deadline for completing the next sample (ns, by the clock of arrivals); None without a pending sample."""
         return self._pending[0].arrived + self._budget if self._pending else None
 
     def add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
