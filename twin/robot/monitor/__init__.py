@@ -1,5 +1,5 @@
-"""The safety monitor: reads encoder counts and commands, shares no state with the controller, stops the robot.
+"""Safety monitor: it reads encoder counts and commands, shares no state with the controller, and stops the robot.
 
-It is on the floor of plant, controller and drive and imports none of them: its kinematics are those of
-`twin.robot.mechanism`, its model of the robot is its own (see docs/safety.md).
+It is on the floor of plant, controller and drive and imports no module from them: it uses the kinematics of
+`twin.robot.mechanism` and its own model of the robot (see docs/safety.md).
 """

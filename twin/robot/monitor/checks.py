@@ -1,4 +1,4 @@
-"""The checks of the safety monitor: one measured value per reason, all compared with their limits by one rule.
+"""Checks of the safety monitor: one measured value per reason, all compared with their limits by one rule.
 
 A check's share is (value - rest) / (limit - rest), where the rest is the value without any load; it trips at 1.
 docs/safety.md argues which checks count time, are low-passed, or trip on one raw sample.
@@ -41,11 +41,11 @@ MAX_SAMPLE_NUMBER = 2.0**31
 MAX_COMMAND = 1e6
 TIMERS_RECORD = record(**states(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8"))
 """Ticks: motor encoder without a count against its command (signed as the command), motor off its command, command at
-its limit; and the motor angle (rad) at which each joint encoder last moved."""
+its limit; and the motor angle (rad) of the last movement of each joint encoder."""
 
 
 def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """Return limit and rest of every reason, (REASON_COUNT,) each, SI; the limit of NONE is infinite."""
+    """Return limit and rest value of every trip reason, (REASON_COUNT,) each, SI; the limit of NONE is infinite."""
     limit, rest = np.full(REASON_COUNT, math.inf), np.zeros(REASON_COUNT)
     limit[1:] = [
         1.0, limits.stale_time, limits.jump_limit, 1.0, limits.deflection_limit, limits.frozen_time,
@@ -59,7 +59,7 @@ def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(cache=True)
 def count_unusable(values, largest):
-    """Return the number of `values` that are not finite, or not below `largest` in magnitude."""
+    """Count the `values` that are unusable: not finite, or not below `largest` in magnitude."""
     n = 0
     for i in range(values.shape[0]):
         # not >=: that would let NaN pass
@@ -70,7 +70,7 @@ def count_unusable(values, largest):
 
 @njit(cache=True)
 def store_largest(values, joints, reason, x, scale):
-    """Set the value of `reason` to the largest magnitude of `x` (3,), times `scale`, and its joint to the index."""
+    """Store the largest magnitude of `x` (3,), times `scale`, as the value of a check, and its index as the joint."""
     worst = 0
     for i in range(1, 3):
         if abs(x[i]) > abs(x[worst]):
@@ -81,7 +81,7 @@ def store_largest(values, joints, reason, x, scale):
 
 @njit(cache=True)
 def update_timers(limits, seen, timers, sent, ticks):
-    """Advance the timers of each joint by the `ticks` between two samples with the commands `sent` (3,)."""
+    """Advance each joint's timers (frozen encoder, unfollowed command, saturation) by the `ticks` between samples."""
     for i in range(3):
         demand = sent[i]
         if seen.moved_m[i] or abs(demand) <= limits.frozen_demand:
@@ -98,7 +98,7 @@ def update_timers(limits, seen, timers, sent, ticks):
 
 @njit(cache=True)
 def evaluate_sample(seen, timers, values, joints, tick):
-    """Compute the values of all checks on encoder messages; `tick` in s."""
+    """Compute the values of all monitor checks on the encoder messages; `tick` in s."""
     store_largest(values, joints, JUMP, seen.fastest, 1.0)
     store_largest(values, joints, DEFLECTION, seen.deflection, 1.0)
     store_largest(values, joints, FROZEN_MOTOR, timers.still, tick)
@@ -122,7 +122,7 @@ def evaluate_sample(seen, timers, values, joints, tick):
 
 @njit(cache=True)
 def evaluate_command(limits, timers, omega_ref, values, joints, ticks, tick):
-    """Compute the values of the checks on the command `omega_ref` (3,), rad/s, `ticks` after the previous one."""
+    """Compute the monitor checks on the command `omega_ref` (3,), rad/s, `ticks` after the previous command."""
     values[INVALID_COMMAND] = count_unusable(omega_ref, MAX_COMMAND)
     for i in range(3):
         saturated = abs(omega_ref[i]) >= REACHED_SHARE * limits.command_limit
@@ -132,7 +132,8 @@ def evaluate_command(limits, timers, omega_ref, values, joints, ticks, tick):
 
 @njit(cache=True, error_model="numpy")
 def first_violation(values, limit, rest):
-    """Return the first reason whose limit is reached (0 if none is), and the largest share of all limits."""
+    """Return the code of the first reason with a reached limit (0 if all are kept), and the largest share of a
+    limit."""
     reason, utilisation = 0, 0.0
     for k in range(1, REASON_COUNT):
         share = (values[k] - rest[k]) / (limit[k] - rest[k])

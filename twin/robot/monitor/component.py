@@ -1,4 +1,4 @@
-"""The safety monitor as a co-simulation component between controller and drives.
+"""Safety monitor as a co-simulation component between controller and drives.
 
 Pose, speeds and force come from its own belief and its own low-pass, so that an error in the controller's model is not
 also the monitor's. The resolution of the encoders bounds the differences that it can detect.
@@ -91,13 +91,13 @@ OBSERVATION_RECORD = record(
         hidden_ticks="i8",
     ),
 )
-"""The last observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
+"""Newest observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
 before (rad/s, the joint's on the motor's side), the motor's of the sample before (rad/s), deflection (rad), joint
 torques (N m), fastest change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed
 on the motor's side and commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length
-(N/s); position (m); the contact: height where it began (m), depth below that (m), duration (ticks); motor speed that
-the command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint),
-and for how long that is a hidden force (ticks)."""
+(N/s); position (m); the contact: initial height (m), depth below it (m), duration (ticks); motor speed expected from
+the command without load (rad/s), motor load beyond the springs' torque, low-passed (N m at the joint), and its duration
+as a hidden force (ticks)."""
 
 
 class MonitorBelief(
@@ -108,14 +108,14 @@ class MonitorBelief(
         setting_fields(Model, into="encoders"),
     ),
 ):
-    """The monitor's model of the robot, SI."""
+    """The monitor's own model of the robot, SI."""
 
 
 BELIEF_RECORD = record_of(MonitorBelief)
 
 
 class Resolution(NamedTuple):
-    """Worst case of one count on every encoder at once, SI.
+    """Resolution of the monitor's estimates: worst-case effect of one count on every encoder at once, SI.
 
     Attributes:
         deflection: deflection of a spring on the motor's side (rad).
@@ -137,7 +137,8 @@ class Resolution(NamedTuple):
 
 
 def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
-    """Return the effect of one count on every encoder, at platform position `p_B` (3,), m, every `dt` (s).
+    """Compute the effect of one count on every encoder on deflection, speed, force and position, at platform position
+    `p_B` (3,), m, sampled every `dt` (s).
 
     F = J^T tau_l and v = J^-1 dtheta_l/dt; the worst case over the signs of the three joints is bounded by the sum of
     the lengths of the rows of J and of the columns of J^-1.
@@ -162,7 +163,7 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
 
 
 def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
-    """Return the largest spring deflection (rad, motor side) of a press with `force` (N) at `p_B` (3,), m.
+    """Compute the largest spring deflection (rad, motor side) of a robot pressing with `force` (N) at `p_B` (3,), m.
 
     tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; plus the dead zone.
 
@@ -178,25 +179,26 @@ def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> flo
 
 
 def geometry_of_belief(belief: MonitorBelief) -> Geometry:
-    """Return the believed lengths of Fig. 2."""
+    """Return the robot's lengths of Fig. 2 that the monitor believes."""
     return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
 
 
 @njit(cache=True)
 def angle(count, counts_per_turn, zero):
-    """Return the angle (rad) of an encoder count."""
+    """Convert an encoder count to an angle (rad)."""
     return count * (2.0 * np.pi / counts_per_turn) - zero
 
 
 @njit(cache=True)
 def low_pass_share(corner, dt):
-    """Return the weight of a new sample in a first-order low-pass with `corner` (Hz) after `dt` (s)."""
+    """Compute the weight of a new sample in a first-order low-pass with `corner` (Hz) and step `dt` (s)."""
     return 1.0 - math.exp(-2.0 * math.pi * corner * dt)
 
 
 @njit(cache=True, error_model="numpy")
 def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
-    """Update angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the previous sample.
+    """Update the monitor's angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the
+    previous sample.
 
     An unusable count leaves its angle unchanged; that matters only after a trip, since the first one trips.
 
@@ -228,7 +230,8 @@ def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
 
 @njit(cache=True, error_model="numpy")
 def observe_platform(belief, seen, share, dt):
-    """Update position, velocity and force of the platform; return False, without changes, if no pose fits.
+    """Update the estimates of platform position, velocity and force; return False, without changes, if no pose fits the
+    joints.
 
     F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated.
     """
@@ -258,7 +261,7 @@ def observe_platform(belief, seen, share, dt):
 
 @njit(cache=True, error_model="numpy")
 def update_hidden_force(limits, belief, seen, ticks, dt):
-    """Update the motor load beyond the springs' torque, and the time for which it is a hidden force.
+    """Update the monitor's estimate of the motor load beyond the springs' torque, and its duration as a hidden force.
 
     A drive whose speed droops by `drive_droop` (rad/s per N m) under load settles at omega_ref - droop tau_load (P12 of
     docs/equations.md). Command and motor encoder thus measure the load without the joint encoder; a drifting joint
@@ -277,7 +280,8 @@ def update_hidden_force(limits, belief, seen, ticks, dt):
 
 @njit(cache=True)
 def observe_contact(seen, contact_force, ticks):
-    """Update the contact, its depth and duration: it begins at `contact_force` (N) and ends at half of it."""
+    """Update the state of the contact, its depth and duration; a contact begins at `contact_force` (N) and ends at half
+    of it."""
     F_z = -seen.F_ee_B[2]
     if not seen.touching and F_z >= contact_force:
         seen.touching = 1
@@ -311,7 +315,7 @@ MONITOR_MEMORY = record(
 
 @njit(cache=True, error_model="numpy")
 def observe(m, count_m, count_l, ticks, tick):
-    """Process a new encoder message, `ticks` of `tick` (s) after the previous one."""
+    """Process a new encoder message in the monitor, `ticks` of `tick` (s) after the previous one."""
     dt = ticks * tick
     share = low_pass_share(m.limits.filter, dt)
     observe_joints(m.belief, m.seen, share, dt, count_m, count_l, m.sent)
@@ -322,14 +326,15 @@ def observe(m, count_m, count_l, ticks, tick):
         update_hidden_force(m.limits, m.belief, m.seen, ticks, dt)
     update_timers(m.limits, m.seen, m.timers, m.sent, ticks)
     evaluate_sample(m.seen, m.timers, m.values, m.joints, tick)
-    # a robot that cannot stand where its encoders say has no position to start from
+    # without a pose that fits the encoders, the retraction has no start position
     if posed:
         m.seen.started = 1
 
 
 @njit(cache=True, error_model="numpy")
 def receive_sample(m, u, tick):
-    """Read the encoder message of the inputs `u`; return the ticks since the previous one, 0 without a new one."""
+    """Read the encoder message from the monitor's inputs `u`; return the ticks since the previous message, 0 without a
+    new one."""
     # not >=: that would let NaN pass
     lost = 0 if abs(u.sample) < MAX_SAMPLE_NUMBER else 1
     m.values[INVALID_SAMPLE] = count_unusable(u.count_m, MAX_COUNT) + count_unusable(u.count_l, MAX_COUNT) + lost
@@ -355,7 +360,7 @@ def monitor_outputs(lines: bool) -> tuple[Port, ...]:
 
 @cache
 def make_step(lines):
-    """Return the compiled step of a monitor, with or without a power line per drive."""
+    """Compile the step function of a safety monitor, with or without a power line per drive."""
 
     @step_function(MONITOR_MEMORY, MONITOR_INPUTS, monitor_outputs(lines))
     def step(m, t, h, u, y):
@@ -401,9 +406,9 @@ def make_step(lines):
 
 
 class SafetyMonitor(NativeComponent):
-    """Sampled component between controller (or its delay) and drives.
+    """Safety monitor: a sampled component between controller (or its delay) and drives.
 
-    It latches at the first limit that is reached, retracts the robot, then holds it; docs/safety.md has the reasons.
+    It latches at the first reached limit, retracts the robot, then holds it; docs/safety.md has the reasons.
 
     Args:
         belief: the monitor's own model of the robot.
@@ -427,7 +432,7 @@ class SafetyMonitor(NativeComponent):
 
     @property
     def trip(self) -> Trip | None:
-        """The latched trip; None before a trip."""
+        """Latched trip of the monitor; None before a trip."""
         m = self.memory[0]
         reason = Reason(int(m["reason"]))
         if reason is Reason.NONE:
@@ -438,13 +443,13 @@ class SafetyMonitor(NativeComponent):
 
     @property
     def power_off_tick(self) -> int | None:
-        """Tick at which the first drive lost its power; None while all have it."""
+        """Tick of the first loss of power by any drive; None while all drives have power."""
         tick = int(self.memory[0]["retraction"]["power_off_tick"])
         return None if tick < 0 else tick
 
 
 def own_monitor(system: System) -> SafetyMonitor | None:
-    """Return the `SafetyMonitor` of `system`; None if there is none, or a third-party one."""
+    """Find the `SafetyMonitor` of a system; None without a monitor or with a third-party one."""
     return next((c for c in system.components if isinstance(c, SafetyMonitor)), None)
 
 
@@ -460,5 +465,5 @@ def trip_reason(simulation: Simulation) -> str:
 
 
 def other_trip(monitor: Component) -> str:
-    """Return the message of a trip of a third-party monitor."""
+    """Return the trip message of a third-party monitor."""
     return f"safety monitor: {monitor.label or monitor.name} has tripped; why, its output 'reason' may say"

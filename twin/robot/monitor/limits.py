@@ -7,7 +7,7 @@ from twin.kernel.settings import Settings, Values, optional, setting, setting_fi
 
 
 class Monitor(Settings):
-    """[monitor]: a table without keys is complete. The defaults suit a massage at 3 to 8 N.
+    """Safety monitor settings, the table [monitor]; every key has a default. The defaults suit a massage at 3 to 8 N.
 
     A command counts as saturated at `command_limit`, by default the controller's own limit.
     """
@@ -66,10 +66,10 @@ class Monitor(Settings):
 
 
 class Limits(Values, parts=(setting_fields(Monitor),)):
-    """Limits of the monitor and parameters of its retraction, SI.
+    """Limits of the safety monitor and parameters of its retraction, SI.
 
-    A check trips when its limit is reached; a contact ends at half of the force at which it begins. docs/safety.md has
-    the purpose of each.
+    A check trips when its limit is reached; a contact ends at half of its initial force. docs/safety.md has the
+    purpose of each.
     """
 
 

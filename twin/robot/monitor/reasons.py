@@ -8,9 +8,9 @@ _DEG_PER_RAD = math.degrees(1.0)
 
 
 class Reason(IntEnum):
-    """Reasons of a trip, in order of precedence within one evaluation.
+    """Reasons of a monitor's trip, in order of precedence within one evaluation.
 
-    Reasons that make the measurement itself doubtful precede those of measured quantities.
+    Reasons that make the measurement itself doubtful precede limits of measured quantities.
     """
 
     NONE = 0
@@ -36,7 +36,7 @@ class Reason(IntEnum):
 
 
 class ReasonText(NamedTuple):
-    """The error message of a reason.
+    """Error message of a trip reason, with the compared quantity and its display unit.
 
     Attributes:
         sentence: cause, with `{joint}` where one joint caused the trip.
@@ -85,7 +85,7 @@ REASON_TEXTS = {
 
 
 class Trip(NamedTuple):
-    """A latched trip.
+    """Latched trip of the safety monitor.
 
     Attributes:
         tick: tick of the evaluation that tripped.
@@ -102,7 +102,7 @@ class Trip(NamedTuple):
 
 
 def trip_message(trip: Trip) -> str:
-    """Return the error message of a trip: joint, cause, the measured value and its limit."""
+    """Format the error message of a trip: joint, cause, the measured value and its limit."""
     meaning = REASON_TEXTS[trip.reason]
     unit = f" {meaning.unit}" if meaning.unit else ""
     value, limit = meaning.per_si * trip.value, meaning.per_si * trip.limit

@@ -1,4 +1,4 @@
-"""The monitor's safe action: raise the platform away from the person, hold it, and cut the power of disobeying motors.
+"""Safe action of the monitor: raise the platform away from the person, hold it, and cut the power of disobeying motors.
 
 All motors turn at the same speed -retract_speed for a set time. Positive theta lowers the platform (Eq. 5), so this
 raises it: the height changes by the sum of the third row of J^-1 times the joints' speed, and that sum is positive
@@ -32,31 +32,31 @@ RETRACTION_RECORD = record(
         **_ENCODER_FIELDS,
     )
 )
-"""Per joint: ticks for which it has not followed the retraction, whether its power is cut, upper and lower bound of its
-recent commands (rad/s); whether any drive has power; tick of the first loss of power, -1 before; whether brakes may
-close; ticks without a valid encoder message; per drive whether the motor and the joint encoder are doubted, and the
+"""State of a retraction. Per joint: ticks off the retraction's command, whether its power is cut, upper and lower bound
+of its recent commands (rad/s); whether any drive has power; tick of the first loss of power, -1 before; whether brakes
+may close; ticks without a valid encoder message; per drive whether the motor and the joint encoder are doubted, and the
 angle of the motor and, on the motor's side, of the joint since the trip (rad), positive downwards."""
 SINK_LIMIT = math.radians(3.0)
 """Maximum angle (rad) of a motor below its angle at the trip, in addition to the remaining travel of the slowest
-obeying drive: less than 4 N on a rigid body. The same above the end of its retraction."""
+obeying drive: less than 4 N on a rigid body. The limit above the end of its retraction is equal."""
 DOUBT_SHARE = 0.5
-"""Share of the limit of a frozen encoder from which further encoders are doubted once one trips; and share of
-`jump_limit` from which two samples in the same direction are a motion."""
+"""Minimum share of a frozen encoder's limit for doubting further encoders after a trip; also the minimum share of
+`jump_limit` for two samples in the same direction to count as a motion."""
 FOLLOW_SLACK = 0.25
-"""Share of `follow_limit` by which a retracting motor may be slower than the slowest obeying drive: above the ripple
+"""Permitted lag of a retracting motor behind the slowest obeying drive, as a share of `follow_limit`: above the ripple
 of its low-passed speed, 0.33 rad/s."""
 
 
 @njit(cache=True)
 def retraction_speed(limits, retraction, since):
-    """Return the speed (rad/s) of every powered motor, `since` (s) the trip."""
+    """Return the commanded speed (rad/s) of every powered motor during the retraction, `since` (s) after the trip."""
     turning = retraction.power == 1 and since < (limits.retract - 1e-9) / limits.retract_speed
     return -limits.retract_speed if turning else 0.0
 
 
 @njit(cache=True)
 def keeps_moving(limits, seen, i):
-    """Return whether the motor encoder of drive `i` moved fast, and in the same direction, in the last two samples.
+    """Check whether the motor encoder of drive `i` moved fast, and in the same direction, in the last two samples.
 
     A wrong count jumps once, or there and back; a runaway drive keeps moving. DOUBT_SHARE leaves room for a count more
     or less of a motion at `jump_limit`.
@@ -67,7 +67,7 @@ def keeps_moving(limits, seen, i):
 
 @njit(cache=True)
 def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
-    """Mark doubted encoders: those of the trip's `reason`, and each that jumps or is unusable later.
+    """Mark encoders as doubtful after a trip: those named by its `reason`, and any that later jumps or is unusable.
 
     A deflection and a hidden force doubt the joint encoders alone: the motor encoders still show whether drives obey. A
     motor encoder that keeps moving is trusted again: its drive moves.
@@ -105,7 +105,8 @@ def mark_doubtful_encoders(limits, seen, timers, retraction, reason, count_m, co
 
 @njit(cache=True)
 def add_travel(limits, seen, retraction, dt):
-    """Add the travel of each shaft since the trip, `dt` (s) after the previous sample; jumps are ignored."""
+    """Add the travel of motor and joint angles since the trip, `dt` (s) after the previous sample; jumps are
+    ignored."""
     for i in range(3):
         if abs(seen.rate_m[i]) < limits.jump_limit or keeps_moving(limits, seen, i):
             retraction.travel_m[i] += dt * seen.rate_m[i]
@@ -115,7 +116,8 @@ def add_travel(limits, seen, retraction, dt):
 
 @njit(cache=True)
 def update_command_bounds(limits, retraction, sent, dt):
-    """Update upper and lower bound of the commands `sent` (3,), rad/s, which decay with `obey_lag`.
+    """Update the upper and lower bound of the recent commands `sent` (3,), rad/s, which decay with the time constant
+    `obey_lag`.
 
     A first-order drive of a lag up to `obey_lag` stays between them: at the bound, where omega_m = most, it has
     d omega_m/dt = (omega_ref - omega_m)/T <= (omega_ref - most)/obey_lag = d most/dt.
@@ -128,7 +130,7 @@ def update_command_bounds(limits, retraction, sent, dt):
 
 @njit(cache=True)
 def is_too_fast(limits, seen, retraction, i, retracting):
-    """Return whether drive `i` exceeds the bounds of its recent commands, either way, by `follow_limit`.
+    """Check whether drive `i` exceeds the bounds of its recent commands, either way, by more than `follow_limit`.
 
     With a doubted motor encoder the joint is judged, only downwards and only after the retraction: it swings as fast as
     the retraction.
@@ -141,7 +143,7 @@ def is_too_fast(limits, seen, retraction, i, retracting):
 
 @njit(cache=True)
 def is_too_late(limits, seen, retraction, i, since):
-    """Return whether drive `i` turns back later than the slowest obeying drive, `since` (s) the trip.
+    """Check whether drive `i` retracts later than the slowest obeying drive, `since` (s) after the trip.
 
     The joint is judged, too, unless it is doubted; with a doubted motor encoder the joint alone.
     """
@@ -155,7 +157,7 @@ def is_too_late(limits, seen, retraction, i, since):
 
 @njit(cache=True)
 def is_too_far(limits, retraction, i):
-    """Return whether the angle of drive `i` is more than `SINK_LIMIT` beyond any obeying drive, downwards or upwards.
+    """Check whether the angle of drive `i` is more than `SINK_LIMIT` beyond any obeying drive, downwards or upwards.
 
     The slowest obeying drive travels on after the trip. The joint is judged if the motor encoder is doubted, or has not
     moved since the trip; only downwards, because it swings upwards.
@@ -174,7 +176,7 @@ def is_too_far(limits, retraction, i):
 
 @njit(cache=True)
 def presses_at_limit(limits, seen, retraction):
-    """Return whether force or depth are at their limits, by encoders that are not doubted."""
+    """Check whether force or depth are at their limits, by encoders that are not doubted."""
     doubted_m, doubted_l = retraction.doubt_m.sum() > 0, retraction.doubt_l.sum() > 0
     deep, strong = seen.depth >= limits.penetration_limit, seen.force >= limits.force_limit
     return not doubted_l and (deep or (strong and not doubted_m))
@@ -182,7 +184,7 @@ def presses_at_limit(limits, seen, retraction):
 
 @njit(cache=True)
 def cut_power(retraction, i, lines, now):
-    """Cut the power of drive `i`; of all drives if they have no lines of their own."""
+    """Cut the power of drive `i`, or of all drives if they have no lines of their own."""
     for j in range(3):
         if j == i or not lines:
             retraction.off[j] = 1
@@ -194,10 +196,10 @@ def cut_power(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut drives at once that, `since` (s) the trip, do not obey the retraction, or are too fast or too far after it.
+    """Cut the power of drives that disobey the retraction, or move too fast or too far, `since` (s) after the trip.
 
-    Drives without a sound encoder lose their power at the end of the retraction. Once all drives stand, force or depth
-    at a limit cut all.
+    Drives without a sound encoder lose their power at the end of the retraction. Once all drives are at rest, force or
+    depth at a limit cut all.
 
     Args:
         lines: whether each drive has a power line of its own.
@@ -222,14 +224,15 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
 
 @njit(cache=True)
 def is_retraction_over(limits, since):
-    """Return whether the slowest obeying drive stands, within `FOLLOW_SLACK`, `since` (s) the trip."""
+    """Check whether the slowest obeying drive has stopped, within `FOLLOW_SLACK`, `since` (s) after the trip."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
     return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= FOLLOW_SLACK * limits.follow_limit
 
 
 @njit(cache=True)
 def follow_tolerance(limits, since):
-    """Return the maximum deviation (rad/s) of a motor from its command, `since` (s) the trip; less at the end."""
+    """Return the maximum deviation (rad/s) of a motor from its command during a retraction, `since` (s) after the trip;
+    smaller at the end."""
     return (
         FOLLOW_SLACK * limits.follow_limit
         if limits.disobeyed and is_retraction_over(limits, since)
@@ -239,7 +242,7 @@ def follow_tolerance(limits, since):
 
 @njit(cache=True)
 def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
-    """Cut drives that deviate from the retraction for `follow_time`.
+    """Cut the power of drives that deviate from the retraction for `follow_time`.
 
     A joint is at fault only if both its motor and its joint encoder deviate: a turning motor moves its joint, so one of
     the two encoders may be wrong. A doubted joint encoder is ignored; if both are doubted, the joint is not judged.
@@ -265,7 +268,7 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
 
 @njit(cache=True)
 def close_brakes(limits, seen, retraction, tick, now):
-    """Let brakes close once they hold no force, or have been open for `release_time`."""
+    """Close the brakes once they hold no force, or have been open for `release_time`."""
     if retraction.power_off_tick >= 0 and retraction.brake == 0:
         waited = tick * (now - retraction.power_off_tick)
         if seen.force < 0.5 * limits.contact_force or waited >= limits.release_time:
@@ -273,7 +276,7 @@ def close_brakes(limits, seen, retraction, tick, now):
 
 
 class Retreat(NamedTuple):
-    """Effect of a retraction on the platform.
+    """Effect of the monitor's retraction on the platform: rise and sideways motion.
 
     Attributes:
         raised: rise of the platform (m).
@@ -287,9 +290,10 @@ class Retreat(NamedTuple):
 
 
 def retreat(geometry: Geometry, N: float, p_B: ArrayLike, retract: float) -> Retreat:
-    """Return the effect of a retraction by `retract` (rad, each motor) from `p_B` (3,), m, in free air.
+    """Compute the rise and sideways motion of the platform for a retraction by `retract` (rad, each motor) from `p_B`
+    (3,), m, in free air.
 
-    Forward kinematics (Eq. 13-17) along the path on which theta_l = theta_m / N falls equally on all legs. A pressing
+    Forward kinematics (Eq. 13-17) along the path of equally falling theta_l = theta_m / N on all legs. A pressing
     robot rises less, by the travel of its unwinding springs: the force over their stiffness J^T k_s N^2 eta J.
 
     Raises:

@@ -1,1 +1,1 @@
-"""The worst case by search: the fault, its onset, size and body that violate a requirement most."""
+"""Worst case by search: the fault, its onset, size and body that violate a requirement most."""

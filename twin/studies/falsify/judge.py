@@ -1,4 +1,4 @@
-"""Distances of runs from a violation of the requirements."""
+"""Judge of a search for faults: distances of runs from violating the requirements."""
 
 import functools
 import math
@@ -38,12 +38,13 @@ TRIAL_JOB = "twin.studies.falsify.judge:judge_run"
 
 @functools.cache
 def _runs(signals: frozenset[str], most: int) -> Runs:
-    """Return the runs of this process that keep `signals`; a past is run when it is asked for a second time."""
+    """Return this process's runner of experiments, which keeps `signals`; a past shared by runs is simulated on its
+    second request."""
     return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
 def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
-    """Run the experiment file `settings[0]` and return "NAME.distance" of each of its requirements.
+    """Run the experiment file `settings[0]`; return the distance from violating each requirement as "NAME.distance".
 
     A failed component ends the run; requirements are judged until then.
 
@@ -53,7 +54,7 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
 
     Returns:
         The distances, and "trip", the tick of the trip or None; without faults also "onsets": ticks in contact
-        and in free motion at which a fault may begin.
+        and in free motion for the beginning of a fault.
     """
     began = time.perf_counter()
     try:
@@ -84,7 +85,8 @@ def judge_run(path: Path, drive: str | None, settings: Sequence[str], claims: st
 
 
 class Judge:
-    """Makes runs and returns their distances as shares of the healthy distance on the same body."""
+    """Judge of faults: it makes runs, and returns their distances from a violation as shares of the healthy distance on
+    the same body."""
 
     def __init__(
         self,
@@ -107,10 +109,10 @@ class Judge:
         self.seconds = 0.0
 
     def run_healthy(self) -> list[int]:
-        """Make the runs without a fault on each body, and return the first onsets to try (ticks).
+        """Run the healthy robot on each body, and return the first fault onsets to try (ticks).
 
         Raises:
-            InputRefused: one violates a requirement. ComponentFailed, SafetyTrip: one fails, or trips.
+            InputRefused: a run violates a requirement. ComponentFailed, SafetyTrip: a run fails, or trips.
         """
         unbroken = [TriedFault("", body=body) for body in self._space.bodies]
         onsets: list[int] = []
@@ -136,7 +138,8 @@ class Judge:
         return onsets
 
     def shares(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Return the share of each run: until the failure of a component, infinite if refused."""
+        """Run each fault of `batch`, up to the failure of a component if any, and return its distance from a violation
+        as a share of the healthy distance; infinite for a refused run."""
         shares = []
         for wrong, facts in zip(batch, self._run_batch(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
@@ -152,7 +155,8 @@ class Judge:
         return shares
 
     def _without_fault(self, wrong: TriedFault) -> str:
-        """Return why a place is unsuitable: the healthy robot violates, trips or fails there; "" if suitable."""
+        """Run the healthy robot at the place of a fault, and return the reason why the place is unsuitable: it
+        violates, trips or fails; "" if suitable."""
         unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
         if unbroken not in self._moved:
             (facts,) = self._run_batch([unbroken])
@@ -167,7 +171,8 @@ class Judge:
         return math.inf if value is None else value
 
     def trip(self, wrong: TriedFault) -> int:
-        """Return the tick from which the second fault of an ordered pair is delayed."""
+        """Return the tick for delaying the second fault of an ordered pair: the trip that the first fault causes, or
+        its onset without a trip."""
         return self._trips[self._space.first_alone(wrong)] if SEQUENCE_SEPARATOR in wrong.kind else 0
 
     def _run_batch(self, batch: Sequence[TriedFault]) -> list[dict]:
@@ -190,10 +195,10 @@ class Judge:
 
 
 def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) -> list[Requirement]:
-    """Return the requirements, checked against the signals that a recording of `experiment` has.
+    """Parse the requirements, and check them against the signals that a recording of `experiment` has.
 
     Raises:
-        InputRefused: there is no requirement, or one cannot be judged.
+        InputRefused: no requirement was given, or a requirement cannot be judged.
     """
     if experiment.faults:
         raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")

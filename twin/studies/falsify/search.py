@@ -1,4 +1,4 @@
-"""The search for the worst fault: a race over all kinds, then differential evolution."""
+"""Search for the worst fault: a race over all kinds, then differential evolution."""
 
 import zlib
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ POPULATION_SIZE = 6
 """Population of differential evolution: at least 5 for its mutation; small, since the space has two to five
 dimensions and the runs are few."""
 RACE_SHARE = 0.7
-"""Maximum share of the runs for the race, besides the first run of every kind."""
+"""Maximum share of the runs for the race, in addition to the first run of every kind."""
 MIN_SPEED_SHARE = 0.01
 """Minimum share of the speed of a drive that creeps after a trip; 0 has no direction."""
 SEED_COUNT = 1000
@@ -31,14 +31,14 @@ SEED_COUNT = 1000
 
 
 def _number(kind: str) -> int:
-    """Return the number that seeds the order of the places of `kind`."""
+    """Return the seed for the order of the places of a fault kind."""
     kinds = list(FAULT_KINDS)
     return kinds.index(kind) if kind in kinds else len(kinds) + zlib.crc32(kind.encode())
 
 
 @dataclass
 class Search:
-    """The search over a space of faults, with all runs tried so far.
+    """Search over a space of faults, with all runs tried so far.
 
     Attributes:
         space: space of faults.
@@ -55,7 +55,8 @@ class Search:
     tried: dict[TriedFault, float] = field(default_factory=dict)
 
     def spend_runs(self) -> None:
-        """Spend all runs: a race over all kinds, then evolution of the violating ones."""
+        """Run the whole search: a race over all fault kinds, then evolution of the violating kinds, until the budget of
+        runs is spent."""
         self._race()
         found = sorted((share, kind) for kind, (_, share) in self.worst.items())
         violated = [kind for share, kind in found if share < 0.0] or [kind for _, kind in found[:1]]
@@ -86,13 +87,13 @@ class Search:
 
     @property
     def _open_kinds(self) -> list[str]:
-        """Kinds without a violation so far, nearest first."""
+        """List the fault kinds without a violation so far, the nearest to a violation first."""
         share = {kind: self.worst[kind][1] if kind in self.worst else 0.0 for kind in self.space.kinds}
         return sorted((kind for kind in share if share[kind] >= 0.0), key=lambda kind: share[kind])
 
     @property
     def worst(self) -> dict[str, tuple[TriedFault, float]]:
-        """Run with the smallest share of each kind; the first of equal ones."""
+        """Worst run of each fault kind, with the smallest share of the healthy distance; the first of equal runs."""
         best: dict[str, tuple[TriedFault, float]] = {}
         for wrong, share in self.tried.items():
             if wrong.kind not in best or share < best[wrong.kind][1]:
@@ -104,14 +105,15 @@ class Search:
         return max(0, self.runs - len(self.tried))
 
     def _try(self, batch: Sequence[TriedFault]) -> list[float]:
-        """Return the shares of `batch`; infinite for new runs that exceed the maximum."""
+        """Run the faults of `batch`, and return their shares of the healthy distance; infinite for new runs that exceed
+        the maximum."""
         fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._runs_left]
         if fresh:
             self.tried.update(zip(fresh, self.judge(fresh), strict=True))
         return [self.tried.get(wrong, np.inf) for wrong in batch]
 
     def _rounds(self, kind: str) -> list[tuple[Place, int]]:
-        """Return the places and onsets of the first rounds of `kind`.
+        """List the places and onsets of the first rounds of the race for a fault kind.
 
         The catalogue's place comes first, at each given onset, then the other signs of a set of faults there, then each
         other place in a drawn order, at the onsets in turn until it has been tried at each.
@@ -127,7 +129,7 @@ class Search:
         return rounds
 
     def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> TriedFault:
-        """Return the run of `kind` in a round.
+        """Choose the fault to run for a kind in a round of the race.
 
         In `rounds` the magnitude is the catalogue's largest; later rounds fill times, sizes up to the upper end,
         offsets and delays ever more finely.
@@ -151,7 +153,7 @@ class Search:
         return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset, delay)
 
     def _evolve(self, kind: str, runs: int) -> None:
-        """Spend `runs` on differential evolution from the worst run of `kind`."""
+        """Spend `runs` on differential evolution of a fault kind, starting from its worst run."""
         space = self.space
         targets, bodies = space.targets(kind), space.bodies
         seeds = SEED_COUNT if space.draws(kind) else 0

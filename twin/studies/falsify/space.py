@@ -1,4 +1,4 @@
-"""Faults that the search may try, and the experiment file of each."""
+"""Space of faults that the search may try, and the experiment file of each fault."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -47,7 +47,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class TriedFault:
-    """One fault, or set of faults, in one run.
+    """Fault, or set of faults, of one run of the search.
 
     Attributes:
         kind: kind of the catalogue, or name of a set; "" for the healthy robot.
@@ -74,7 +74,7 @@ class TriedFault:
 
 
 class EarlyEnd(NamedTuple):
-    """End of a run that was refused or failed.
+    """Early end of a run that was refused or failed.
 
     Attributes:
         refused: whether it never began because its values are invalid.
@@ -87,7 +87,7 @@ class EarlyEnd(NamedTuple):
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement: name, formula, unit of its distance."""
+    """Requirement on a run: name, formula, unit of its distance."""
 
     name: str
     formula: str
@@ -96,7 +96,7 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Space:
-    """Space of the search.
+    """Search space of faults.
 
     Attributes:
         base: tables of every run: settings.
@@ -125,19 +125,20 @@ class Space:
     reach: float = 0.0
 
     def draws(self, kind: str) -> bool:
-        """Return whether the seed changes a run of `kind`."""
+        """Check whether a run of the fault kind depends on the random seed."""
         return self.noisy or any(part.kind in RANDOM_KINDS for part in parse_fault_set(kind))
 
     def targets(self, kind: str) -> list[str]:
-        """Return the targets of `kind`; every combination for a set."""
+        """List the targets of a fault kind; every combination of targets for a set."""
         return [PAIR_SEPARATOR.join(targets) for targets in product(*(part.targets for part in parse_fault_set(kind)))]
 
     def places(self, kind: str) -> list[Place]:
-        """Return every place of `kind`, starting with the first target on the experiment's own body."""
+        """List every place (target, direction and body) of a fault kind, starting with the first target on the
+        experiment's own body."""
         return [Place(*place) for place in product(self.targets(kind), product(*ways_of(kind)), self.bodies)]
 
     def place(self, wrong: TriedFault) -> Place:
-        """Return the place of `wrong`."""
+        """Return the place (target, direction and body) of a tried fault."""
         signs = (-1 if share < 0.0 else 1 for share in self.shares(wrong))
         ways = tuple(sign if sign in ways else 1 for sign, ways in zip(signs, ways_of(wrong.kind), strict=True))
         return Place(wrong.target, ways, wrong.body)
@@ -152,7 +153,7 @@ class Space:
         offset: tuple[float, float] = NO_OFFSET,
         delay: float = 0.0,
     ) -> TriedFault:
-        """Return the run of `kind` at a target and on a body.
+        """Create the fault of a kind at a target and on a body, with magnitudes given as shares of their ranges.
 
         Args:
             shares: share of each fault, see `magnitude`.
@@ -166,16 +167,17 @@ class Space:
         return TriedFault(kind, target, None, onset, body, seed, rounded, offset, round(delay / self.tick))
 
     def offset(self, outward: float, around: float) -> tuple[float, float]:
-        """Return the offset at a share of the area and of a turn, see `on_disc`."""
+        """Convert a share of the area and a share of a turn to an offset of the tasks (m), see `on_disc`."""
         return on_disc(self.reach, outward, around)
 
     def polar(self, offset: tuple[float, float]) -> tuple[float, float]:
-        """Return the numbers from which `Space.offset` makes `offset`."""
+        """Convert an offset of the tasks to its shares of the area and of a turn, the inverse of `Space.offset`."""
         x, y = offset
         return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
 
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
-        """Return the magnitude of fault `number` of a set, see `magnitude_between`; a second drive fault may creep."""
+        """Compute the magnitude of fault `number` of a set at a share of its range, see `magnitude_between`; a second
+        drive fault may creep."""
         one = parse_fault_set(kind)[number].kind
         return magnitude_between(one, share, self.tick, slowest(one, SEQUENCE_SEPARATOR in kind and number == 1))
 
@@ -186,7 +188,8 @@ class Space:
         return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
-        """Return the shares from which `Space.fault` makes `wrong`; 0 for kinds without a magnitude."""
+        """Return the magnitude of each fault of `wrong` as a share of its range, the inverse of `Space.fault`; 0 for
+        kinds without a magnitude."""
         return (
             wrong.shares
             if single_kind(wrong.kind) is None
@@ -194,11 +197,11 @@ class Space:
         )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
-        """Return the experiment with the faults of `wrong` and the requirements, as TOML that `twin run` reads.
+        """Create the TOML text of an experiment with the faults of `wrong` and the requirements, for `twin run`.
 
         Args:
             experiment: file to extend, relative to the folder of the new file.
-            trip: tick from which the second fault of an ordered pair is delayed.
+            trip: start of the delay of an ordered pair's second fault (tick).
         """
         tables = {"extends": str(experiment)} | merge_tables(
             self.base,
@@ -227,7 +230,7 @@ class Space:
         return tables
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
-        """Return the [[fault]] table of one fault."""
+        """Create the [[fault]] table of one fault."""
         known = FAULT_KINDS[kind]
         table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
@@ -239,23 +242,23 @@ class Space:
         return table | ({"seed": wrong.seed} if wrong.seed else {})
 
     def onset(self, wrong: TriedFault) -> float:
-        """Return the onset of `wrong` (s), rounded to 12 digits."""
+        """Return the onset of a tried fault (s), rounded to 12 digits."""
         return float(f"{wrong.onset * self.tick:.12g}")
 
 
 def may_creep(kind: str) -> bool:
-    """Return whether the second fault of an ordered pair is a runaway drive, which may be slow."""
+    """Check whether the second fault of an ordered pair is a runaway drive, which may be slow."""
     return SEQUENCE_SEPARATOR in kind and parse_fault_set(kind)[1].kind == RUNAWAY_KIND
 
 
 def single_kind(kind: str) -> FaultKind | None:
-    """Return the catalogue's kind of a set with one fault; None for several."""
+    """Return the catalogue's fault kind of a set with one fault; None for several."""
     parts = parse_fault_set(kind)
     return FAULT_KINDS[parts[0].kind] if len(parts) == 1 else None
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
-    """Return the kinds and sets to search: `kinds`, or if empty all of the lists named by `sets`.
+    """Select the fault kinds and sets to search: `kinds`, or if empty all kinds of the groups `sets`.
 
     Raises:
         InputRefused: a kind or group is unknown.
@@ -272,10 +275,11 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
 
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
-    """Return the directions of each fault of a set: (1, -1) if its magnitude may have the other sign or be inverted."""
+    """List the directions to try for each fault of a set: (1, -1) if its magnitude may change sign or be inverted, else
+    (1,)."""
     return [(1, -1) if has_two_ways(part.kind) else (1,) for part in parse_fault_set(kind)]
 
 
 def offset_text(offset: tuple[float, float]) -> str:
-    """Return `at 12.3 -4 mm`; empty without an offset."""
+    """Format the sideways offset of the tasks, `at 12.3 -4 mm`; empty without an offset."""
     return "" if offset == NO_OFFSET else "at " + " ".join(f"{1e3 * each:.3g}" for each in offset) + " mm"

@@ -19,7 +19,7 @@ DEFAULT_RUNS = 260
 
 
 class Sets(StrEnum):
-    """How many faults at once."""
+    """Number of simultaneous faults that the search may combine."""
 
     SINGLE = "single"
     COMMON = "common"
@@ -69,16 +69,16 @@ def falsify(
 ) -> Result:
     """Search for the fault that violates a requirement most.
 
-    Which kind, at which joint, when, how large, with which sign, body and seed;
-    also of common causes, such as drive_runaway@all_drives, and of two faults
-    that begin together, such as drive_runaway+sample_loss, or 0 to 3 s after the
-    trip of the first one, such as sample_loss-then-drive_runaway@all_drives.
+    The search varies kind, joint, onset, magnitude, sign, body and seed, also
+    of common causes, such as drive_runaway@all_drives, and of two faults: both
+    at once, such as drive_runaway+sample_loss, or the second 0 to 3 s after the
+    trip of the first, such as sample_loss-then-drive_runaway@all_drives.
 
     A requirement is a formula over recorded signals, such as always
     (|plant.F_ee_B| <= 18 N). A violation is written as an experiment: run it,
-    or check it with twin check. Exit code: 0 nothing found violates it, 1
-    something does, 2 input refused, 3 a component failed without any fault, 4
-    the monitor tripped without any.
+    or check it with twin check. Exit code: 0 every run keeps it, 1 a run
+    violates it, 2 input refused, 3 a component failed without any fault, 4 the
+    monitor tripped without any fault.
 
     Example: twin falsify experiments/pressing.toml --requirement "always (|plant.F_ee_B| <= 18 N)"
 

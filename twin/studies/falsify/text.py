@@ -1,4 +1,4 @@
-"""Result of the search, as text of at most 80 columns and for JSON."""
+"""Report of the search for faults, as text of at most 80 columns and for JSON."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ MAX_SHOWN = 5
 
 @dataclass(frozen=True)
 class UnviolatedKinds:
-    """Kinds without a violation, and the gaps of the search.
+    """Fault kinds without a violation, and the gaps of the search.
 
     Attributes:
         untried: places without a run, by kind.
@@ -43,7 +43,7 @@ class UnviolatedKinds:
     def from_search(
         cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, EarlyEnd], violating: Collection[str]
     ) -> Self:
-        """Return the kinds of a search without a violation.
+        """Collect the fault kinds without a violation, and the gaps, from a finished search.
 
         Args:
             space: space of the search.
@@ -66,12 +66,12 @@ class UnviolatedKinds:
 
     @property
     def not_violated_kinds(self) -> list[str]:
-        """Kinds of which every run was completed without a violation."""
+        """Fault kinds whose runs were all completed without a violation."""
         return [kind for kind in self.places if kind not in self.ended]
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """The gaps for JSON."""
+        """Convert the gaps of the search (untried places, runs that ended early) to JSON."""
         return {
             "not_violated": self.not_violated_kinds,
             # the name of 1.0
@@ -94,7 +94,7 @@ class UnviolatedKinds:
         }
 
     def lines(self) -> list[str]:
-        """Return sentences of at most 80 columns; empty without gaps."""
+        """Format the gaps of the search as sentences of at most 80 columns; empty without gaps."""
         lines = []
         for refused, what in ((False, "Ended by a component that failed, judged until then"), (True, "Refused")):
             cut_short = []
@@ -118,7 +118,7 @@ class UnviolatedKinds:
 
 @dataclass(frozen=True)
 class NearestRun:
-    """The run of one kind with the smallest share.
+    """Run of one fault kind nearest to a violation, with the smallest share of the healthy distance.
 
     Attributes:
         wrong: faults of the run.
@@ -137,7 +137,7 @@ class NearestRun:
     ended: EarlyEnd | None = None
 
     def to_dict(self, space: Space) -> dict[str, Any]:
-        """Return the run for JSON."""
+        """Convert the run nearest to a violation to JSON."""
         wrong, known = self.wrong, single_kind(self.wrong.kind)
         return {
             "kind": wrong.kind,
@@ -158,7 +158,7 @@ class NearestRun:
 
 
 def header(experiment: str, found: NearestRun, requirements: Sequence[Requirement]) -> list[str]:
-    """Return the comments of the experiment file of `found`."""
+    """Format the comment lines for the experiment file of a found fault."""
     lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
     return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
 
@@ -173,7 +173,7 @@ def falsify_result(
     seconds: float,
     folder: Path,
 ) -> Result:
-    """Return the verdict, the requirements, violating kinds and the nearest others, the gaps, and the files.
+    """Create the report of `twin falsify`: verdict, requirements, violating and nearest kinds, gaps, and files.
 
     Args:
         found: nearest run of each kind, worst first.
@@ -211,7 +211,7 @@ def falsify_result(
 def _table(
     found: Sequence[NearestRun], requirements: Sequence[Requirement], holes: UnviolatedKinds, space: Space
 ) -> Table:
-    """Return one row per run; names of sets are long and contain the target."""
+    """Format the runs nearest to a violation as a table, a row per run; names of sets are long and have the target."""
     rows = [_row(one, requirements, holes, space) for one in found]
     sets = any(
         mark in one.wrong.kind for one in found for mark in (GROUP_SEPARATOR, PAIR_SEPARATOR, SEQUENCE_SEPARATOR)
@@ -251,7 +251,7 @@ def _distance(found: NearestRun, requirement: Requirement) -> str:
 
 
 def size_text(wrong: TriedFault) -> str:
-    """Return a magnitude as text, or the share of each fault of a set."""
+    """Format the magnitude of a fault, or the share of each fault of a set."""
     parts = parse_fault_set(wrong.kind)
     if len(parts) > 1:
         return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"

@@ -1,1 +1,1 @@
-"""The matrix of faults: an experiment run once per kind, magnitude and onset, with its safety monitor and without."""
+"""Fault matrix: an experiment run once per kind, magnitude and onset of a fault, with its monitor and without."""

@@ -1,4 +1,4 @@
-"""Single faults of the matrix: each kind of the catalogue with each magnitude at each onset."""
+"""Single faults of the fault matrix: each kind of the catalogue with each magnitude at each onset."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from twin.robot.experiment.fault import FAULT_KINDS, GLITCH_SHARE, Fault, checke
 
 @dataclass(frozen=True)
 class Case:
-    """One fault at one time.
+    """Fault at one time, which is one cell of the fault matrix before its run.
 
     Attributes:
         magnitude: magnitude in the catalogue's unit; None for kinds without a magnitude.
@@ -23,7 +23,7 @@ class Case:
 
 
 def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
-    """Return `kinds` in the catalogue's order; all kinds of the catalogue if `kinds` is empty.
+    """Sort the fault `kinds` into the catalogue's order; all kinds of the catalogue if `kinds` is empty.
 
     Raises:
         InputRefused: a kind is missing from the catalogue.
@@ -37,7 +37,7 @@ def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
 def cases(
     experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float], duration: float | None
 ) -> tuple[Case, ...]:
-    """Return kinds x magnitudes x onsets, each on the kind's first target.
+    """List the faults to run: every combination of kinds, magnitudes and onsets, each on the kind's first target.
 
     Args:
         onsets: onsets (s).
@@ -71,12 +71,12 @@ def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: fl
 
 
 def with_share(table: dict[str, Any]) -> dict[str, Any]:
-    """Return the table of a fault with the share of its samples, if the kind has one."""
+    """Add the share of affected samples to the table of a fault, if its kind has one."""
     return table | ({"share": GLITCH_SHARE} if FAULT_KINDS[table["kind"]].has_share else {})
 
 
 def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple[Fault, ...]:
-    """Return the checked faults of [[fault]] `tables`.
+    """Parse and check the faults of [[fault]] `tables` for an experiment.
 
     Raises:
         InputRefused: a table is invalid.

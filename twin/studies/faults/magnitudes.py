@@ -1,4 +1,4 @@
-"""Range of fault magnitudes: from the smallest of the catalogue up to a rule of the monitor, or physics."""
+"""Ranges of fault magnitudes: from the smallest of the catalogue up to a rule of the monitor, or physics."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ CLAIMED_SHARE, UPPER_SHARE = 1.0, 2.0
 
 
 class UpperEnd(NamedTuple):
-    """Upper end of a search for the worst magnitude of a kind.
+    """Upper end of the range searched for the worst magnitude of a fault kind.
 
     Attributes:
         magnitude: magnitude in the catalogue's unit.
@@ -56,18 +56,19 @@ UPPER_ENDS = {
 
 
 def has_two_ways(kind: str) -> bool:
-    """Return whether the magnitude of `kind` may have the other sign, or be the inverse of a factor."""
+    """Check whether the magnitude of a fault kind has two directions: either sign, or a factor and its inverse."""
     known = FAULT_KINDS[kind]
     return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
 
 
 def directions(kind: str) -> tuple[float, ...]:
-    """Return the signs of a magnitude of `kind`: both if the magnitude is signed, else 1."""
+    """Return the signs to try for the magnitude of a fault kind: both if the magnitude is signed, else 1."""
     return (1.0, -1.0) if has_two_ways(kind) and FAULT_KINDS[kind].unit != "factor" else (1.0,)
 
 
 def magnitude_between(kind: str, share: float, tick: float, slowest: float | None = None) -> float | None:
-    """Return the magnitude of `kind` at a share of its range, interpolated by ratio; None for kinds without one.
+    """Compute the magnitude of a fault kind at a share of its range, interpolated geometrically; None for kinds without
+    a magnitude.
 
     Args:
         share: 0 is the catalogue's smallest magnitude, 1 its largest, 2 the upper end; negative shares have the other
@@ -94,7 +95,8 @@ def magnitude_between(kind: str, share: float, tick: float, slowest: float | Non
 
 
 def share_of(kind: str, magnitude: float | None, slowest: float | None = None) -> float:
-    """Return the share at which `magnitude_between` is `magnitude`; 0 for kinds without a magnitude."""
+    """Convert a fault's magnitude to its share of the kind's range, the inverse of `magnitude_between`; 0 for kinds
+    without a magnitude."""
     known = FAULT_KINDS[kind]
     if known.magnitudes is None or magnitude is None:
         return 0.0

@@ -1,4 +1,4 @@
-"""The matrix of faults: one row per fault, with the reactions with the monitor and without, and their judgement."""
+"""Rows of the fault matrix: one per fault, with the reactions with the monitor and without, and their judgement."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ MAX_IDEAL_SHARE = 1.2
 
 @dataclass(frozen=True)
 class FaultRow:
-    """A row of the matrix: a fault, and the reactions to it.
+    """Row of the fault matrix: a fault, and the reactions to it.
 
     Attributes:
         kind, target: kind and target of the fault.
@@ -50,7 +50,7 @@ class FaultRow:
 
     @property
     def force_bound(self) -> float:
-        """Maximum true force of a safe row (N)."""
+        """Maximum true force of a safe row of the fault matrix (N)."""
         return FORCE_ALLOWANCE * self.limit
 
     @property
@@ -67,13 +67,13 @@ class FaultRow:
 
     @property
     def is_in_time(self) -> bool:
-        """Whether the monitor tripped before the peak."""
+        """Whether the monitor tripped before the peak of the force."""
         seen = self.watched.seen
         return seen is not None and seen <= self.watched.peak_delay
 
     @property
     def is_largest(self) -> bool:
-        """Whether the magnitude is the catalogue's largest of the kind."""
+        """Whether the fault has the largest magnitude of its kind in the catalogue."""
         magnitudes = FAULT_KINDS[self.kind].magnitudes
         return magnitudes is None or self.magnitude == magnitudes[-1]
 
@@ -84,7 +84,7 @@ class FaultRow:
 
     @property
     def expects_excess(self) -> bool:
-        """Whether the catalogue states that the force may exceed the bound."""
+        """Whether the catalogue states that the fault may push the force beyond its bound."""
         return FAULT_KINDS[self.kind].expects_excess(self.magnitude)
 
     @property
@@ -94,27 +94,27 @@ class FaultRow:
 
     @property
     def is_unavoidable(self) -> bool:
-        """Whether the force exceeds the bound unexpectedly, and also with an ideal monitor."""
+        """Whether the fault pushes the force beyond its bound unexpectedly, even with an ideal monitor."""
         ideal = 0.0 if self.ideal is None else self.ideal
         return not self.is_safe and not self.expects_excess and self.watched.peak <= MAX_IDEAL_SHARE * ideal
 
     @property
     def is_avoidable_excess(self) -> bool:
-        """Whether the force exceeds the bound unexpectedly, and an ideal monitor limits it."""
+        """Whether the fault pushes the force beyond its bound unexpectedly, but an ideal monitor would prevent it."""
         return not self.is_safe and not self.expects_excess and not self.is_unavoidable
 
     @property
     def fails(self) -> bool:
-        """Whether the run is worse than stated in the catalogue."""
+        """Whether the run with the fault is worse than the catalogue states."""
         return self.misses_detection or self.is_avoidable_excess
 
     @property
     def matches_statement(self) -> bool:
-        """Whether the run is as stated: it does not fail, and an undetectable fault was not detected in time."""
+        """Whether the run is as the catalogue states: no failure, and no undetectable fault detected in time."""
         return not self.fails and not (FAULT_KINDS[self.kind].detection == "no" and self.is_in_time)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the row for JSON: keys with units, and the judgements."""
+        """Convert the row of the fault matrix to JSON: keys with units, and the judgements."""
         return {
             "kind": self.kind,
             "target": self.target,
@@ -138,7 +138,7 @@ class FaultRow:
 
 
 def _outcome_to_dict(one: Reaction) -> dict[str, Any]:
-    """Return the reaction for JSON under the names of 1.0."""
+    """Convert the reaction to a fault to JSON, under the key names of version 1.0."""
     return {
         "peak_N": one.peak,
         "peak_delay_s": one.peak_delay,
@@ -152,7 +152,7 @@ def _outcome_to_dict(one: Reaction) -> dict[str, Any]:
 
 
 def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
-    """Yield one row per case as soon as its runs are done.
+    """Run every fault of the matrix, and yield its row as soon as its runs are done.
 
     Raises:
         InputRefused: a fault does not fit this robot.
@@ -181,6 +181,7 @@ def matrix_rows(stage: Stage, cases: Sequence[Case]) -> Iterator[FaultRow]:
 
 
 def _ideal_peak(stage: Stage, fault: Fault, watched: Outcome, limit: float) -> float:
-    """Return the largest force (N) if all power is cut when the true force of `watched` reaches `limit` (N)."""
+    """Compute the largest force (N) with an ideal monitor: all power is cut when the true force of the run `watched`
+    reaches `limit` (N)."""
     at = fault.onset + int(np.argmax(true_force(watched)[fault.onset :] >= limit))
     return stage.reaction((fault, Fault("power_off", "power", at))).peak

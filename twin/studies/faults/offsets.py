@@ -1,4 +1,4 @@
-"""Offsets by which all tasks of an experiment are moved sideways."""
+"""Sideways offsets of all tasks of an experiment."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ NO_OFFSET = (0.0, 0.0)
 
 
 def on_disc(reach: float, outward: float, around: float) -> tuple[float, float]:
-    """Return a point of a disc about the axis, uniform over its area, rounded to 0.1 mm: x, y (m).
+    """Map two shares to a point of a disc about the axis, uniform over its area, rounded to 0.1 mm; return x, y (m).
 
     Args:
         reach: radius of the disc (m).
@@ -24,12 +24,12 @@ def on_disc(reach: float, outward: float, around: float) -> tuple[float, float]:
 
 
 def offsets(reach: float) -> tuple[tuple[float, float], ...]:
-    """Return the offsets to try: zero, and `reach` (m) in four directions."""
+    """Return the sideways offsets of the tasks to try: zero, and `reach` (m) in four directions."""
     return (NO_OFFSET, (reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach)) if reach else (NO_OFFSET,)
 
 
 def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
-    """Return the keys that move each [[task]], by the number of the task.
+    """Compute the changed keys that move each [[task]] by an offset, as task number -> keys and values.
 
     Args:
         tasks: tasks of an experiment.
@@ -46,7 +46,7 @@ def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, 
 
 
 def moved_settings(experiment: Experiment, offset: tuple[float, float]) -> tuple[str, ...]:
-    """Return `key=value` of each task that is moved by `offset` (m). Empty without an offset.
+    """Return `key=value` texts that move all tasks of an experiment by `offset` (m); empty without an offset.
 
     Raises:
         InputRefused: the experiment has no task to move.

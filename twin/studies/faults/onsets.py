@@ -1,4 +1,4 @@
-"""Onsets of faults in free motion and in contact, from a healthy run of the experiment."""
+"""Onsets of faults in free motion and in contact, chosen from a healthy run of the experiment."""
 
 from collections.abc import Sequence
 
@@ -14,11 +14,11 @@ from twin.robot.run.runs import Outcome, RunRequest, Runs
 FORCE_SIGNAL, PLACE_SIGNAL = "plant.F_ee_B", "plant.p_B"
 """Signals that the onsets are computed from: true contact force and position of the platform."""
 CONTACT_FORCE = 0.5
-"""Minimum true force (N) of a contact: half the force at which the monitor begins a contact."""
+"""Minimum true force (N) of a contact: half the monitor's threshold for the start of a contact."""
 
 
 def healthy_run(experiment: Experiment) -> Outcome:
-    """Run `experiment`, which has no faults, and keep force and position.
+    """Run an experiment without faults, and keep its force and position.
 
     Raises:
         InputRefused: a part of the robot does not fit.
@@ -27,7 +27,7 @@ def healthy_run(experiment: Experiment) -> Outcome:
 
 
 def checked_healthy_run(experiment: Experiment) -> Outcome:
-    """Run `experiment` with its monitor, and reject a run that trips or fails.
+    """Run an experiment without faults but with its monitor, and reject it if the monitor trips or a component fails.
 
     Raises:
         InputRefused: `experiment` has no monitor, or has faults of its own.
@@ -53,18 +53,18 @@ def checked_healthy_run(experiment: Experiment) -> Outcome:
 
 
 def true_force(run: Outcome) -> NDArray[np.float64]:
-    """Return the true contact force (N) of each tick, (ticks,); truncated if a component failed."""
+    """Return the true contact force (N) of a run in each tick, (ticks,); truncated if a component failed."""
     assert run.trace is not None
     return np.linalg.norm(run.trace[FORCE_SIGNAL], axis=1)
 
 
 def touching(run: Outcome) -> NDArray[np.bool_]:
-    """Return whether the robot touches the body in each tick, (ticks,)."""
+    """Return whether the robot touches the body in each tick of a run, (ticks,)."""
     return true_force(run) >= CONTACT_FORCE
 
 
 def default_onsets(healthy: Outcome) -> tuple[int, int]:
-    """Return a tick in free motion and a tick in contact of a `healthy` run.
+    """Choose two default fault onsets from a healthy run: a tick in free motion and a tick in contact.
 
     The first is the middle of the descent to the first contact, the second the middle of the longest contact: the hold
     of a press, the deepest part of a tap, the sweep of Fig. 4.
@@ -84,7 +84,7 @@ def default_onsets(healthy: Outcome) -> tuple[int, int]:
 
 
 def onsets_of(experiment: Experiment, healthy: Outcome, wanted: Sequence[float] = ()) -> tuple[float, ...]:
-    """Return the onsets `wanted` (s); the default onsets of the healthy run if `wanted` is empty.
+    """Return the fault onsets (s) to use: those `wanted`, or the defaults of the healthy run if `wanted` is empty.
 
     Raises:
         InputRefused: see `default_onsets`.
@@ -93,6 +93,6 @@ def onsets_of(experiment: Experiment, healthy: Outcome, wanted: Sequence[float] 
 
 
 def _spans(true: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the unbroken stretches of True, (n, 2): first tick, and the tick after the last."""
+    """Find the unbroken stretches of True in an array, (n, 2): first index, and the index after the last."""
     edges = np.diff(np.concatenate([[False], true, [False]]).astype(int))
     return np.flatnonzero(edges).reshape(-1, 2)

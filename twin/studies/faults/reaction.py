@@ -1,4 +1,4 @@
-"""Reaction of the monitor to a fault, and its effect on the person: peak, times, impulse, energy."""
+"""Reaction of the monitor to a fault, and its effect on the person: peak force, times, impulse, energy."""
 
 import hashlib
 from dataclasses import asdict, dataclass
@@ -27,14 +27,14 @@ drive did not retract; early because a component failed."""
 
 @dataclass(frozen=True)
 class Reaction:
-    """The reaction in one run, from the onset of the faults on, SI.
+    """Reaction of the monitor and the robot in one run with faults, from the onset of the faults on, SI.
 
     Attributes:
         seen: time to the trip of the monitor, or to the failure of the fault itself; None if there is neither.
         acted: time to the first command or power at the drives that is the monitor's; None without a trip.
         power_off: time to the loss of power, of one drive at least; None if the power stays.
-        below: last time at which the force falls below `BEARABLE_FORCE`; 0 if it never exceeds it; None if it is
-            above at the end.
+        below: last time that the force falls below `BEARABLE_FORCE`; 0 if it never exceeds it; None if it is above at
+            the end.
         reason: a name of `twin.robot.monitor.reasons.Reason`, or FAILURE_REASON; "" if `seen` is None.
         peak: largest true force (N).
         peak_delay: time to the peak.
@@ -64,7 +64,7 @@ class Reaction:
     digest: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the effect on the person for JSON, with units."""
+        """Convert the effect of a fault on the person to JSON, with units."""
         units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
         units |= {"energy": "J", "left": "N"}
         left_out = ("peak_delay", "above", "end")
@@ -73,7 +73,7 @@ class Reaction:
 
 
 def reaction(run: Outcome, experiment: Experiment, onset: int, digest: bool = True) -> Reaction:
-    """Return the reaction in `run` from tick `onset` on.
+    """Evaluate the reaction of monitor and robot in a run, from tick `onset` of the fault on.
 
     Args:
         experiment: experiment of the run, with its monitor.

@@ -1,4 +1,4 @@
-"""The healthy robot of an experiment on one body at one place, and its runs with faults."""
+"""Healthy robot of an experiment on one body at one place, and its runs with faults."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,8 @@ MAX_PASTS = 4
 
 
 class Stage:
-    """An experiment on one body at one place; a context manager that frees what its runs share.
+    """Experiment on one body at one place, for repeated runs with faults; a context manager that frees the states
+    shared by the runs.
 
     Runs with faults continue from the last state of the healthy run before the fault. Until the monitor acts, the robot
     without it has the same bits: if it never acts, the run also serves as the run without it.
@@ -58,12 +59,12 @@ class Stage:
         self.close()
 
     def close(self) -> None:
-        """Free the shared states; a later run makes them again."""
+        """Free the saved states shared by the runs; a later run creates them again."""
         self._runs.close()
 
     @cached_property
     def healthy(self) -> Outcome:
-        """The run without any fault.
+        """Healthy run of the stage, without any fault.
 
         Raises:
             InputRefused, SafetyTrip, ComponentFailed: see `checked_healthy_run`.
@@ -72,11 +73,11 @@ class Stage:
 
     @cached_property
     def onsets(self) -> tuple[float, ...]:
-        """Onsets of faults (s)."""
+        """Onsets (s) of the faults to inject."""
         return self._onsets or onsets_of(self.experiment, self.healthy)
 
     def touches(self, onset: float) -> bool:
-        """Return whether the healthy robot touches the body at `onset` (s)."""
+        """Check whether the healthy robot touches the body at `onset` (s)."""
         return bool(self._touching[round(onset / self.experiment.cosim.tick)])
 
     @cached_property
@@ -93,36 +94,37 @@ class Stage:
         return self._runs.run(replace(self.experiment, faults=tuple(faults), monitor=monitor))
 
     def both(self, faults: Sequence[Fault]) -> tuple[Outcome, Outcome]:
-        """Run the experiment with `faults` with the monitor and without."""
+        """Run the experiment with `faults` twice, with the monitor and without, and return both runs."""
         watched = self.run(faults)
         # the error message of a failed run may name an input of the monitor
         same = self._share and watched.idle and watched.failure is None
         return watched, watched if same else self.run(faults, watched=False)
 
     def reaction(self, faults: Sequence[Fault], watched: bool = True) -> Reaction:
-        """Return the reaction to `faults`, with the monitor or without."""
+        """Run the experiment with `faults`, with the monitor or without, and return the reaction."""
         return reaction(self.run(faults, watched), self.experiment, _onset(faults))
 
     def reactions(self, faults: Sequence[Fault]) -> tuple[Reaction, Reaction]:
-        """Return the reactions to `faults` with the monitor and without."""
+        """Run the experiment with `faults` twice, and return the reactions with the monitor and without."""
         watched, unwatched = self.both(faults)
         one = reaction(watched, self.experiment, _onset(faults))
         return one, one if unwatched is watched else reaction(unwatched, self.experiment, _onset(faults))
 
     def ideal_reaction(self, faults: Sequence[Fault], seen: float) -> Reaction:
-        """Return the reaction of an ideal monitor, which cuts all power `seen` (s) after the onset."""
+        """Compute the reaction to `faults` with an ideal monitor, which cuts all power `seen` (s) after the onset."""
         off = Fault("power_off", "power", _onset(faults) + round(seen / self.experiment.cosim.tick))
         return replace(self.reaction((*faults, off)), power_off=seen)
 
     def trip_after(self, first: dict[str, Any]) -> float:
-        """Return the time from the onset of a [[fault]] to the trip that it causes alone (s); 0 without a trip."""
+        """Run a single [[fault]], and return the time (s) from its onset to the trip; 0 without a trip."""
         faults = faults_of(self.experiment, [first])
         if faults not in self._trips:
             self._trips[faults] = self.reaction(faults).seen or 0.0
         return self._trips[faults]
 
     def delay_second(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
-        """Return two [[fault]] `tables`, the second moved to `delay` (s) after the trip that the first one causes.
+        """Delay the second of two [[fault]] `tables` to `delay` (s) after the trip that the first one causes alone;
+        return both.
 
         Without a trip the delay counts from the onset of the first.
 
@@ -144,7 +146,7 @@ def load_stage(
     onsets: Sequence[float] = (),
     share: bool = True,
 ) -> Stage:
-    """Load the experiment of a file on `body`, its tasks moved by `offset` (m), and make its healthy run.
+    """Load an experiment on `body` with its tasks moved by `offset` (m), and run it once without faults.
 
     Args:
         body: name of the body; None for the experiment's own.
@@ -164,5 +166,5 @@ def load_stage(
 
 
 def _onset(faults: Sequence[Fault]) -> int:
-    """Return the tick of the first onset; 0 without faults."""
+    """Return the tick of the first onset of several faults; 0 without faults."""
     return min((fault.onset for fault in faults), default=0)

@@ -39,7 +39,7 @@ MATRIX_SLOW_SPEEDS = (0.4,)
 
 
 class FaultSet(StrEnum):
-    """Number of faults at once."""
+    """Number of simultaneous faults: one, a common cause, a pair, or an ordered pair."""
 
     SINGLE = "single"
     COMMON = "common"
@@ -47,7 +47,7 @@ class FaultSet(StrEnum):
 
 
 class FaultCombination(NamedTuple):
-    """Faults that begin together, or one after the other.
+    """Combination of faults that begin together, or one after the other.
 
     Attributes:
         kind: list that the faults are from.
@@ -68,7 +68,8 @@ class FaultCombination(NamedTuple):
 
 
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
-    """Yield the common causes at `onset` (s), each magnitude and direction; all kinds if `kinds` is empty."""
+    """Yield the common causes of several faults at `onset` (s), with each magnitude and direction; all kinds if `kinds`
+    is empty."""
     for cause in COMMON_CAUSES:
         if kinds and cause.kind not in kinds:
             continue
@@ -80,7 +81,8 @@ def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultComb
 
 
 def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]:
-    """Yield the pairs at `onset` (s), each fault in each direction; all kinds if `kinds` is empty."""
+    """Yield the pairs of faults that begin together at `onset` (s), each fault in each direction; all kinds if `kinds`
+    is empty."""
     for pair in FAULT_PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
             for sizes in product(*map(_signed_sizes, pair)):
@@ -89,7 +91,8 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[FaultCombination]
 
 
 def slowest(kind: str, later: bool) -> float | None:
-    """Return the smallest magnitude to search; None for the catalogue's. A second drive fault may creep."""
+    """Return the smallest magnitude to search for a fault kind; None for the catalogue's. A drive fault that comes
+    second may creep."""
     return SLOW_SPEEDS[0] if later and kind == RUNAWAY_KIND else None
 
 
@@ -103,7 +106,7 @@ def ordered_pairs(
     delays: Sequence[float] = SECOND_DELAYS,
     slow: Sequence[float] = SLOW_SPEEDS,
 ) -> Iterator[FaultCombination]:
-    """Yield every pair in both orders: one fault at `onset` (s), the other after its trip.
+    """Yield every pair of faults in both orders: one fault at `onset` (s), the other after its trip.
 
     If the second fault is a runaway drive, a runaway of all drives is also tried, and each at the speeds `slow` (rad/s)
     downwards. An empty `kinds` selects all kinds.
@@ -122,7 +125,7 @@ def ordered_pairs(
 
 @dataclass(frozen=True)
 class CombinationRow:
-    """Reactions to faults that act together, on one body at one place.
+    """Reactions to faults that act together, on one body at one place: a row of the results.
 
     Attributes:
         faults: the combination.
@@ -155,22 +158,24 @@ class CombinationRow:
 
     @property
     def force_bound(self) -> float:
-        """Maximum force of a kept row (N): a share of the limit, or of the peak with an ideal monitor."""
+        """Maximum force of an acceptable run with combined faults (N): a share of the limit, or of the peak with an
+        ideal monitor."""
         return max(MAX_PEAK_SHARE * self.limit, 0.0 if self.ideal is None else MAX_IDEAL_SHARE * self.ideal)
 
     @property
     def exceeds_bound(self) -> bool:
-        """Whether the force exceeds the bound."""
+        """Whether the force with the combined faults exceeds the bound."""
         return self.watched.peak > self.force_bound
 
     @property
     def misses_detection(self) -> bool:
-        """Whether the monitor missed faults that are stated as detected."""
+        """Whether the monitor missed combined faults that are stated as detected."""
         return self.expects_detection and not self.is_detected
 
     @property
     def verdict(self) -> Literal["kept", "beyond", "missed"]:
-        """ "beyond" if the force exceeds the bound, "missed" if an expected detection is missing, else "kept"."""
+        """Verdict on a combination of faults: "beyond" if the force exceeds the bound, "missed" if an expected
+        detection is missing, else "kept"."""
         return "beyond" if self.exceeds_bound else "missed" if self.misses_detection else "kept"
 
     @property
@@ -178,7 +183,7 @@ class CombinationRow:
         return self.verdict != "kept"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the row for JSON."""
+        """Convert the row of a combination of faults to JSON."""
         return {
             "set": str(self.faults.kind),
             "name": self.faults.name,
@@ -200,7 +205,8 @@ class CombinationRow:
 
 
 def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[FaultCombination]:
-    """Return the combinations of one list; empty for single faults. Ordered pairs begin in contact, the worse case."""
+    """List the combinations of faults of one kind of set; empty for single faults. Ordered pairs begin in contact, the
+    worse case."""
     if kind is FaultSet.PAIRS:
         ordered = ordered_pairs(onset, kinds, MATRIX_DELAYS, MATRIX_SLOW_SPEEDS) if in_contact else ()
         return [*pairs(onset, kinds), *ordered]
@@ -208,7 +214,7 @@ def combinations_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Seque
 
 
 def combination_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[CombinationRow]:
-    """Yield one row per case as soon as its runs are done.
+    """Run the combinations of faults on a stage, and yield one row per combination as soon as its runs are done.
 
     Raises:
         InputRefused: a fault does not fit this robot.
@@ -221,7 +227,7 @@ def combination_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[s
 
 
 def combination_row(stage: Stage, one: FaultCombination, onset: float) -> CombinationRow:
-    """Return the row of `one`, whose first fault begins at `onset` (s)."""
+    """Run one combination of faults, the first beginning at `onset` (s), and return its row."""
     experiment = stage.experiment
     assert experiment.monitor is not None
     if one.delay is not None:

@@ -1,4 +1,4 @@
-"""Equations of statics of each window: three per pose in free air, two on the scale.
+"""Equations of statics for each window of an identification: three per pose in free air, two on the scale.
 
 With the deflection w = motor - N joint - w_0 as the encoders read it, w_0 its zero, k = k_s eta, b the half width of
 the dead zone and s = sign(w) tanh(theta_l'/rate), the spring's torque is (18)-(20) with the losses of (P1)
@@ -49,7 +49,7 @@ PLAUSIBLE_COMPLIANCE = 1e-3
 
 
 class Pose(NamedTuple):
-    """Poses of windows.
+    """Robot poses of the windows: positions, Jacobians and weights.
 
     Attributes:
         p_B: positions (n, 3), m.
@@ -65,7 +65,7 @@ class Pose(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """Equations of all windows.
+    """Residuals of the equations of statics of all windows.
 
     Attributes:
         residual: residuals (m,), rad or m.
@@ -83,7 +83,7 @@ class Equations(NamedTuple):
 
 
 def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
-    """Compute kinematics and weight at joint angles theta_l (n, 3), rad.
+    """Compute kinematics and arm weight at joint angles theta_l (n, 3), rad.
 
     Raises:
         Unreachable: some poses do not close.
@@ -97,30 +97,31 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
 
 
 def deflections(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
-    """Deflections motor - N joint - zero (n, 3), rad."""
+    """Compute the spring deflections motor - N joint - zero (n, 3), rad."""
     return seen.motor - N * seen.joint - x[OFFSET : OFFSET + 3]
 
 
 def subtract_dead_zone(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
-    """Subtract the dead zone from deflections: `sea.dead_zone` for arrays."""
+    """Subtract the dead zone from spring deflections; `sea.dead_zone` for arrays."""
     return np.sign(w) * np.maximum(np.abs(w) - half_width, 0.0)
 
 
 def clear_of_edges(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
-    """Whether all deflections of each window (n,) stay off the edges of the dead zone, so that the law of the mean is
-    the mean of the law."""
+    """Check for each window (n,) that all spring deflections stay off the edges of the dead zone, so that the spring
+    law is linear within the window and holds for its means."""
     return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
 
 
 def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
-    """Torques tau_l - b_j theta_l' on the links (n, 3), N m."""
+    """Compute the torques on the links, spring torque less viscous friction tau_l - b_j theta_l' (n, 3), N m."""
     d = subtract_dead_zone(deflections(x, seen, N), x[BACKLASH])
     direction = np.sign(d) * np.tanh(seen.speed / x[RATE])
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
 
 def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
-    """Torques that accelerate the robot (n, 3), N m, without I_r, which is unknown and a tenth of the total."""
+    """Compute the torques that accelerate the robot (n, 3), N m, without I_r: it is unknown and a tenth of the
+    total."""
     I_a = (belief.m_a / 3.0 + belief.m_b / 2.0) * belief.l_a**2
     mass = belief.m_p + 1.5 * belief.m_b
     a_B = np.linalg.solve(at.J, seen.acceleration[..., None])
@@ -131,7 +132,7 @@ def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
 def rows(
     x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose, surface: bool = True
 ) -> Equations:
-    """Residuals of all equations at parameters `x` (17,).
+    """Compute the residuals of all equations of statics at parameters `x` (17,).
 
     Args:
         seen: windows in free air or in contact.
@@ -173,7 +174,7 @@ def rows(
 
 
 def pressing_force(x: NDArray[np.float64], seen: Windows, belief: Belief) -> NDArray[np.float64]:
-    """Force F_ee_B (n, 3), N, by statics with the parameters `x`, without the robot's weight."""
+    """Compute the force F_ee_B (n, 3), N, by statics with the parameters `x`, without the robot's weight."""
     at = pose(belief, seen.joint - x[JOINT_ZERO : JOINT_ZERO + 3])
     F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at))
     F[:, 2] -= platform_weight(belief)

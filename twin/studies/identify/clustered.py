@@ -1,4 +1,4 @@
-"""Linear least squares with clustered errors."""
+"""Linear least squares with intervals for clustered errors."""
 
 from typing import NamedTuple
 
@@ -10,21 +10,22 @@ CONFIDENCE_LEVEL = 0.95
 
 
 class Line(NamedTuple):
-    """Coefficients (p,), and half widths of their 95 % intervals (p,)."""
+    """Fitted coefficients (p,) of a linear model, and half widths of their 95 % intervals (p,)."""
 
     coefficients: NDArray[np.float64]
     half_widths: NDArray[np.float64]
 
 
 def t_factor(clusters: int) -> float:
-    """Half width of a 95 % interval in standard deviations: Student's t of clusters - 1 degrees of freedom."""
+    """Return the half width of a 95 % interval in standard deviations: Student's t, clusters - 1 degrees of freedom."""
     return float(student.ppf(0.5 + 0.5 * CONFIDENCE_LEVEL, clusters - 1)) if clusters > 1 else np.inf
 
 
 def sandwich(
     A: NDArray[np.floating], inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Covariance (p, p) of least squares with errors that are independent between clusters and arbitrary within.
+    """Compute the covariance (p, p) of least squares with errors that are independent between clusters and arbitrary
+    within.
 
     (G - 1)/G sum_g s_g s_g^T, s_g = (I - A_g^+ A_g)^-1 A_g^+ r_g, the change without cluster g. It is CR3 of Bell and
     McCaffrey (2002), Bias reduction in standard errors, Survey Methodology 28:169, as in Cameron and Miller (2015), J.
@@ -51,7 +52,7 @@ def sandwich(
 
 
 def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """Solve A c = y, A (m, p), by least squares; None if A is rank deficient."""
+    """Solve A c = y, A (m, p), by least squares with 95 % intervals for clustered errors; None if rank deficient."""
     if len(y) < A.shape[1] or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
     inverse = np.linalg.pinv(A)

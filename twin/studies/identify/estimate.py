@@ -1,4 +1,4 @@
-"""Estimate with its interval, and its display unit and number of digits."""
+"""Estimate of a quantity with its interval, its display unit and number of digits."""
 
 from math import degrees, floor, log10
 from typing import NamedTuple
@@ -7,7 +7,7 @@ DISPLAY_UNITS = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"
 
 
 class Estimate(NamedTuple):
-    """Value +- half_width, a 95 % interval, in the SI unit `unit`."""
+    """Estimate of a quantity with its 95 % interval, value +- half_width, in the SI unit `unit`."""
 
     value: float
     half_width: float
@@ -15,16 +15,16 @@ class Estimate(NamedTuple):
 
 
 def display_value(value: float, unit: str) -> float:
-    """Convert `value` (SI) to the display unit."""
+    """Convert an SI `value` to the display unit of reports."""
     return value * DISPLAY_UNITS.get(unit, (1.0, unit))[0]
 
 
 def display_unit(unit: str) -> str:
-    """Display unit of an SI unit."""
+    """Return the display unit of reports for a quantity with the given SI unit."""
     return DISPLAY_UNITS.get(unit, (1.0, unit))[1]
 
 
 def decimals(estimate: Estimate) -> int:
-    """Number of decimals that show the interval with two significant digits."""
+    """Compute the number of decimals to print an estimate: its interval has two significant digits."""
     width = display_value(estimate.half_width, estimate.unit)
     return 0 if not 0.0 < width < 1e6 else min(max(1 - floor(log10(width)), 0), 6)

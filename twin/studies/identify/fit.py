@@ -1,10 +1,10 @@
-"""Least squares that detects undetermined directions.
+"""Nonlinear least squares that detects undetermined directions of the parameters.
 
 The unknowns, in units of their sizes, are found by a Gauss-Newton search. At each step the singular values of the
 whitened Jacobian give the sensitivity of each direction in parameter space. A direction that rounding leaves uncertain
 by more than `BLIND_SIZE` sizes is not changed: undetermined parameters keep their believed values and are reported.
-Intervals are those of clustered errors (`clustered.sandwich`), without assumptions on errors within a cluster, but at
-least those of independent errors of one size, since few clusters can agree by chance.
+Intervals are computed for clustered errors (`clustered.sandwich`), without assumptions on errors within a cluster, but
+at least as for independent errors of one size, since few clusters can agree by chance.
 """
 
 from collections.abc import Callable
@@ -39,13 +39,13 @@ MIN_POSITIVE_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Fit:
-    """Fitted parameters with covariance.
+    """Fitted parameters of an identification, with their covariance.
 
     Attributes:
         unknowns: the parameters.
         x: values (17,); undetermined ones at their start.
         covariance: covariance (17, 17) of the determined directions, by the scatter between clusters.
-        independent: the same for independent errors.
+        independent: covariance for independent errors.
         unseen: orthonormal undetermined directions in units of sizes (17, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
         seen: used windows.
@@ -68,8 +68,8 @@ class Fit:
     t_factor: float
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
-        """Half width of the 95 % interval of direction . x, `direction` (17,), with undetermined parts at their full
-        size."""
+        """Compute the half width of the 95 % interval of the combination direction . x, `direction` (17,), with
+        undetermined parts at their full size."""
         if self.clusters < 2:
             return np.inf
         scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
@@ -78,28 +78,29 @@ class Fit:
         return float(max(scatter, independent) + hidden)
 
     def is_determined(self, direction: NDArray[np.float64], size: float) -> bool:
-        """Whether direction . x is determined to `MAX_INTERVAL_SIZE` of `size`."""
+        """Check whether the log determines the combination direction . x to within `MAX_INTERVAL_SIZE` of `size`."""
         return self.half_width(direction) < MAX_INTERVAL_SIZE * size
 
     @property
     def force_residual(self) -> NDArray[np.float64]:
-        """Force by the springs less that of the scale, in the windows in contact (n,), N."""
+        """Force by the springs less the force of the scale, in the windows in contact (n,), N."""
         at = self.rows.kind == 1
         return self.rows.residual[at] / self.rows.per_newton
 
     def misfit(self, *kinds: int) -> float:
-        """Root mean square of the residuals of `kinds` by the rounding of one sample; 0 without residuals."""
+        """Compute the rms residual of the equations of `kinds`, in units of one sample's rounding; 0 without
+        residuals."""
         at = np.isin(self.rows.kind, kinds)
         return float(np.sqrt(np.mean((self.rows.residual[at] / self.rows.sigma[at]) ** 2))) if np.any(at) else 0.0
 
     def half_width_through(self, quantity: Callable[[NDArray[np.float64]], float]) -> float:
-        """Half width of the 95 % interval of a function of x (17,), by its gradient at x."""
+        """Compute the half width of the 95 % interval of a function of the parameters x (17,), by its gradient at x."""
         steps = np.diag(1e-4 * sizes(self.unknowns))
         slope = [(quantity(self.x + e) - quantity(self.x - e)) / (2.0 * e.sum()) for e in steps]
         return self.half_width(np.array(slope))
 
     def direction(self, index: int) -> NDArray[np.float64]:
-        """Unit vector of parameter `index`."""
+        """Return the unit vector of parameter `index`."""
         return np.eye(PARAMETER_COUNT)[index]
 
 
@@ -111,7 +112,7 @@ def fit(
     fixed: tuple[int, ...] = (),
     surface: bool = True,
 ) -> Fit:
-    """Fit the parameters to `balance.rows`.
+    """Fit the parameters of springs and scale to the equations of statics in `balance.rows`.
 
     Args:
         seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are excluded.
@@ -156,7 +157,8 @@ def fit(
 
 
 def _linearise(x, scale, used, belief, resolution, surface) -> tuple[Equations, NDArray[np.float64]]:
-    """Compute the equations at x, and d residual / d (x / scale) by their sigma (m, 17), by central differences.
+    """Compute the equations of statics at x, and their Jacobian d residual / d (x / scale) by their sigma (m, 17), by
+    central differences.
 
     The equations are smooth away from dead zones. Kinematics are recomputed only for zeros of the joints.
     """
@@ -176,8 +178,8 @@ def _linearise(x, scale, used, belief, resolution, surface) -> tuple[Equations, 
 
 
 def _visible_directions(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the pseudo-inverse of A over its determined directions (17, m), the undetermined directions (17, k)
-    without `fixed` parameters, and the singular values."""
+    """Split parameter space by the singular values of A: return the pseudo-inverse over determined directions (17, m),
+    the undetermined directions (17, k) without `fixed` parameters, and the singular values."""
     free = np.setdiff1d(np.arange(PARAMETER_COUNT), fixed)
     n = len(free)
     U, s, Vt = np.linalg.svd(A[:, free], full_matrices=len(A) < n)

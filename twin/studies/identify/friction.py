@@ -1,4 +1,4 @@
-"""Friction under the head, from windows in which it slides."""
+"""Coefficient of friction under the massage head, estimated from windows of sliding."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,11 @@ SLIDING_SPEED = 1e-3
 MAX_MU_INTERVAL = 0.1
 """Maximum half width of a reported coefficient."""
 SETTLED_TIME = 0.35
-"""Minimum time in one direction (s), in which the slowest sweep passes the 0.3 mm of the bristles' stretch."""
+"""Minimum time in one direction (s): the slowest sweep passes the 0.3 mm of the bristles' stretch."""
 
 
 def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
-    """Estimate the coefficient of friction mu from windows in which the head slides; None without sliding.
+    """Estimate the coefficient of friction mu under the head from windows of sliding; None without sliding.
 
     Args:
         springs: identified springs, whose uncertainty is included.
@@ -49,7 +49,8 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
 
 
 def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Factors of mu and beta in F_t (2n, 3); `along` (n, 2): direction of each window's motion."""
+    """Compute the factors of mu and beta in the tangential force F_t (2n, 3); `along` (n, 2): direction of each
+    window's motion."""
     A = np.zeros((2 * len(force), 3))
     A[:, 0] = (force[:, None] * along).ravel()
     A[0::2, 1] = A[1::2, 2] = 1.0
@@ -59,7 +60,7 @@ def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArra
 
 
 def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Whether each window (n,) is on the scale and has moved in one direction for `SETTLED_TIME`; v (n, 2), m/s."""
+    """Mark the windows (n,) on the scale where the head moves in one direction for `SETTLED_TIME`; v (n, 2), m/s."""
     speed = np.linalg.norm(v, axis=1)
     moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING_SPEED))
     heading = v[moving] / speed[moving, None]

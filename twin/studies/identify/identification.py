@@ -1,5 +1,4 @@
-"""Identification of a robot from a log: every quantity with its interval, or the statement that it is not
-determined."""
+"""Identification of a robot from a log: every quantity with its interval, or a statement that it is not determined."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,21 +27,21 @@ PLAUSIBLE_FACTOR = 5.0
 LEVEL_PARAMETERS = (HEIGHT, SLOPE, SLOPE + 1)
 """Known parameters of a level scale whose height was measured."""
 MAX_DEPTH_MISFIT = 2.0
-"""Maximum misfit of depths under load by that of the springs, or by rounding (4 micrometres); beyond it the pressed
-surface is skin, or not a plane, and its law is left out."""
+"""Maximum misfit of depths under load by the misfit of the springs, or by rounding (4 micrometres); beyond it the
+pressed surface is skin, or not a plane, and its law is left out."""
 MIN_LOSS = 0.02
 """Minimum ln(eta) of a lossy belt; friction and the scale's delay leave less."""
 
 
 class NotIdentifiable(TwinError):
-    """Valid log that does not determine the requested quantity; the message has the reason and what to record."""
+    """Error: a valid log does not determine the requested quantity; the message has the reason and data to record."""
 
     exit_code = 1
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Quantity of an identification, SI but for `estimate.unit`. meaning: text; believed: value of the experiment or
+    """Identified quantity of a robot, SI but for `estimate.unit`. meaning: text; believed: value of the experiment or
     None; found: None if not determined."""
 
     meaning: str
@@ -52,7 +51,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Identification:
-    """Result of an identification.
+    """Result of the identification of a robot.
 
     Attributes:
         model: belief about the robot.
@@ -74,7 +73,7 @@ class Identification:
 
     @property
     def loss(self) -> Estimate | None:
-        """ln(eta) of losses that depend on direction; None if loading and unloading cannot be compared."""
+        """Estimate of ln(eta), for belt losses by direction; None if loading and unloading cannot be compared."""
         axis, one = self.fit.direction(LOSS), self.fit.unknowns[LOSS]
         if not self.fit.is_determined(axis, one.size):
             return None
@@ -82,11 +81,11 @@ class Identification:
 
     @property
     def separates_eta(self) -> bool:
-        """Whether k_s and eta are determined separately."""
+        """Whether stiffness k_s and efficiency eta are determined separately."""
         return self.quantities["k_s"].found is not None
 
     def estimate(self, name: str) -> Estimate:
-        """Return the estimate of a quantity.
+        """Return the estimate of an identified quantity by its name.
 
         Raises:
             KeyError: it is not determined.
@@ -100,7 +99,7 @@ class Identification:
 def identify_log(
     log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False, say: Say = ignore_progress
 ) -> Identification:
-    """Identify a robot from the encoders and the scale of a log.
+    """Identify springs, zeros, backlash, friction and scale of a robot from a log with encoders and scale.
 
     Args:
         log: log of `read_log`.
@@ -166,7 +165,7 @@ def identify_log(
 
 
 def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
-    """Refuse a log without a plausible k_s eta."""
+    """Reject a log without a plausible k_s eta."""
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.direction(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
     plausible = 1.0 / PLAUSIBLE_FACTOR < k / believed < PLAUSIBLE_FACTOR
@@ -193,7 +192,8 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
 
 
 def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
-    """Quantities k_s eta, and k_s and eta separately if motor torque or direction-dependent losses determine them."""
+    """Collect the stiffness quantities: k_s eta, and k_s and eta separately if motor torque or direction-dependent
+    losses determine them."""
     product = Estimate(float(found.x[KAPPA]), found.half_width(found.direction(KAPPA)), "N m/rad")
     k_s, eta, meaning = None, None, "k_s eta"
     loss, width = float(found.x[LOSS]), found.half_width(found.direction(LOSS))
@@ -216,7 +216,7 @@ def _stiffness_quantities(found: Fit, belief: Belief, log: Log, motor_torque: bo
 
 
 def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
-    """Quantities of the other unknowns, with the scale's stiffness instead of its compliance."""
+    """Collect the identified quantities other than stiffness, with the scale's stiffness instead of its compliance."""
     reported: dict[str, Quantity] = {}
     for index, one in enumerate(found.unknowns):
         if index in (KAPPA, LOSS, RATE) or (index in LEVEL_PARAMETERS and height is not None):
@@ -234,7 +234,7 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
 
 
 def _inseparable_groups(found: Fit) -> tuple[tuple[str, ...], ...]:
-    """Groups of unknowns that share an undetermined direction."""
+    """Group the unknowns that the log cannot separate because they share an undetermined direction."""
     hidden = np.abs(found.unseen @ found.unseen.T)
     # the rate of a loss is meaningless without a loss
     members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > MAX_INTERVAL_SIZE), RATE)

@@ -42,7 +42,7 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
 
 def _mean(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:
-    """Mean of a torque in each window."""
+    """Compute the mean of a motor's torque in each window."""
     if name not in log.series:
         raise LogError(
             f"{log.path}: '{name}' is not there; --motor-torque needs the torques of all three motors: choose with "

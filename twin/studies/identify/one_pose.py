@@ -1,4 +1,4 @@
-"""The paper's own calibration (Sec. III.A), and the causes of its bias.
+"""Calibration by the paper's own procedure (Sec. III.A), and the causes of its bias.
 
 "We allow the massage manipulator to touch the surface of the electronic scale, gradually increasing the z-axis
 position. Comparing the force calculated via the proposed static force model with the force measured by the electronic
@@ -25,14 +25,15 @@ MAX_PRESS_WIDTH = 2e-3
 
 
 class OnePoseStep(NamedTuple):
-    """Evaluation of the press. name: corrected causes; k_s_eta: (N m/rad) by a line through the origin."""
+    """Evaluation of the paper's press on the scale. name: corrected causes; k_s_eta: (N m/rad), line through the
+    origin."""
 
     name: str
     k_s_eta: float
 
 
 class OnePose(NamedTuple):
-    """The paper's procedure on one press.
+    """Result of the paper's calibration procedure on one press.
 
     Attributes:
         place: position (2,), m.
@@ -51,7 +52,7 @@ class OnePose(NamedTuple):
 
 
 def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose | None:
-    """Apply the paper's procedure to the most central press; None without a gradual press.
+    """Apply the paper's calibration to the most central press of a log; None without a gradual press.
 
     Args:
         seen: windows in order of time.
@@ -79,7 +80,7 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
 
 
 def _press(seen: Windows, belief: Belief) -> Windows | None:
-    """Select the loading half of the press nearest to the base's axis, and among equals that with the largest
+    """Select the loading half of the press nearest to the base's axis; among equals the one with the largest
     increase."""
     chosen = np.flatnonzero(on_scale(seen))
     if len(chosen) < 3:
@@ -104,12 +105,13 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
 
 
 def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """-F_ee,z of (27) without weight for deflections w (n, 3), and the contribution of the weight (n,), N."""
+    """Compute the force on the scale -F_ee,z of (27) without weight for deflections w (n, 3), and the contribution of
+    the weight (n,), N."""
     at = pose(belief, press.joint - joint_zero)
     J_z = at.J[:, :, 2]
     return -np.sum(J_z * (k * belief.N * w), axis=1), platform_weight(belief) - np.sum(J_z * at.g_a, axis=1)
 
 
 def _through_origin(calculated: NDArray[np.float64], force: NDArray[np.float64]) -> float:
-    """Slope s of the line force = s calculated through the origin, the factor of k_s eta."""
+    """Fit the slope s of the line force = s calculated through the origin, the factor of k_s eta."""
     return float(calculated @ force / (calculated @ calculated))

@@ -16,7 +16,7 @@ PARAMETER_COUNT = 17
 
 @dataclass(frozen=True)
 class Parameter:
-    """Unknown of an identification.
+    """Unknown parameter of an identification.
 
     Attributes:
         name: name in facts; vectors count from 1.
@@ -34,7 +34,8 @@ class Parameter:
 
 
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
-    """Create the unknowns in their order, starting from `belief` and a believed `height` of the scale (m)."""
+    """Create the unknowns of an identification in their order, starting from `belief` and a believed `height` of the
+    scale (m)."""
     k = belief.k_s * belief.eta
     offsets = np.subtract(belief.motor_zero, np.multiply(belief.N, belief.joint_zero))
     degree = float(np.radians(1.0))
@@ -57,10 +58,10 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
 
 
 def starts(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
-    """Start of the search (n,)."""
+    """Return the start values of the unknowns for the search (n,)."""
     return np.array([one.start for one in unknowns])
 
 
 def sizes(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
-    """Sizes of the unknowns (n,)."""
+    """Return the sizes of the unknowns, plausible errors of the belief (n,)."""
     return np.array([one.size for one in unknowns])

@@ -1,8 +1,8 @@
 """Windows of slow motion in a log, the only samples that determine statics.
 
-Encoders are quantised. At rest every sample has the same rounding error, and a mean of thousands is no better than one;
-in motion over several counts the errors cover their range, and their mean vanishes. A window is used if every motor
-crosses some counts in it, and if it neither starts, stops nor reverses.
+Encoders are quantised. At rest every sample has the same rounding error, and a mean of thousands is not better than
+one; in motion over several counts the errors cover their range, and their mean vanishes. A window is used if every
+motor crosses some counts in it, and if it neither starts, stops nor reverses.
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ MIN_CONTACT_FORCE = 0.15
 
 
 class Windows(NamedTuple):
-    """Means over windows, SI.
+    """Windows of slow motion: means of angles, speeds and force over each window, SI.
 
     Attributes:
         t: middle of each (n,), s.
@@ -64,21 +64,21 @@ class Windows(NamedTuple):
     length: float
 
     def select(self, chosen: NDArray[np.bool_]) -> "Windows":
-        """Select windows by a mask (n,)."""
+        """Select windows of slow motion by a mask (n,)."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
         return self._replace(**columns)
 
     def runs(self, chosen: NDArray[np.intp], joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-        """Split the windows `chosen` (m,) into runs without a pause, also split where `joined` (m - 1,) is False.
+        """Split the windows `chosen` (m,) into runs without a pause, also split at every False of `joined` (m - 1,).
 
-        Two missing windows in a row are no pause: a motor that crosses its backlash loses as many.
+        Two missing windows in a row are not a pause: a motor that crosses its backlash loses as many.
         """
         pause = np.diff(self.t[chosen]) > 3.5 * self.length
         return np.split(chosen, np.flatnonzero(pause | ~joined) + 1)
 
 
 def windows(log: RobotSamples, belief: Belief) -> Windows:
-    """Find the windows of a log that are fit for statics; possibly none.
+    """Find the windows of slow motion in a log that are fit for statics; possibly an empty result.
 
     Args:
         log: samples with a measured force.
@@ -119,13 +119,13 @@ def windows(log: RobotSamples, belief: Belief) -> Windows:
 
 
 def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First and past-the-last index of each run of equal `bins` (n,)."""
+    """Find the first and the past-the-last index of each run of equal `bins` (n,)."""
     turns = np.flatnonzero(np.diff(bins)) + 1
     return np.concatenate([[0], turns]), np.concatenate([turns, [len(bins)]])
 
 
 def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
-    """Compute one row of the columns of `Windows`, then the range of the motors (3,)."""
+    """Compute the means over one window, a row of `Windows`, then the range of the motors (3,)."""
     half = len(t) // 2
     # slopes of both halves by regression, least sensitive to an encoder's steps
     first, last = (_slope(t[part], joint[part]) for part in (slice(None, half), slice(half, None)))
@@ -138,16 +138,16 @@ def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
 
 
 def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Slopes of the straight lines through y (n, ...) over t (n,)."""
+    """Fit straight lines through y (n, ...) over t (n,), and return their slopes."""
     centred = t - t.mean()
     return centred @ y / (centred @ centred)
 
 
 def in_air(seen: Windows) -> NDArray[np.bool_]:
-    """Whether each window (n,) is in free air."""
+    """Check for each window (n,) whether the robot is in free air."""
     return (seen.highest < MAX_AIR_FORCE) & (seen.lowest > -MAX_AIR_FORCE)
 
 
 def on_scale(seen: Windows) -> NDArray[np.bool_]:
-    """Whether each window (n,) is in contact throughout."""
+    """Check for each window (n,) whether the robot is in contact throughout."""
     return seen.lowest > MIN_CONTACT_FORCE

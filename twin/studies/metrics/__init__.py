@@ -1,1 +1,1 @@
-"""Metrics: arrays in, numbers out."""
+"""Metrics of recorded signals, as numbers computed from arrays."""

@@ -1,4 +1,4 @@
-"""Series that verdicts rest on: a third-party part has to provide them for a run to be scored in full."""
+"""Recorded series that a verdict needs: a third-party part must provide them for a run to be scored in full."""
 
 from collections.abc import Container, Iterable
 
@@ -8,17 +8,17 @@ MEASURE_SERIES = {
     "lateral error": ("plant.p_B", "controller.p_ref_B"),
     "the estimated position": ("plant.p_B", "estimator.p_B"),
 }
-"""Names of a report's measures, by which runs are compared -> the series that each needs. Those of a held force have
-reasons of their own."""
+"""Measure of a report, used to compare runs -> series that the measure needs. The measures of a held force give their
+own reasons when missing."""
 FIG4_SERIES = (
     "plant.p_B", "plant.F_ee_B", "scale.F_z", "estimator.p_B", "estimator.F_ee_B", "controller.p_ref_B",
     "controller.p_cmd_B", "controller.F_z", "controller.F_z_ref", "controller.triggered",
 )  # fmt: skip
-"""What the claims of Fig. 4 are judged on."""
+"""Series needed to judge the claims of Fig. 4."""
 FIG5_SERIES = ("plant.p_B", "plant.v_B", "plant.F_ee_B", "controller.task", "controller.phase")
-"""What the claims of Fig. 5 are judged on: without any of these nothing can be said."""
+"""Series needed to judge the claims of Fig. 5; all of them are required."""
 
 
 def missing_series(series: Iterable[str], fields: Container[str]) -> list[str]:
-    """Those of `series` that are not among `fields`."""
+    """List the required series that are missing in `fields`, the recorded ones."""
     return [name for name in series if name not in fields]

@@ -36,7 +36,7 @@ SignalValues = Callable[[str], NDArray]
 
 
 def distance(formula: Formula, tick: float, held: SignalValues) -> float:
-    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if it does.
+    """Return the distance of a run from violating `formula`, in the unit of its comparisons; negative if violated.
 
     Args:
         tick: time between two values (s).
@@ -46,7 +46,7 @@ def distance(formula: Formula, tick: float, held: SignalValues) -> float:
 
 
 def _distances(formula: Formula, tick: float, held: SignalValues) -> Curve:
-    """Return the distances at every tick, (n,)."""
+    """Return the distance of a run from violating a formula, evaluated at every tick (n,)."""
     match formula:
         case Inequality(smaller, larger):
             return _value(larger, held) - _value(smaller, held)
@@ -75,7 +75,8 @@ def _ticks(begin: float, end: float | None, tick: float) -> tuple[int, int | Non
 
 
 def _largest(values: Curve, first: int, last: int | None) -> Curve:
-    """Largest of `values` from `first` to `last` ticks later on, as far as the run goes; -inf where there is none."""
+    """Compute, for each tick, the largest of `values` in the window from `first` to `last` ticks later, cut at the end
+    of the run; -inf if the window is empty."""
     if last is None or last - first >= len(values):
         return _shift(np.maximum.accumulate(values[::-1])[::-1], first)
     if last < first:
@@ -87,12 +88,12 @@ def _largest(values: Curve, first: int, last: int | None) -> Curve:
 
 
 def _shift(values: Curve, ticks: int) -> Curve:
-    """`values` of so many ticks later; -inf where the run is over."""
+    """Shift a curve to earlier times by a number of ticks; -inf beyond the end of the run."""
     return np.concatenate([values[ticks:], np.full(min(ticks, len(values)), -np.inf)])
 
 
 def _untimed_until(held: Curve, reached: Curve) -> Curve:
-    """Of `held until reached`, whenever that is."""
+    """Compute the distances (n,) of `held until reached`, without a time limit."""
     found, later = np.empty(len(held)), -np.inf
     for tick in range(len(held) - 1, -1, -1):
         later = max(reached[tick], min(held[tick], later))
@@ -101,7 +102,7 @@ def _untimed_until(held: Curve, reached: Curve) -> Curve:
 
 
 def _value(terms: Sum, held: SignalValues) -> Curve:
-    """(n,), or (n, k) where the signals are vectors; a number where there are none."""
+    """Evaluate one side of a comparison at every tick: (n,), (n, k) for vector signals, or a number for constants."""
     return np.asarray(sum(term.sign * _term(term, held) for term in terms))
 
 
@@ -116,7 +117,7 @@ def _term(term: Term, held: SignalValues) -> Curve:
 
 
 class SignalInfo(Protocol):
-    """What is known of a recorded signal before a run, as `twin.kernel.recording.messages.Field` has it."""
+    """Shape and unit of a recorded signal, known before a run: the part of `Field` that a formula needs."""
 
     @property
     def size(self) -> int: ...
@@ -127,13 +128,14 @@ class SignalInfo(Protocol):
 
 
 def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[Formula, str]:
-    """The formula that `text` spells, and the SI unit of its distance; "1" where it compares nothing.
+    """Parse the formula in `text` and check it against the recorded signals. Return it and the SI unit of its distance,
+    "1" without comparisons.
 
     Args:
-        signals: `topic.field` of those that a run has.
+        signals: `topic.field` -> signal of a run.
 
     Raises:
-        InputRefused: it spells none, names a signal that is not among these, or mixes units.
+        InputRefused: invalid syntax, an unknown signal, or mixed units.
     """
     try:
         formula = parse_requirement(text)
@@ -149,10 +151,10 @@ def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[F
 
 
 def _units(formula: Formula, signals: Mapping[str, SignalInfo]) -> set[str]:
-    """SI units of the comparisons in `formula`.
+    """Collect the SI units of all comparisons in `formula`.
 
     Raises:
-        ValueError: it cannot be evaluated.
+        ValueError: the formula cannot be evaluated.
     """
     match formula:
         case Inequality(smaller, larger):

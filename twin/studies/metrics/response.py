@@ -1,6 +1,6 @@
 """Metrics of a signal: step response, tracking error, oscillation, path, effort.
 
-The answer to a step: how soon, how far beyond, how close in the end. Definitions, for y from its value y_0 before the
+Definitions of the step response, for y from its value y_0 before the
 step to its final value y_inf, share = (y - y_0) / (y_inf - y_0): delay and rise times run between first crossings of
 10, 50 and 90 % of the share, between samples on a straight line (as in IEEE 181); settling times end where the share
 stays within 2 or 5 % of 1, seen for at least the last tenth of the samples; overshoot is the largest share beyond 1
@@ -23,19 +23,21 @@ TAIL_SHARE = 0.1
 SETTLED_BAND = 0.05
 """A response has settled if it stays this near to its final value (share of the step) for twice the tail."""
 MIN_PERIODS = 4
-"""The least that a window holds of the slowest swing: half the width of a Hann window's main lobe is 2 / window, so
-what is left of a drift has died away by then."""
+"""Minimum number of periods of the slowest swing in a window: half the width of a Hann window's main lobe is
+2 / window, so the remainder of a drift has decayed at that frequency."""
 PADDING_FACTOR = 8
-"""Times the window's length: a sine between two frequencies of the transform loses less than 0.3 % of its amplitude."""
+"""Padded length by the window's length: a sine between two frequencies of the transform loses less than 0.3 % of its
+amplitude."""
 
 
 def window_mask(t: Curve, start: float, end: float) -> NDArray[np.bool_]:
-    """Which samples lie in start <= t <= end (s), half a nanosecond of rounding allowed."""
+    """Mark the samples with start <= t <= end (s), with half a nanosecond of tolerance for rounding."""
     return (t >= start - 5e-10) & (t <= end + 5e-10)
 
 
 def settling_time(t: Curve, y: Curve, target: float, band: float) -> float:
-    """Time (s) from which |y - target| <= band holds to the end; infinity if it does not hold at the end.
+    """Compute the settling time (s): the start of the final stretch with |y - target| <= band; infinity if the last
+    sample is outside.
 
     Args:
         t, y: samples (n,).
@@ -48,24 +50,24 @@ def settling_time(t: Curve, y: Curve, target: float, band: float) -> float:
 
 
 def first_time(t: Curve, condition: NDArray[np.bool_]) -> float:
-    """Time (s) of the first sample at which `condition` holds; infinity if none."""
+    """Return the time (s) of the first sample with a true `condition`; infinity if every sample is false."""
     hits = np.flatnonzero(condition)
     return float(t[hits[0]]) if len(hits) else np.inf
 
 
 def overshoot(y: Curve, target: float) -> float:
-    """By how much y exceeds a positive target at most, as a share of it; 0 if it never does."""
+    """Compute the largest excess of y over a positive target, as a share of the target; 0 without an excess."""
     return max(0.0, float(np.max(y)) / target - 1.0)
 
 
 def rise_time(t: Curve, y: Curve, before: float, after: float) -> float:
-    """Time (s) that y takes from 10 % to 90 % of the way from `before` to `after`; infinity if it never gets there."""
+    """Compute the 10 % to 90 % rise time (s) of y between `before` and `after`; infinity if y never reaches 90 %."""
     share = (y - before) / (after - before)
     return first_time(t, share >= 0.9) - first_time(t, share >= 0.1)
 
 
 def steepest_rise(t: Curve, y: Curve, span: float) -> float:
-    """Largest mean rate of y over any `span` (s), in its unit per s; infinity if the samples do not span it.
+    """Compute the largest mean rate of y over any `span` (s), in its unit per s; infinity if the samples are shorter.
 
     Args:
         t, y: evenly spaced samples (n,).
@@ -78,17 +80,17 @@ def steepest_rise(t: Curve, y: Curve, span: float) -> float:
 
 @dataclass(frozen=True)
 class StepInfo:
-    """What a response to a step at t = 0 comes to; times in s, values in the unit of y.
+    """Metrics of a response to a step at t = 0; times in s, values in the unit of y.
 
     Attributes:
         final: y_inf.
-        peak: the value of y farthest along the step;
-        peak_time: when.
-        delay_time: to 50 %.
-        rise_time: from 10 to 90 %.
-        settling_time_2, settling_time_5: to stay within 2, 5 %; infinity if it was outside within the last tenth, as a
-            response that hunts for ever is.
-        overshoot: share of the step.
+        peak: extreme value of y in the direction of the step.
+        peak_time: time of the peak.
+        delay_time: time to 50 % of the step.
+        rise_time: time from 10 to 90 % of the step.
+        settling_time_2, settling_time_5: time from which y stays within 2 or 5 %; infinity if it leaves the band within
+            the last tenth, as a limit cycle does.
+        overshoot: overshoot as a share of the step.
         steady_state_error: r - y_inf.
         IAE, ISE, ITAE: unit times s, unit squared times s, unit times s squared.
     """
@@ -108,7 +110,7 @@ class StepInfo:
 
 
 def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
-    """Measure the response y to a step of its reference at t = 0.
+    """Compute the metrics of the response y to a step of its reference at t = 0.
 
     Args:
         t: s, ascending, from 0 on (n,).
@@ -159,7 +161,7 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
 
 
 def crossing_time(t: Curve, y: Curve, level: float) -> float:
-    """Time at which y first reaches `level` from below, between samples on a straight line; infinity: never."""
+    """Return the time at which y first rises to `level`, interpolated linearly between samples; infinity if never."""
     above = np.flatnonzero(y >= level)
     if len(above) == 0:
         return np.inf
@@ -170,17 +172,18 @@ def crossing_time(t: Curve, y: Curve, level: float) -> float:
 
 
 def rms(x: Curve) -> float:
-    """Root of the mean square."""
+    """Compute the root mean square of samples."""
     return float(np.sqrt(np.mean(np.square(x))))
 
 
 def mean_error(y: Curve, reference: Curve | float) -> float:
-    """Mean of |y - reference|."""
+    """Compute the mean absolute error, the mean of |y - reference|."""
     return float(np.mean(np.abs(y - reference)))
 
 
 def level_changes(t: Curve, y: Curve, span: float) -> tuple[Curve, Curve]:
-    """(times, changes): the mean of y over `span` (s) after a time less its mean over `span` before it.
+    """Compute the change of the mean level at each time: mean of y over `span` (s) after it less the mean over `span`
+    before. Return (times, changes).
 
     Args:
         t, y: evenly spaced samples, for longer than twice the span (n,).
@@ -193,11 +196,11 @@ def level_changes(t: Curve, y: Curve, span: float) -> tuple[Curve, Curve]:
 
 
 def lag(t: Curve, y: Curve, reference: Curve, longest: float) -> float:
-    """Delay (s) from 0 to `longest` that the reference needs to fit y best.
+    """Estimate the delay (s) of y behind its reference, between 0 and `longest`, by the least mean square difference.
 
-    Where the mean square difference is least over whole samples, and between them at the vertex of the parabola through
-    that sample and its neighbours (Jacovitti and Scarano, Discrete time techniques for time delay estimation, IEEE
-    Trans. Signal Processing 41, 1993: average square difference function).
+    The minimum over whole samples is refined by the vertex of the parabola through that sample and its neighbours
+    (Jacovitti and Scarano, Discrete time techniques for time delay estimation, IEEE Trans. Signal Processing 41, 1993:
+    average square difference function).
 
     Args:
         t: evenly spaced, for longer than `longest` (n,).
@@ -216,7 +219,7 @@ def lag(t: Curve, y: Curve, reference: Curve, longest: float) -> float:
 
 
 def path_error(p: Curve, path: Curve) -> Curve:
-    """Distance of each point to a path, whenever it was due there, (n,) in the unit of the points.
+    """Compute the distance of each point to the nearest place of a path, at any time, (n,) in the points' unit.
 
     Args:
         p: points (n, d).
@@ -233,7 +236,7 @@ def path_error(p: Curve, path: Curve) -> Curve:
 
 
 def _to_segment(p: Curve, a: Curve, b: Curve) -> Curve:
-    """Distances (n,) of points to the segments from a to b, each (n, d)."""
+    """Compute the distances (n,) of points to line segments from a to b, each (n, d)."""
     way = b - a
     length2 = np.sum(way**2, axis=1)
     share = np.divide(np.sum((p - a) * way, axis=1), length2, out=np.zeros(len(p)), where=length2 > 0.0)
@@ -241,7 +244,8 @@ def _to_segment(p: Curve, a: Curve, b: Curve) -> Curve:
 
 
 def strongest_swing(t: Curve, y: Curve, lowest: float) -> tuple[float, float]:
-    """(amplitude, frequency) of the strongest sine in y, in the unit of y and Hz; its straight line is taken off first.
+    """Find the strongest sine in y, and return its (amplitude, frequency) in the unit of y and Hz. A straight line is
+    subtracted first.
 
     The largest value of the amplitude spectrum with a Hann window (Harris, On the use of windows for harmonic analysis
     with the discrete Fourier transform, Proc. IEEE 66, 1978). A swing that dies away counts with its mean over the
@@ -249,7 +253,7 @@ def strongest_swing(t: Curve, y: Curve, lowest: float) -> tuple[float, float]:
 
     Args:
         t, y: evenly spaced samples (n,) over at least `MIN_PERIODS` periods of `lowest`.
-        lowest: frequencies below it (Hz) are no swing.
+        lowest: minimum frequency of a swing (Hz).
     """
     from scipy.signal import periodogram
 
@@ -264,7 +268,7 @@ def strongest_swing(t: Curve, y: Curve, lowest: float) -> tuple[float, float]:
 
 
 def fitted_circle(x: Curve, y: Curve) -> tuple[float, float, float]:
-    """(x_c, y_c, r) of the circle nearest to the points, in their unit.
+    """Fit a circle to points by least squares; return centre and radius (x_c, y_c, r) in their unit.
 
     Least squares of x^2 + y^2 = 2 x_c x + 2 y_c y + (r^2 - x_c^2 - y_c^2), linear in the brackets (Kasa 1976). On
     points all round the circle that has no bias; on a short, noisy arc r comes out too small.
@@ -278,25 +282,27 @@ def fitted_circle(x: Curve, y: Curve) -> tuple[float, float, float]:
 
 
 def turns_about(x: Curve, y: Curve, centre: tuple[float, float]) -> float:
-    """How often the path goes round `centre`, counter-clockwise positive; less than half a turn between two points."""
+    """Count the turns of a path about `centre`, counter-clockwise positive; successive points must be less than half a
+    turn apart."""
     angle = np.unwrap(np.arctan2(y - centre[1], x - centre[0]))
     return float(angle[-1] - angle[0]) / (2.0 * np.pi)
 
 
 def along_and_off(p: Curve, start: tuple[float, float], end: tuple[float, float]) -> tuple[Curve, Curve]:
-    """(along, off), each (n,): how far the points (n, 2) are along the line from `start` to `end`, and left of it."""
+    """Split points (n, 2) into distance along the line from `start` to `end`, and distance to its left, each (n,)."""
     direction = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
     way = p - np.asarray(start)
     return way @ direction, way @ np.array([-direction[1], direction[0]])
 
 
 def travel(t: Curve, rate: Curve) -> float:
-    """Control effort: the integral of |rate|, summed over the columns of (n, k): how far the motors were sent."""
+    """Compute the control effort, the integral of |rate| over time, summed over the columns of (n, k): the total travel
+    of the motors."""
     return float(np.sum(np.trapezoid(np.abs(rate), t, axis=0)))
 
 
 def work(t: Curve, torque: Curve, speed: Curve) -> tuple[float, float]:
-    """(delivered, returned): work (J) of shafts on their loads, where power is positive and where it is negative.
+    """Compute the work (J) of shafts on their loads: (delivered, returned), integrals of positive and negative power.
 
     Args:
         t: s (n,).
@@ -308,5 +314,5 @@ def work(t: Curve, torque: Curve, speed: Curve) -> tuple[float, float]:
 
 
 def variation(x: Curve) -> float:
-    """Coefficient of variation: standard deviation over mean of the sample (n,)."""
+    """Compute the coefficient of variation of a sample (n,), its standard deviation by its mean."""
     return float(np.std(x) / np.mean(x))

@@ -25,7 +25,7 @@ DECISIVE_KEYS = {
     "task": ("task",),
     "body": ("contact",),
 }
-"""What has to be the same in two recorded experiments that are compared -> its keys."""
+"""Aspect that must be equal in two compared experiments -> its keys."""
 
 
 MIXED_RANK = 2
@@ -37,7 +37,7 @@ Ranks = Mapping[str, int]
 
 
 def standing_sentence(one: str, other: str, ranks: Ranks, values: Mapping[str, str] | None = None) -> str:
-    """`B beside A: better in ..., worse in ..., the same in ...`
+    """Format the comparison of two runs as a sentence, `B beside A: better in ..., worse in ..., the same in ...`.
 
     Args:
         values: text in brackets after a measure that is better or worse, by its name.
@@ -73,7 +73,7 @@ class Difference:
 
     @property
     def text(self) -> str:
-        """`+0.4192 +- 0.0337 N, in 8 of 8`."""
+        """Mean difference with its 95 % interval and agreement as text: `+0.4192 +- 0.0337 N, in 8 of 8`."""
         if self.measure.key == "chatter" and not (self.mean or self.half_width):
             return f"below {LEAST_CHATTER:g} N in all runs"
         per_SI, digits = self.measure.unit.per_SI, self.measure.digits + 1
@@ -83,7 +83,7 @@ class Difference:
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Values for JSON, SI."""
+        """Return the difference of a measure for JSON: mean, interval and rank, SI."""
         return {
             "mean": self.mean,
             "half_width": self.half_width,
@@ -94,7 +94,7 @@ class Difference:
 
 
 def compared_value(key: str, values: Values) -> float | None:
-    """Value of a measure for a comparison; None if there is none.
+    """Return the value of a measure that comparisons of runs use; None if the run lacks the measure.
 
     Chatter too small to be reported is 0. A force that does not settle counts with the time until the hold ends, the
     least that its settling time can be.
@@ -111,16 +111,16 @@ def compared_value(key: str, values: Values) -> float | None:
 
 
 def judged_keys(runs: Sequence[Values]) -> list[str]:
-    """Keys of the measures that all of `runs` can be compared by.
+    """List the keys of the measures available in all of `runs`, by which they are compared.
 
-    Where a run holds no force, the errors of the whole run take the place of those while a force is held.
+    If a run holds no force, errors over the whole run replace the errors during the hold.
     """
     keys: tuple[str, ...] = COMPARED_MEASURES
     if any(values["hold_error"].value is None for values in runs):
         controlled = any(values["force_error"].value is not None for values in runs)
         # z minus its pre-defined reference includes the indentation if the force is controlled
         keys = ("force_error" if controlled else "z_error", "lateral_error", *EFFORT_MEASURES)
-    # the load of the springs stands for the torque of drives that report none: two different quantities
+    # a drive without a torque output is scored by the load of its spring, which is a different quantity
     alike = {values["torque"].reason for values in runs}
     return [
         key
@@ -130,7 +130,7 @@ def judged_keys(runs: Sequence[Values]) -> list[str]:
 
 
 def standing(one: Values, other: Values) -> Ranks:
-    """Compare two runs, one each, by the floors alone."""
+    """Rank one run against another in each measure: better, worse or the same, by the measure's floor alone."""
     ranks = {}
     for key in judged_keys([one, other]):
         value, beside = compared_value(key, one), compared_value(key, other)
@@ -141,7 +141,7 @@ def standing(one: Values, other: Values) -> Ranks:
 
 
 def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[Difference]:
-    """Compare two candidates by runs with the same random draws, measure by measure.
+    """Compute the difference of each measure between two candidates over paired runs with the same random draws.
 
     Args:
         one, other: measures of each run, in the order of the draws.
@@ -159,7 +159,7 @@ def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[D
 
 
 def overall_ranks(each: Sequence[Ranks]) -> Ranks:
-    """Combine the ranks of several experiments: better where better in at least one and worse in none, and so on."""
+    """Combine the ranks of several experiments: better if better in at least one and worse in no other, and so on."""
     found = {}
     for name in dict.fromkeys(name for ranks in each for name in ranks):
         seen = {ranks[name] for ranks in each if ranks.get(name)}
@@ -170,11 +170,11 @@ def overall_ranks(each: Sequence[Ranks]) -> Ranks:
 def compare_single_runs(
     names: tuple[str, str], runs: tuple[Values, Values], experiments: tuple[Mapping, Mapping]
 ) -> str:
-    """Compare two recorded runs in a sentence; without a verdict if reference, task or body differ.
+    """Compare two recorded runs in a sentence, without a verdict if reference, task or body differ.
 
     Args:
         names: candidate and reference.
-        runs: measures of each; empty if a run has none.
+        runs: measures of each run; empty without measures.
         experiments: recorded values of each, keys with units.
     """
     one, other = names

@@ -11,10 +11,9 @@ never fills a sum; at the edge of the tolerance, with independent normal means o
 a false alarm in 930 blocks (Montgomery, table 9.3: 465 for both sides of an in-control mean).
 
 Neighbouring samples of a residual are correlated, so blocks have at least twice the correlation time T_c, and at least
-`SHORTEST_BLOCK`. sigma, the standard deviation of a block's mean, is that of the baseline's samples times sqrt(2 T_c /
-block) (M. S. Bartlett, J. R. Stat. Soc. 8 (1946) 27, for an exponential autocorrelation), but at least that of the
-sensors' rounding: at rest an encoder may show one count for minutes, without any spread.
-"""
+`SHORTEST_BLOCK`. sigma, the standard deviation of a block's mean, is the samples' deviation in the baseline times
+sqrt(2 T_c / block) (M. S. Bartlett, J. R. Stat. Soc. 8 (1946) 27, for an exponential autocorrelation), but at least the
+deviation by the sensors' rounding: at rest an encoder may show one count for minutes, without any spread."""
 
 from dataclasses import dataclass
 
@@ -30,7 +29,7 @@ DECISION_FACTOR = 5.0
 
 @dataclass(frozen=True)
 class Drift:
-    """Course of one residual's sums, in its own unit.
+    """Result of the test of one residual for a changed mean: the cumulative sums over time, in the residual's unit.
 
     Attributes:
         baseline, sigma: baseline mean r_0, and standard deviation of a block's mean.
@@ -57,24 +56,24 @@ class Drift:
 
     @property
     def matches(self) -> bool:
-        """Whether there was no alarm."""
+        """Whether the residual shows no changed mean, i.e. raised no alarm."""
         return bool(np.isnan(self.alarm))
 
     @property
     def slack(self) -> float:
-        """K, the change of a mean below which no sum grows."""
+        """Slack K of the cumulative sums: the change of a mean below which no sum grows."""
         return self.tolerance + 0.5 * self.sigma
 
     @property
     def threshold(self) -> float:
-        """H, the alarm threshold."""
+        """Alarm threshold H of the cumulative sums."""
         return DECISION_FACTOR * self.sigma
 
 
 def drift(
     t: NDArray[np.float64], r: NDArray[np.float64], baseline: float, tolerance: float, sigma_least: float
 ) -> Drift | None:
-    """Compute the two-sided sum over a residual; None if no block follows the baseline.
+    """Test a residual for a changed mean by two-sided cumulative sums; None if no block follows the baseline.
 
     Args:
         t, r: times (n,), s, ascending, and residual (n,).
@@ -104,8 +103,8 @@ def drift(
 
 
 def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
-    """Lag (s) at which the autocorrelation of r (n,) falls below 1/e; 0 for a constant residual, at most the length of
-    r."""
+    """Compute the correlation time (s) of a residual r (n,): the lag where its autocorrelation falls below 1/e; 0 for a
+    constant residual, at most the length of r."""
     centred = r - np.mean(r)
     if len(r) < 3 or not np.any(centred):
         return 0.0
@@ -117,7 +116,7 @@ def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
 
 
 def _sum(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute sum_n = max(0, sum_(n-1) + steps_n)."""
+    """Compute the cumulative sums sum_n = max(0, sum_(n-1) + steps_n)."""
     total = np.cumsum(steps)
     # the height above the running minimum
     return total - np.minimum(0.0, np.minimum.accumulate(total))
@@ -126,7 +125,8 @@ def _sum(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 def _block_means(
     t: NDArray[np.float64], r: NDArray[np.float64], block: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ends (s) and means of the complete blocks with at least half the samples of the fullest one."""
+    """Compute ends (s) and means of the complete blocks of a residual; blocks with under half the samples of the
+    fullest block are dropped."""
     if not len(t):
         return np.empty(0), np.empty(0)
     index = np.floor((t - t[0]) / block).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Measures of a log's held force, against the reference of the twin's own controller."""
+"""Measures of the held force in a log, against the reference of the twin's own controller."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ LOG_MEASURES = (*FORCE_KEYS, "hold_begin", "hold_end")
 
 
 def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
-    """Compute the measures of a log's held force; without a force or a controller each is None, with the reason.
+    """Compute the measures of a log's held force; without force or controller each measure is None, with the reason.
 
     Args:
         log: samples with the measured force.
@@ -66,7 +66,7 @@ def log_measures(log: RobotSamples, estimate: Outputs, source: Path | None, sett
 def _controller_outputs(
     experiment: Experiment, log: RobotSamples, estimate: Outputs, stride: int, period: float
 ) -> tuple[Outputs, NDArray[np.float64]]:
-    """Run the twin's controller on the log's estimates; return its outputs and the times of its calls."""
+    """Run the twin's controller on a log's estimates; return its outputs and the times of its calls."""
     law = controller(experiment)
     t = log.t[::stride]
     n = len(t)
@@ -79,7 +79,7 @@ def _controller_outputs(
 
 
 def measures_text(values: Values) -> str:
-    """Format the first measures of a log, or the reason why they are missing."""
+    """Format the first measures of a log's held force, or the reason why they are missing."""
     error = values["hold_error"]
     if error.value is None:
         return f"none: {error.reason}"

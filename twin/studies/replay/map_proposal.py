@@ -1,4 +1,4 @@
-"""Column map proposed for a robot's CSV file, from names, units and values of its columns.
+"""Proposed column map for a robot's CSV file, from names, units and values of its columns.
 
 Unambiguous entries are written as such, ambiguous ones as comments.
 """
@@ -29,7 +29,7 @@ FORCE_NAME = "F_z"
 
 
 class Triple(NamedTuple):
-    """Three columns whose names differ in a number, 0 to 2 or 1 to 3.
+    """Three columns of one quantity, one per joint, whose names differ in a number, 0 to 2 or 1 to 3.
 
     Attributes:
         columns: column by joint.
@@ -45,14 +45,14 @@ class Triple(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """Path of a written map, and whether the map is complete."""
+    """Result of a proposed column map: path of the written file, and whether the map is complete."""
 
     path: Path
     complete: bool
 
 
 def propose(log: Path) -> Proposal:
-    """Write the column map of a CSV file as NAME.map.toml in the same folder.
+    """Propose a column map for a robot's CSV file, and write it as NAME.map.toml in the same folder.
 
     Raises:
         LogError: no CSV file, or the map exists.
@@ -67,7 +67,7 @@ def propose(log: Path) -> Proposal:
 
 
 def proposal(table: CsvTable) -> tuple[str, bool]:
-    """Create the text of a map, and whether it is unambiguous."""
+    """Create the text of a column map for a CSV table. Return it, and whether it is unambiguous."""
     numbers = [name for name in table.head if table.head.count(name) == 1 and table.is_numbers(name)]
     sections = [_time(table, numbers), *_angles(table, numbers), _force(table, numbers)]
     taken = {name for lines in sections for name in numbers if any(_toml_string(name) in line for line in lines)}
@@ -83,7 +83,7 @@ def proposal(table: CsvTable) -> tuple[str, bool]:
 
 
 def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """Entries for the time: ascending columns in a unit of time, or with the name of a time."""
+    """Propose map entries for the time: ascending columns in a unit of time, or with a usual name."""
     rising = [name for name in numbers if np.all(np.diff(table.column(name)) > 0.0)]
     units = {name: known_unit(split_unit(name)[1]) for name in rising}
     timed = [name for name in rising if (found := units[name]) is not None and found.dimension == TIME_DIMENSION]
@@ -98,7 +98,7 @@ def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
 
 
 def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
-    """Entries for the encoders of both sides of the springs."""
+    """Propose map entries for the encoders of both sides of the springs."""
     triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE_DIMENSION]
     found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDE_WORDS.items()}
     # if one of two triples is known, the other follows
@@ -123,7 +123,7 @@ def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
 
 
 def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """Entry for the measured force, pressing positive."""
+    """Propose the map entry for the measured force, pressing positive."""
     units = {name: split_unit(name)[1] for name in numbers}
     forces = [name for name in numbers if _dimension(units[name]) == FORCE]
     weights = [name for name in numbers if _dimension(units[name]) == MASS_DIMENSION]
@@ -145,7 +145,7 @@ def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
 
 
 def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
-    """Find columns that differ in the joint's number, in the order of the file."""
+    """Find sets of three columns whose names differ in the joint's number, in the order of the file."""
     stems: dict[tuple[str, str], dict[int, str]] = {}
     for column in numbers:
         name, unit = split_unit(column)
@@ -163,7 +163,7 @@ def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
 
 
 def _words(name: str) -> frozenset[str]:
-    """Split a name into words: `q_motor[1]` and `qMotor1` have q and motor."""
+    """Split a column's name into words: `q_motor[1]` and `qMotor1` have q and motor."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", split_unit(name)[0])
     return frozenset(word.lower() for word in re.findall(r"[A-Za-z]+", apart))
 
@@ -174,7 +174,8 @@ def _dimension(unit: str) -> Dimension | None:
 
 
 def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
-    """Format an entry, `"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "" for that in the column's name."""
+    """Format an entry of a column map, `"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "" if the column's name
+    contains it."""
     name = signal if signal == TIME_SIGNAL else json.dumps(signal)
     unit = unit or split_unit(column)[1]
     rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")

@@ -38,7 +38,7 @@ OWN_PARTS = ("estimator", "body")
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Belief about one robot, SI.
+    """Belief about one robot, SI: controller model, plant parameters and sensor resolution.
 
     Attributes:
         name: name of the experiment.
@@ -60,12 +60,12 @@ class RobotModel:
 
     @property
     def belief_with_dead_zone(self) -> Belief:
-        """The controller's belief with the plant's dead zone: the best estimate from the counts."""
+        """Controller's belief about the robot plus the plant's dead zone, for the best estimate from the counts."""
         return self.belief._replace(backlash=self.plant.backlash)
 
 
 def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
-    """Load the model of an experiment file, with `settings` as of `twin run --set`.
+    """Load the believed robot of an experiment file, with `settings` as of `twin run --set`.
 
     Raises:
         InputRefused: all errors of the experiment.
@@ -74,7 +74,7 @@ def load_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
 
 
 def model_of(experiment: Experiment) -> RobotModel:
-    """Extract the model of an experiment.
+    """Extract the believed robot of an experiment.
 
     Raises:
         InputRefused: a part is third-party.
@@ -85,7 +85,7 @@ def model_of(experiment: Experiment) -> RobotModel:
 
 
 def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
-    """Load the model for a log file: of `experiment`, or else of the recording's own experiment.
+    """Load the believed robot for a log file: from `experiment`, or else from the recording's own experiment.
 
     Raises:
         InputRefused: no experiment for a log of a robot, or as `load_model` and `recorded_model`.
@@ -98,13 +98,13 @@ def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) 
 
 
 def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> RobotModel:
-    """Extract the model of the experiment in a recording's metadata.
+    """Extract the believed robot from the experiment in a recording's metadata.
 
     Args:
         metadata: metadata of the recording.
         where: path of the recording, for error messages.
         settings: "table.key=value" texts. [plant] and [controller.model] are expanded in a recording, so that settings
-            of [robot] would have no effect; they are refused, as those of unused tables.
+            of [robot] would have no effect; they are refused, like settings of unused tables.
 
     Raises:
         InputRefused: no experiment in the recording, or an invalid setting.

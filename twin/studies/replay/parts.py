@@ -44,14 +44,14 @@ Rows = dict[str, NDArray[np.float64]]
 
 
 class Happening(NamedTuple):
-    """Event. t: time since the first sample (s); text: one sentence."""
+    """Event during a replay or session. t: time since the first sample (s); text: one sentence."""
 
     t: float
     text: str
 
 
 class Part(Protocol):
-    """Part of a twin.
+    """Interface of a twin's part, which turns samples into output rows.
 
     Attributes:
         topics: ports of its topics.
@@ -62,16 +62,16 @@ class Part(Protocol):
     happenings: list[Happening]
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        """Process samples, and return the part's rows.
+        """Process samples of the robot, and return this part's output rows.
 
         Args:
-            samples: at least one sample, later than those of the last call.
+            samples: at least one sample, later than the samples of the last call.
             rows: rows of the previous parts for the same samples.
         """
 
 
 class SampledSteps:
-    """Sampled component stepped over successive slices.
+    """Sampled component stepped over successive slices of samples.
 
     Args:
         component: component with one step per row.
@@ -88,7 +88,7 @@ class SampledSteps:
         self._last: float | None = None
 
     def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Step the component, and return outputs (n, width) at times `t` (n,), s; fewer if a step failed."""
+        """Step the sampled component, and return its outputs (n, width) at times `t` (n,), s; fewer if a step fails."""
         h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
         copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
         copies[0] = self.copies[-1]
@@ -102,8 +102,8 @@ class SampledSteps:
 
 
 class Estimates:
-    """Position and force from the counts, with the controller's belief, and with the plant's dead zone if the belief
-    has none.
+    """Estimates of position and force from the encoder counts, with the controller's belief, and with the plant's dead
+    zone if the belief lacks it.
 
     Args:
         model: belief about the robot.
@@ -148,17 +148,17 @@ class Estimates:
 
 
 def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
-    """The estimate with the dead zone, by port."""
+    """Select the estimate that includes the dead zone, by output port."""
     return values_by_port(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
 
 
 def pressing(outputs: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Pressing force F_z (n,), N, in the outputs of an estimator or a plant."""
+    """Extract the pressing force F_z (n,), N, from the outputs of an estimator or a plant."""
     return -outputs["F_ee_B"][:, 2]
 
 
 class PlantRun:
-    """Plant model driven by motor angles, in slices, from rest.
+    """Simulation of the plant model driven by motor angles, in slices, from rest.
 
     It settles before the first sample.
 
@@ -174,7 +174,7 @@ class PlantRun:
         self._body = Body(model.motions) if model.motions else None
 
     def advance(self, t: NDArray[np.float64], theta_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-        """Simulate up to the samples at `t` (n,), s, with motor angles `theta_m` (n, 3), rad.
+        """Simulate the plant up to the samples at `t` (n,), s, with motor angles `theta_m` (n, 3), rad.
 
         Returns:
             The plant's outputs at the samples, fewer after a failure, and the failure or "".
@@ -211,7 +211,7 @@ class PlantRun:
 
 
 class PlantModel:
-    """Plant model driven by the robot's motor angles, and the difference of its joint angles from the robot's.
+    """Part of a twin: the plant simulated with the robot's motor angles, and its joint angles less the robot's.
 
     It starts at rest at the robot's position, and again after a gap of more than `LONGEST_GAP`, or outside the
     workspace. A start discards stiction.
@@ -267,5 +267,5 @@ class PlantModel:
         return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
 
     def accept(self, plant: PlantParameters) -> None:
-        """Restart from rest with another plant."""
+        """Restart the plant model from rest, with the parameters of another plant."""
         self._model, self._run = replace(self._model, plant=plant), None

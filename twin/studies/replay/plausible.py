@@ -1,4 +1,4 @@
-"""Check of a log's columns against its map, and the corrected map.
+"""Plausibility check of a log's columns against its map, and the corrected map.
 
 The motor follows its joint, theta_m = N theta_l + w (19), with w, the deflection of the spring, of some tenths of a
 radian. The deflection reveals exchanged columns, opposite signs and degrees, in the first sample and over the whole
@@ -33,14 +33,14 @@ MAP_CORRECTIONS = {"[deg]": (1, "deg"), "-": (-1, ""), "- and [deg]": (-1, "deg"
 MIN_DEFLECTION_RANGE = 0.1
 """Minimum range of a spring's deflection (rad) that distinguishes columns."""
 MIN_IMPROVEMENT = 4.0
-"""Minimum factor by which a proposed map reduces that range."""
+"""Minimum factor between that range and the range with a proposed map."""
 OPPOSITE_CORRELATION, MIN_FORCE_RANGE = -0.8, 1.0
 """Correlation of measured and estimated force below which the measured one has the opposite sign, and minimum range of
 the measured force (N) for this test."""
 
 
 class MapCheck:
-    """Check of the angles and the force of a log or a live robot.
+    """Plausibility check of angles and force of a log or a live robot, which detects a wrong column map.
 
     Args:
         where: begins the error messages.
@@ -62,7 +62,7 @@ class MapCheck:
         self._sums, self._least, self._most = np.zeros((3, 3)), np.inf, -np.inf
 
     def check_first(self, count_m: NDArray[np.float64], count_l: NDArray[np.float64], failed: bool) -> str:
-        """Return an error message for implausible first counts (3,) of motors and joints, or "".
+        """Check the first counts (3,) of motors and joints. Return an error message if they are implausible, or "".
 
         A recording of twin is checked only if the estimator `failed` on them.
         """
@@ -101,7 +101,7 @@ class MapCheck:
         return self._sentence(text, "theta_m", ways)
 
     def add(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
-        """Add angles of motors and joints (n, 3), rad; rows that are not finite are skipped."""
+        """Add angles of motors and joints (n, 3), rad, to the check of the column map; rows not finite are skipped."""
         there = np.isfinite(theta_m + theta_l).all(axis=1)
         if not np.any(there):
             return
@@ -115,7 +115,7 @@ class MapCheck:
                 self._high[place] = np.maximum(self._high[place], w.max(axis=0))
 
     def add_force(self, estimated: NDArray[np.float64], measured: NDArray[np.float64]) -> None:
-        """Add pressing forces (n,), N, of the springs and of the sensor."""
+        """Add pressing forces (n,), N, of the springs and of the sensor to the check of the column map."""
         there = np.isfinite(estimated + measured)
         if np.any(there):
             x = np.stack([np.ones(np.sum(there)), estimated[there], measured[there]])
@@ -124,7 +124,7 @@ class MapCheck:
 
     @property
     def map_error(self) -> str:
-        """Error message from the whole log, with the corrected map; "" if the map fits."""
+        """Check the column map against the whole log. Return an error message with the corrected map; "" if it fits."""
         if not self._columns:
             return ""
         return self._angles_error() or self._force_error()
@@ -168,7 +168,7 @@ class MapCheck:
     def _corrected_sources(
         self, exchanged: int, order: tuple[int, ...], signs: tuple[int, ...]
     ) -> tuple[dict[str, str], dict[str, int]]:
-        """Return signal -> signal with the right column, and the change of its sign."""
+        """Map each signal to the signal with the right column, and to the change of its sign."""
         motor, joint = (self._names[side] for side in ("theta_m", "theta_l"))
         taken = (joint, motor) if exchanged else (motor, joint)
         sources = {f"{motor}[{leg}]": f"{taken[0]}[{order[leg]}]" for leg in range(3)}
@@ -176,7 +176,7 @@ class MapCheck:
         return sources, {f"{motor}[{leg}]": signs[leg] for leg in range(3)}
 
     def _map(self, sources: Mapping[str, str], signs: Mapping[str, int], unit: str = "") -> str:
-        """Format the corrected map: other columns and signs, and another unit for the signals in `sources`."""
+        """Format the corrected column map: other columns and signs, and another unit for the signals in `sources`."""
         own = [f"{self._names[side]}[{leg}]" for side in COUNT_OF_ANGLE for leg in range(3)]
         lines = []
         for name in [one for one in (TIME_SIGNAL, *own, FORCE_SIGNAL) if one in self._columns] or list(sources):
@@ -199,18 +199,18 @@ class MapCheck:
         return bool(within and np.all(np.isfinite(platform_position(self._belief, *theta_l))))
 
     def _largest_deflection(self, theta_m: NDArray[np.float64], theta_l: NDArray[np.float64]) -> float:
-        """Largest deflection of a spring (rad of its motor)."""
+        """Compute the largest deflection of a spring (rad of its motor) from angles of motors and joints."""
         return float(np.max(np.abs(theta_m - self._belief.N * theta_l)))
 
 
 def _factor(way: str) -> float:
-    """Factor of the angles for a correction."""
+    """Return the factor of the angles for a correction of the column map."""
     sign, unit = MAP_CORRECTIONS[way]
     return sign * (np.pi / 180.0 if unit else 1.0)
 
 
 def count_conversion(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
-    """Conversion of angles to counts for a name of `ANGLE_OF_COUNT`: (angle + zero of the encoder) * counts per rad."""
+    """Return offset and gain that convert an encoder's angles to counts: (angle + zero) * counts per rad."""
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
     return zero, turn / (2.0 * np.pi)

@@ -1,4 +1,4 @@
-"""Recording of a replay, with the names of a run."""
+"""Recording of a replay, with the signal names of a run."""
 
 import json
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ SUM_MEANINGS = {
 
 
 class Track(NamedTuple):
-    """Rows of one topic. topic: its fields; ticks: times of the rows (n,), ascending; rows: (n, width)."""
+    """Rows of one recorded topic. topic: its fields; ticks: times of the rows (n,), ascending; rows: (n, width)."""
 
     topic: Topic
     ticks: NDArray[np.int64]
@@ -39,7 +39,7 @@ class Track(NamedTuple):
 
 
 def record(replay: Replay, path: Path) -> Path:
-    """Write a replay to `path`, and return the path of the recording.
+    """Write a replay to a recording at `path`, and return the path.
 
     Raises:
         RecordingFailed: the file cannot be written.
@@ -105,7 +105,7 @@ def _metadata(replay: Replay) -> Mapping[str, Mapping[str, str]]:
 
 
 def _events(replay: Replay) -> list[tuple[int, str]]:
-    """Gaps, restarts of the plant model, and alarms, in order of time."""
+    """List the events of a replay in order of time: gaps, restarts of the plant model, and alarms."""
     found = [(start, f"no samples for {end - start:.3g} s") for start, end in replay.log.sampling.gaps]
     found += [(start, "the plant model starts anew, at rest") for start in replay.starts[1:]]
     found += [

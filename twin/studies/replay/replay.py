@@ -28,7 +28,7 @@ Outputs = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Indicator:
-    """Residual that is tested for drift.
+    """Residual of a replay that is tested for a changed mean.
 
     Attributes:
         name: `force`, or `joint 1` .. `joint 3`.
@@ -46,12 +46,12 @@ class Indicator:
 
 @dataclass(frozen=True)
 class Replay:
-    """Result of a replay, SI.
+    """Result of a replay of a log, SI.
 
     Attributes:
         model, log: belief about the robot, and its samples.
         estimator: outputs of the controller's estimator at the samples, by port.
-        twin: the same with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
+        twin: outputs with the plant's dead zone; identical to `estimator` if the belief has the dead zone.
         plant: outputs of the plant model; None if it was not simulated.
         starts: times of the plant model's starts (s).
         forces: F_z of `estimator`, `twin` and `plant` against the measured force; empty without one.
@@ -69,18 +69,19 @@ class Replay:
 
     @property
     def statistics(self) -> dict[str, Statistics]:
-        """Statistics of `forces`."""
+        """Statistics of the force residuals, by force."""
         return {name: statistics(one) for name, one in self.forces.items()}
 
     @property
     def first_alarm(self) -> Indicator | None:
-        """Indicator with the first alarm; None without an alarm."""
+        """Residual with the first alarm of the replay; None without an alarm."""
         drifted = [one for one in self.indicators if not one.drift.matches]
         return min(drifted, key=lambda one: one.drift.alarm, default=None)
 
 
 def normal_time(text: str) -> tuple[float, float]:
-    """Parse a baseline into (from, to), s after the first sample: `2` is 0 to 2, `1:3` is 1 to 3.
+    """Parse the time of normal operation in a log, the baseline, into (from, to), s after the first sample: `2` is 0 to
+    2, `1:3` is 1 to 3.
 
     Raises:
         InputRefused: an invalid text.
@@ -102,7 +103,7 @@ def replay_log(
     baseline: tuple[float, float] = (0.0, 1.0),
     tolerance: float | None = None,
 ) -> Replay:
-    """Replay a log with a model of its robot.
+    """Replay a robot's log with a model of the robot: estimate position and force, and test the residuals for changes.
 
     The force is judged by the estimate with the dead zone. The paper's estimator ignores the dead zone; its error
     changes by twice the dead zone's torque when a spring changes its side, also on a healthy robot.
@@ -153,7 +154,7 @@ def replay_log(
 
 
 def estimates(robot: RobotSamples, model: RobotModel) -> Rows:
-    """Estimate position and force over a whole log; rows of the topics `estimator` and `twin`, see `Estimates`.
+    """Estimate position and force over a whole log, as rows of the topics `estimator` and `twin`; see `Estimates`.
 
     Raises:
         LogError: the first sample fits no pose, or the columns are not the signals of the map.

@@ -1,4 +1,4 @@
-"""Residuals between two courses of one quantity: bias, spread, lag, and the effect of rounding."""
+"""Residuals between two time series of one quantity: bias, spread, lag, and the effect of rounding."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -25,7 +25,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Residual:
-    """Differences `value - measured` over time.
+    """Residual over time, the difference `value - measured` of two series of one quantity.
 
     Attributes:
         t: times of the measurements with a value (n,), s.
@@ -38,17 +38,17 @@ class Residual:
 
     @property
     def r(self) -> NDArray[np.float64]:
-        """Value less measurement (n,)."""
+        """Residual (n,), the value less the measurement."""
         return self.value - self.measured
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of a residual, in the quantity's unit.
+    """Statistics of a residual, in the unit of its quantity.
 
     Attributes:
         bias, std, rms: mean, standard deviation, root mean square.
-        largest, largest_time: residual of largest size, with its sign, and its time (s).
+        largest, at: residual of largest size, with its sign, and its time (s).
         correlation: Pearson's correlation of value and measurement; NaN if one is constant.
         lag: delay of the value against the measurement (s), from their cross-correlation; NaN if one is constant.
     """
@@ -69,7 +69,7 @@ def residual(
     t_measured: NDArray[np.float64],
     measured: NDArray[np.float64],
 ) -> Residual:
-    """Pair each measurement with the newest value, except for stale values and gaps.
+    """Form a residual: pair each measurement with the newest value, except for stale values and gaps.
 
     Args:
         t: times of the values (n,), s, ascending.
@@ -84,7 +84,7 @@ def residual(
 
 
 def statistics(residual: Residual) -> Statistics:
-    """Compute the statistics of a residual with at least two entries."""
+    """Compute bias, spread, largest entry, correlation and lag of a residual with at least two entries."""
     r = residual.r
     worst = int(np.argmax(np.abs(r)))
     moves = min(np.ptp(residual.value), np.ptp(residual.measured)) > 0.0
@@ -100,7 +100,8 @@ def statistics(residual: Residual) -> Statistics:
 
 
 def _lag(residual: Residual) -> float:
-    """Lag (s) with the least spread between value and measurement; NaN if the log is mostly gaps."""
+    """Estimate the lag (s) between value and measurement by the least spread of their difference; NaN if the log is
+    mostly gaps."""
     period = max(float(np.median(np.diff(residual.t))), MIN_LAG_STEP)
     if np.ptp(residual.t) > MAX_LAG_PERIODS * period:
         return np.nan
@@ -130,7 +131,7 @@ class Rounding(NamedTuple):
 
 
 def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) -> Rounding:
-    """Effect of rounding on estimated less measured pressing force (N), at the worst pose of a log.
+    """Compute the effect of rounding on estimated less measured pressing force (N), at the worst pose of a log.
 
     F_z = -e_z J^T tau_l with tau_l = k_s N eta (theta_m - N theta_l), Eq. 19 to 21.
 
@@ -147,12 +148,12 @@ def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) ->
 
 
 def angle_rounding(belief: Belief) -> Rounding:
-    """Effect of rounding on a joint angle of the plant model less the log's (rad): a free link follows its motor,
-    theta_m / N."""
+    """Compute the effect of rounding on a joint angle of the plant model less the log's (rad): a free link follows its
+    motor, theta_m / N."""
     motor, joint = _counts(belief)
     return Rounding((motor / belief.N + joint) / 2.0, float(np.hypot(motor / belief.N, joint) / np.sqrt(12.0)))
 
 
 def _counts(belief: Belief) -> tuple[float, float]:
-    """Size of a count of the motor and of the joint encoders (rad)."""
+    """Return the angle of one count of the motor encoders and of the joint encoders (rad)."""
     return 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts

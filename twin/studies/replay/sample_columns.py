@@ -1,4 +1,4 @@
-"""Signals of a robot's sample, in the order of its columns."""
+"""Column layout of a robot's sample: its signals, in order."""
 
 from twin.kernel.cosim.port import Port, port_slices
 

@@ -35,11 +35,11 @@ MAX_LISTED_NAMES = 12
 
 @dataclass(frozen=True)
 class RobotSamples:
-    """Samples of a robot, n of them, in order of time.
+    """Samples of a robot in order of time: encoder counts, commands, force and torques.
 
     Attributes:
         t: sampling times (n,), s, ascending, by the robot's clock.
-        u: signals by `INPUTS` (n, 13), SI; NaN if none has arrived since the previous sample. Counts computed from
+        u: signals by `INPUTS` (n, 13), SI; NaN without news since the previous sample. Counts computed from
             angles are not integers. A measured force is at the first sample at or after its own time.
         force: measured pressing force at its own times (N); None if unknown.
         path: file of the log; empty for a live robot and a run in memory.
@@ -55,11 +55,11 @@ class RobotSamples:
     columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def rows(self, chosen: slice | NDArray) -> "RobotSamples":
-        """Select samples by a slice, indices (k,) or a mask (n,)."""
+        """Select samples of the robot by a slice, indices (k,) or a mask (n,)."""
         return replace(self, t=self.t[chosen], u=self.u[chosen])
 
     def held_commands(self, omega_ref: NDArray[np.float64]) -> "RobotSamples":
-        """Hold each command until the next; omega_ref: commands (3,) before the first, rad/s."""
+        """Hold each command until the next one; omega_ref: commands (3,) before the first, rad/s."""
         commanded = np.vstack([omega_ref, self.u[:, OMEGA_REF]])
         newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
         u = self.u.copy()
@@ -67,27 +67,27 @@ class RobotSamples:
         return replace(self, u=u)
 
     def only(self, name: str) -> NDArray[np.float64]:
-        """Columns of the input `name` (n, size), a view."""
+        """Columns of one input signal, `name`, in the samples (n, size), a view."""
         return self.u[:, port_slices(INPUTS)[name]]
 
     @property
     def counts(self) -> NDArray[np.float64]:
-        """Counts of the motor and the joint encoders (n, 6), a view."""
+        """Encoder counts of motors and joints in the samples (n, 6), a view."""
         return self.u[:, ENCODERS]
 
     @property
     def periods(self) -> NDArray[np.float64]:
-        """Time since the previous sample (n,), s; infinite for the first one."""
+        """Time between each sample and the previous one (n,), s; infinite for the first sample."""
         return np.diff(self.t, prepend=-np.inf)
 
     @cached_property
     def sampling(self) -> Sampling:
-        """Median period, gaps and missing samples; n >= 2."""
+        """Sampling of the robot's data: median period, gaps and missing samples; n >= 2."""
         return sampling(self.t)
 
 
 def samples_of(run: RunView) -> RobotSamples:
-    """Extract the samples of the robot's computer from a run: counts, commands, torques and force.
+    """Extract a robot's samples from a run: counts, commands, torques and force as its computer receives them.
 
     With faulty encoders the counts are the received ones. A measured force appears only at its own times.
 
@@ -114,12 +114,12 @@ def samples_of(run: RunView) -> RobotSamples:
 
 
 def robot_samples(log: Log, belief: Belief) -> RobotSamples:
-    """Extract encoders and measured force from a log.
+    """Extract a robot's samples, i.e. encoders and measured force, from a log.
 
     Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
-    instead. In a recording with faulty encoders, the received counts: those of the last /fault/n with counts. Measured
-    force: `scale.F_z` (N), pressing positive. Encoders are joined to rows by `join_rows`; times without all six are
-    left out.
+    instead. In a recording with faulty encoders, the received counts are used: the counts of the last /fault/n that has
+    any. Measured force: `scale.F_z` (N), pressing positive. Encoders are joined to rows by `join_rows`; times without
+    all six are left out.
 
     Args:
         log: log of `read_log`.
@@ -160,9 +160,9 @@ def robot_samples(log: Log, belief: Belief) -> RobotSamples:
 
 
 def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    """Write `values` (m,) of times `t` (m,), s, into a column of the first samples at or after them.
+    """Write `values` (m,) of times `t` (m,), s, into a column of the samples, at the first sample not before each.
 
-    Of several values for one sample the newest is written.
+    The newest of several values for one sample is written.
     """
     at = np.searchsorted(samples.t, t)
     there = at < len(samples.t)
@@ -170,13 +170,14 @@ def hold_until_sampled(samples: RobotSamples, column: int, t: NDArray[np.float64
 
 
 def _received(name: str, keys: Iterable[str]) -> str:
-    """Name of the received counts: those of the last encoder fault, or of the encoder."""
+    """Return the name of the received counts in a recording: the counts of the last encoder fault, else of the encoder
+    itself."""
     faults = [int(m[1]) for key in keys if (m := re.fullmatch(rf"fault/(\d+)\.{name}(\[0\])?", key))]
     return f"fault/{max(faults)}.{name}" if faults else f"encoder.{name}"
 
 
 def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
-    """Counts (n, 3) of the motor or the joint encoders, possibly from angles."""
+    """Read the counts (n, 3) of the motor or the joint encoders from a log, possibly converted from angles."""
     angle = f"estimator.{ANGLE_OF_COUNT[name]}"
     counts = _received(name, log.series)
     there = {name.rpartition("[")[0] for name in (*log.series, *log.left_out)}

@@ -35,7 +35,7 @@ MEASURED_COLOR, ESTIMATE_COLOR, TWIN_COLOR, PLANT_COLOR, ALARM_COLOR = INK, PAPE
 
 
 class ReplayVerdict(StrEnum):
-    """Verdict of a replay."""
+    """Verdict of a replay: robot and twin match, diverge, or unknown."""
 
     MATCHES = "matches"
     DRIFTING = "drifting"
@@ -43,14 +43,14 @@ class ReplayVerdict(StrEnum):
 
 
 def verdict(replay: Replay) -> ReplayVerdict:
-    """Verdict over all indicators; unknown without an indicator."""
+    """Judge a replay over all tested residuals; unknown without such a residual."""
     if not replay.indicators:
         return ReplayVerdict.UNKNOWN
     return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
 
 
 def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str], following: str) -> Result:
-    """Create the report.
+    """Create the report of a replay.
 
     Args:
         held: measures of the log's force.
@@ -132,14 +132,15 @@ def _samples(replay: Replay) -> list[Block]:
 
 
 def next_command(replay: Replay, log: str) -> list[str]:
-    """Command that finds the changed part, or, without a measured force, the change; empty if there is none."""
+    """Return the arguments of the command to run next on a log: it finds the changed part, or, without a measured
+    force, the change; empty if the replay had the plant model already."""
     if replay.log.force is not None:
         return ["twin", "identify", log]
     return [] if replay.plant else ["twin", "replay", log, "--plant"]
 
 
 def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
-    """Return all results as numbers; keys carry units, missing values are None."""
+    """Convert all results of a replay to numbers; keys carry units, missing values are None."""
     log = replay.log
     return {
         "log": log.path.name,
@@ -169,7 +170,7 @@ def _indicator_facts(one: Indicator) -> dict[str, object]:
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
-    """Write the picture to `path` (PNG)."""
+    """Draw the results of a replay to `path` (PNG)."""
     force = [one for one in replay.indicators if one.unit == "N"]
     joints = [one for one in replay.indicators if one.unit == "rad"]
     panels = 1 + bool(force) + bool(joints) + bool(replay.indicators)
@@ -230,7 +231,7 @@ def _draw_joint_residuals(axes: Axes, joints: list[Indicator]) -> None:
 
 
 def _draw_residual(axes: Axes, one: Indicator, scale: float, color: str, label: str) -> None:
-    """Draw samples, block means, and the band in which no sum grows."""
+    """Draw the samples and block means of a residual, and the band without growth of the sums."""
     d = one.drift
     axes.plot(one.t, scale * one.r, color=color, lw=0.5, alpha=0.3)
     edges = np.concatenate([[d.t[0] - d.block], d.t])

@@ -1,1 +1,1 @@
-"""A hazard table, the runs behind each of its lines, and the page that a reviewer follows from hazard to run."""
+"""Hazard table, the runs behind each of its lines, and the page that a reviewer follows from hazard to run."""

@@ -1,4 +1,4 @@
-"""The argument for safety as a picture in goal structuring notation: goals, strategies, evidence, assumptions.
+"""Picture of the safety argument in goal structuring notation: goals, strategies, evidence, assumptions.
 
 GSN Community Standard Version 3 (2021): a goal is a rectangle, a strategy a parallelogram, a solution a circle, a
 context a rounded rectangle, an assumption an ellipse; a goal that is not reached has a diamond below it.
@@ -20,7 +20,8 @@ FONT_SIZE = 10.0
 
 
 def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -> None:
-    """Write the picture to `path`: the goal of the whole table, one below it for each line, the runs behind each."""
+    """Draw the safety argument of a hazard table to `path`: its goal, a goal for each line, and the runs behind
+    each."""
     from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
     rows = -(-len(lines) // BOXES_PER_ROW)

@@ -1,4 +1,4 @@
-"""Regressions of a safety page against an older one."""
+"""Regressions of a safety page against an older page."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,10 +14,10 @@ MIN_PEAK_GROWTH = 0.5
 
 
 def old_lines(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the lines of a page's data by their ids.
+    """Load the lines of an older safety page's data, by their ids.
 
     Raises:
-        InputRefused: the file is missing or not the data of a page.
+        InputRefused: the file is missing or has no data of a page.
     """
     try:
         found = json.loads(path.read_text())
@@ -29,7 +29,7 @@ def old_lines(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def regressions(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield a sentence for each line that got worse or is gone."""
+    """Yield a sentence for each hazard line that became worse than in the older page, or is missing now."""
     new = {line["id"]: line for line in lines}
     for name, before in old.items():
         after = new.get(name)

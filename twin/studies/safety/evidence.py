@@ -31,7 +31,7 @@ Status = Literal["kept", "exceeded", "exceeded as stated", "failed"]
 
 @dataclass(frozen=True)
 class EvidenceRun:
-    """One run of a line.
+    """Run behind a hazard line, with its reactions with the monitor and without.
 
     Attributes:
         cause: cause of the hazard, as text.
@@ -58,18 +58,18 @@ class EvidenceRun:
 
     @property
     def id(self) -> str:
-        """First digits of the SHA-256 of body, settings, faults and seed."""
+        """Short id of a run: the first digits of the SHA-256 of body, settings, faults and seed."""
         made_of = [self.body, self.settings, self.tables, self.seed]
         return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
 
     def command(self, experiment: str) -> str:
-        """Return the command that repeats the run."""
+        """Return the shell command that repeats the run."""
         tables = ", ".join("{" + ", ".join(f"{k}={_toml(v)}" for k, v in one.items()) + "}" for one in self.tables)
         words = [f"twin run {experiment}", f"--body {self.body}", *(f"--set '{text}'" for text in self.settings)]
         return " ".join([*words, f"--set 'fault=[{tables}]'"])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the run for JSON."""
+        """Convert the run behind a hazard line to JSON."""
         return {
             "id": self.id,
             "cause": self.cause,
@@ -91,7 +91,7 @@ def _toml(value: Any) -> str:
 
 @dataclass(frozen=True)
 class HazardLine:
-    """A hazard with its runs.
+    """Line of the hazard table, with its runs.
 
     Attributes:
         hazard: the line of the table.
@@ -108,7 +108,7 @@ class HazardLine:
     variants: dict[str, tuple[float, float] | None] = field(default_factory=dict)
 
     def limited_value(self, run: Reaction) -> float:
-        """Return the limited quantity of `run` in the unit of the limit."""
+        """Return the quantity of a run that the hazard's limit applies to, in the unit of the limit."""
         match self.hazard.limit_key:
             case "limit_kPa":
                 return 1e-3 * run.peak / self.head_area
@@ -122,7 +122,7 @@ class HazardLine:
 
     @property
     def worst(self) -> EvidenceRun | None:
-        """The worst run by the limit, of the runs that did not fail; None if there is none."""
+        """Worst run of the line by the limited quantity, among runs that did not fail; None without such a run."""
         made = [run for run in self.runs if run.watched is not None]
         return max(
             made,
@@ -132,13 +132,13 @@ class HazardLine:
 
     @property
     def value(self) -> float:
-        """The limited quantity of the worst run; 0 without runs."""
+        """Limited quantity of the line's worst run; 0 without runs."""
         worst = self.worst
         return self.limited_value(worst.watched) if worst and worst.watched else 0.0
 
     @property
     def status(self) -> Status:
-        """The judgement of the line; a single failed run makes the line fail."""
+        """Judgement of the hazard line: kept, exceeded or failed; a single failed run makes the line fail."""
         if self.failed_runs or not (self.runs or self.distances):
             return "failed"
         violated = any(left < 0.0 for left in self.distances.values())
@@ -148,7 +148,7 @@ class HazardLine:
 
     @property
     def search_count(self) -> int:
-        """Number of runs of the search."""
+        """Number of runs made by the search for a worse case."""
         return len(self._runs_of("search"))
 
     def _runs_of(self, origin: Origin) -> list[EvidenceRun]:
@@ -156,17 +156,18 @@ class HazardLine:
 
     @property
     def grid_detection(self) -> tuple[int, int]:
-        """(detected runs, runs) of the grid."""
+        """Detected runs and all runs of the grid, (detected, all)."""
         return _detection_count(self._runs_of("grid"))
 
     @property
     def draw_detection(self) -> tuple[int, int]:
-        """(detected runs, runs) of the random draws, which are independent of each other."""
+        """Detected runs and all runs of the independent random draws, (detected, all)."""
         return _detection_count(self._runs_of("draw"))
 
     @property
     def dangerous_count(self) -> tuple[int, int]:
-        """(runs below the limit with the monitor, runs) of the draws that exceed it, or fail, without the monitor."""
+        """Effect of the monitor on the dangerous random draws, which exceed the limit or fail without it: (draws below
+        the limit with the monitor, dangerous draws)."""
         bad = [
             run
             for run in self._runs_of("draw")
@@ -175,7 +176,7 @@ class HazardLine:
         return sum(bool(run.watched and self.limited_value(run.watched) <= self.hazard.limit) for run in bad), len(bad)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the line for JSON, which `--against` compares."""
+        """Convert the hazard line to JSON, which `--against` compares."""
         worst = self.worst
         seen, made = self.grid_detection
         return {
@@ -200,7 +201,7 @@ class HazardLine:
 
 
 def interval(share: tuple[int, int]) -> tuple[float, float]:
-    """Return the confidence interval of a share (count, number >= 1), by Clopper and Pearson (1934)."""
+    """Compute the confidence interval of a share (count, number >= 1), by Clopper and Pearson (1934)."""
     found = binomtest(*share).proportion_ci(CONFIDENCE_LEVEL, method="exact")
     return float(found.low), float(found.high)
 
@@ -216,7 +217,8 @@ def _share_to_dict(share: tuple[int, int]) -> dict[str, Any] | None:
 def run_of(
     stage: Stage, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
 ) -> EvidenceRun:
-    """Make a run with the monitor, a drawn one also without; a refused or failed run is kept as a failed one.
+    """Run a cause of a hazard with the monitor, and a random draw also without; a refused or failed run is kept as a
+    failed run.
 
     Args:
         tables: [[fault]] tables.
@@ -237,14 +239,14 @@ def run_of(
 
 
 def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: int = 0) -> list[dict[str, Any]]:
-    """Return the [[fault]] tables of `cause`, all at `onset` (s); `run_of` delays the second of an ordered cause."""
+    """Create the [[fault]] tables of `cause`, all at `onset` (s); `run_of` delays the second of an ordered cause."""
     parts = zip(cause.faults, sizes, strict=True)
     made = [with_share(fault_values(kind, target, size, onset)) for (kind, target), size in parts]
     return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
 def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
-    """Return `run` with the reactions without the monitor and with an ideal one."""
+    """Add the reactions without the monitor and with an ideal one to `run`, and return it."""
     faults = faults_of(stage.experiment, run.tables)
     seen = None if run.watched is None else run.watched.seen
     ideal = None if seen is None else stage.ideal_reaction(faults, seen)
@@ -254,7 +256,8 @@ def add_reference_runs(stage: Stage, run: EvidenceRun) -> EvidenceRun:
 def variant_peaks(
     line: HazardLine, table_: SafetyTable, path: Path, stage: Stage | None
 ) -> dict[str, tuple[float, float] | None]:
-    """Return (peak, left) in N of the worst run of `line` with each variant of the hardware; None if it fails."""
+    """Repeat the worst run of `line` with each variant of the hardware, and return (peak, left) in N by variant; None
+    if it fails."""
     worst = line.worst
     if worst is None or stage is None:
         return {}

@@ -1,4 +1,4 @@
-"""The hazard table of a TOML file, after the structure of ISO 14971: hazard, harm, causes, limit, control, evidence.
+"""Hazard table of a TOML file, after the structure of ISO 14971: hazard, harm, causes, limit, control, evidence.
 
 Every table is checked before the first run: a hazard without evidence, a limit without a unit and an unknown cause are
 refused by name.
@@ -22,13 +22,13 @@ from twin.robot.experiment.source import read_source
 LIMIT_KINDS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
 """Limited quantity of each key of a limit."""
 PAIR_SEPARATOR, ORDER_SEPARATOR = " + ", ", then "
-"""Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
+"""Separators of fault kinds: of faults that begin together, and of a second fault after the trip of the first."""
 ASSUMED_PREFIX = "assumed"
-"""How the source of a number begins that is not published."""
+"""Prefix of the `source` of an unpublished number."""
 
 
 class HazardFile(Settings):
-    """The top-level keys of a hazard table."""
+    """Top-level keys of a hazard table's file."""
 
     title: str = setting(min_length=1, help="for people")
     use: str = setting(min_length=1, help="intended use, and who may come to harm")
@@ -37,7 +37,7 @@ class HazardFile(Settings):
 
 
 class Evidence(Settings):
-    """[hazard.evidence]: bodies, places and number of the runs."""
+    """Table [hazard.evidence]: bodies, places and number of the runs behind a hazard."""
 
     bodies: tuple[str, ...] = setting(min_length=1, help="bodies that are pressed on")
     points: tuple[tuple[float, float], ...] = setting(
@@ -50,7 +50,7 @@ class Evidence(Settings):
 
 
 class Threshold(Settings):
-    """[[threshold]]: pressure, or force, at which pain begins."""
+    """Table [[threshold]]: pressure, or force, of the onset of pain."""
 
     name: str = setting(min_length=1, help="where, and of whom")
     pressure: float | None = optional("kPa", gt=0, example=130.0, help="under a probe of about the head's area")
@@ -69,7 +69,7 @@ class Threshold(Settings):
 
 
 class Variant(Settings):
-    """[[variant]]: other hardware, on which the worst runs are repeated."""
+    """Table [[variant]]: other hardware, used to repeat the worst runs."""
 
     name: str = setting(min_length=1, help="for people")
     set: tuple[str, ...] = setting(min_length=1, help="key=value of the experiment")
@@ -77,7 +77,7 @@ class Variant(Settings):
 
 
 class Sensitivity(Settings):
-    """[sensitivity]: thresholds of the monitor against false trips of healthy robots, and against the worst peaks."""
+    """Table [sensitivity]: monitor thresholds to vary, for false trips of healthy robots and for the worst peaks."""
 
     keys: tuple[str, ...] = setting(min_length=1, help="keys of [monitor], one at a time")
     factors: tuple[float, ...] = setting(min_length=2, help="by which each is multiplied")
@@ -88,7 +88,7 @@ class Sensitivity(Settings):
 
 
 class HazardTable(Settings):
-    """[[hazard]] but for its causes, its limit and its evidence."""
+    """Table [[hazard]] without its causes, its limit and its evidence."""
 
     id: str = setting(min_length=1, help="short name, by which pages are compared")
     hazard: str = setting(min_length=1, help="source of harm")
@@ -101,7 +101,7 @@ class HazardTable(Settings):
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause of a hazard.
+    """Cause of a hazard: faults, or a requirement of the healthy robot.
 
     Attributes:
         faults: (kind, target) of each fault; empty for a requirement.
@@ -121,7 +121,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Hazard:
-    """A line of the table.
+    """Hazard, a line of the hazard table.
 
     Attributes:
         table: texts of the line.
@@ -139,14 +139,14 @@ class Hazard:
 
     @property
     def limit_text(self) -> str:
-        """`peak force of 22.5 N`."""
+        """Limit of the hazard as text, `peak force of 22.5 N`."""
         unit = self.limit_key.rpartition("_")[2]
         return f"{LIMIT_KINDS[self.limit_key]} of {self.limit:g} {unit}" if self.limit_key else "the requirement itself"
 
 
 @dataclass(frozen=True)
 class SafetyTable:
-    """A hazard table.
+    """Hazard table, as read from its file and checked.
 
     Attributes:
         path: path of the file.
@@ -164,10 +164,10 @@ class SafetyTable:
 
 
 def read_hazards(path: Path) -> SafetyTable:
-    """Return the checked hazard table of a file.
+    """Read and check the hazard table of a file.
 
     Raises:
-        InputRefused: the file is missing or invalid; the message has all mistakes.
+        InputRefused: the file is missing or invalid; the message lists all errors.
     """
     values = dict(read_source(path).values)
     mistakes: list[str] = []
@@ -280,7 +280,8 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
 
 
 def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tuple[float | None, ...]]:
-    """Return combinations of magnitudes, one per fault of `cause`: all of a single fault, the largest of several.
+    """List the combinations of magnitudes to run, with one magnitude per fault of `cause`: all of a single fault, the
+    largest of several.
 
     Args:
         signs: signs of the magnitudes to try, by kind.

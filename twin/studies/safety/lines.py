@@ -1,4 +1,4 @@
-"""The runs of a hazard: a grid of all causes, a search for a worse case, random draws for the detected share."""
+"""Runs of a hazard: a grid of all causes, a search for a worse case, random draws for the detected share."""
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -42,7 +42,7 @@ MAX_REDRAWS = 20
 def line_of(
     hazard: Hazard, stages: Stages, head_area: float, say: Callable[[str], None]
 ) -> tuple[HazardLine, Stage | None]:
-    """Return the line of a hazard, and the stage of its worst run (None without runs).
+    """Make all runs of a hazard. Return its line, and the stage of its worst run (None without runs).
 
     Args:
         stages: loads the stage of a body and an offset.
@@ -87,7 +87,8 @@ def line_of(
 
 
 def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
-    """Yield cause, magnitudes, onset and delay (s) of the grid; the delay is 0 unless the cause is ordered."""
+    """Yield cause, magnitudes, onset and delay (s) of each run in a hazard's grid; the delay is 0 unless the cause is
+    ordered."""
     for cause in hazard.causes:
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
@@ -97,7 +98,8 @@ def _cases(hazard: Hazard, stage: Stage) -> Iterator[tuple[Cause, tuple[float | 
 
 
 def _distance(stage: Stage, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
-    """Return the distance of the healthy robot from a violation, by formula, body and offset; or the failed run."""
+    """Run the healthy robot, and return its distance from violating a requirement, by formula, body and offset, or the
+    failed run."""
     where = "" if stage.offset == NO_OFFSET else " at " + ", ".join(f"{1e3 * each:g}" for each in stage.offset) + " mm"
     try:
         with assemble(stage.experiment) as assembly:
@@ -118,7 +120,7 @@ def search_runs(
     worst: EvidenceRun,
     measured: Callable[[Reaction], float],
 ) -> Iterator[MadeRun]:
-    """Search for a run worse than `worst`, on its body and of its cause.
+    """Search for a run worse than `worst`, on its body and of its cause, and yield all runs made.
 
     Varied are the time over the whole run, the magnitude (between the catalogue's smallest and largest) and direction
     of each fault, the delay after the trip of an ordered cause, and the place within reach: first everywhere, then near
@@ -147,7 +149,7 @@ def search_runs(
 
 
 def draw_runs(hazard: Hazard, stages: Stages) -> Iterator[MadeRun]:
-    """Draw runs independently of each other.
+    """Make random runs of a hazard, drawn independently of each other, and yield them.
 
     Uniform are: cause, body and point of the table, place over the disc of its reach, time over the run, magnitude by
     ratio between the catalogue's smallest and largest, direction, and delay of an ordered cause from 0 to the longest.
@@ -176,7 +178,7 @@ def draw_runs(hazard: Hazard, stages: Stages) -> Iterator[MadeRun]:
 
 
 def _numbers(run: EvidenceRun, stage: Stage, cause: Cause, reach: float) -> NDArray[np.float64]:
-    """Return the numbers from which `_make_run` makes `run`."""
+    """Convert a run to its coordinates (0 .. 1 each) in the search space, the inverse of `_make_run`."""
     experiment, kinds = stage.experiment, [one["kind"] for one in run.tables]
     time = run.tables[0]["onset_s"] / experiment.cosim.tick / (experiment.duration_ticks - 1)
     shares = [
@@ -201,7 +203,8 @@ def _make_run(
     found: Origin,
     seed: int,
 ) -> MadeRun | None:
-    """Make the run of `numbers`, 0 .. 1 each: time, each fault, delay of an ordered cause, place of the tasks.
+    """Make the run at a point of the search space, given as `numbers` of 0 .. 1: time, each fault, delay of an ordered
+    cause, place of the tasks.
 
     Return None if the robot cannot reach the place.
     """

@@ -1,4 +1,4 @@
-"""The page of a hazard table: one file that can be printed, from hazard to run."""
+"""HTML page of a hazard table: one printable file, from hazard to run."""
 
 import base64
 import math
@@ -46,7 +46,7 @@ STATUS_CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": 
 def hazard_page(
     table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str
 ) -> str:
-    """Return the whole page as HTML.
+    """Create the whole page of a hazard table as HTML.
 
     Args:
         pictures: title and file of each picture, embedded in the page.
@@ -80,7 +80,7 @@ def _list(sentences: Sequence[str]) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of cells that are HTML; numbers are right-aligned."""
+    """Format an HTML table from a head and cells of HTML; numbers are right-aligned."""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in rows)
     row = f"<tr>{top}</tr>" if any(head) else ""
@@ -119,13 +119,13 @@ def _summary(line: HazardLine) -> Iterator[str]:
 
 
 def seen_text(line: HazardLine) -> str:
-    """Return the number of detected runs as text: of the random draws if there are any, else of the grid."""
+    """Format the number of detected runs of a hazard line: of the random draws if there are any, else of the grid."""
     seen, made = line.draw_detection if line.draw_detection[1] else line.grid_detection
     return f"{seen} of {made}" if made else "-"
 
 
 def value_text(line: HazardLine, run: Reaction | None) -> str:
-    """Return the limited quantity of one run with its unit."""
+    """Format the limited quantity of one run with its unit."""
     if run is None:
         return "-"
     value, unit = line.limited_value(run), line.hazard.limit_key.rpartition("_")[2]
@@ -207,7 +207,7 @@ def _pair(found: tuple[float, float] | None, index: int) -> str:
 
 
 def _pressure(line: HazardLine, run: Reaction) -> float:
-    """Mean pressure of the peak over the head (kPa)."""
+    """Compute the mean pressure over the head at the peak force of a run (kPa)."""
     return 1e-3 * run.peak / line.head_area
 
 
@@ -216,7 +216,7 @@ def _number(value: float | str | None) -> str:
 
 
 def share_text(share: tuple[int, int]) -> str:
-    """`38 of 40 (95 % interval 83 to 99 %)`."""
+    """Format a share with its confidence interval: `38 of 40 (95 % interval 83 to 99 %)`."""
     low, high = interval(share)
     return f"{share[0]} of {share[1]} ({100 * CONFIDENCE_LEVEL:.0f} % interval {100 * low:.0f} to {100 * high:.0f} %)"
 

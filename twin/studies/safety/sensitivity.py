@@ -1,4 +1,4 @@
-"""False trips of healthy robots and worst peaks against each threshold of the monitor."""
+"""Sensitivity to the monitor's thresholds: false trips of healthy robots, and worst peaks."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from twin.studies.safety.hazards import Sensitivity
 
 
 class ThresholdPoint(NamedTuple):
-    """One threshold at one value.
+    """Results of one monitor threshold at one value: false trips and the worst peak.
 
     Attributes:
         key: key of [monitor].
@@ -41,7 +41,8 @@ def threshold_points(
     worst: Sequence[tuple[HazardLine, Stage]],
     say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
-    """Return each threshold at each factor; values that contradict other limits are left out.
+    """Count false trips and compute the worst peak for each threshold of the monitor at each factor; values that
+    contradict other limits are left out.
 
     Args:
         path, settings: experiment file and its `key=value`.
@@ -73,7 +74,7 @@ def threshold_points(
 
 
 def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
-    """Return the value of `key` of [monitor] in the experiment, in the key's unit.
+    """Return the experiment's own value of a monitor threshold `key`, in the key's unit.
 
     Raises:
         InputRefused: `key` is not a number of [monitor].
@@ -102,7 +103,7 @@ def _peak(line: HazardLine, robot: Stage, path: Path, changed: str) -> float:
 
 
 def draw_sensitivity(points: Sequence[ThresholdPoint], path: Path) -> None:
-    """Write the picture to `path`: share of healthy robots that trip, and worst peak, against each threshold."""
+    """Draw the share of healthy robots that trip, and the worst peak, against each monitor threshold, to `path`."""
     keys = list(dict.fromkeys(point.key for point in points))
     with picture(
         path, 9.0, 1.2 + 2.6 * len(keys), "Thresholds of the monitor: false trips and the worst peak"

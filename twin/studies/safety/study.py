@@ -34,9 +34,9 @@ def safety(
 ) -> Result:
     """Run every cause of a hazard table, and write a page from hazard to run.
 
-    Each line: the worst case found by search, with the monitor and without,
-    what is seen, how long and how hard a person feels it, what other hardware
-    would give. The page complies with no standard by itself.
+    Each line shows the worst case found by search, with the monitor and without,
+    the share of detected runs, force and duration at the person, and the result
+    with other hardware. The page alone complies with no standard.
 
     Exit code: 0 every line is kept, or exceeded as its table states, 1 a line
     is exceeded, failed, or worse than --against, 2 input refused.
@@ -83,7 +83,7 @@ def safety(
 
 
 def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
-    """Reject invalid bodies, variants and sensitivities before the first run.
+    """Reject invalid bodies, variants and sensitivities of a hazard table before the first run.
 
     Raises:
         InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
@@ -117,14 +117,14 @@ def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
 def write_page(
     table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
 ) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
-    """Make the runs of a table and write its page into `folder`.
+    """Make the runs of a hazard table and write its page into `folder`.
 
     Args:
         settings: `key=value` of the experiment, in addition to the table.
         quick: without sensitivity and other hardware.
 
     Returns:
-        Its lines, and the thresholds of the monitor that were tried.
+        The lines of the table, and the results of the tried monitor thresholds.
 
     Raises:
         InputRefused: the experiment or a threshold cannot be used. NotWritten: the disk refuses.

@@ -1,4 +1,4 @@
-"""Lines of a hazard table as text of at most 80 columns."""
+"""Text of a hazard table's lines, at most 80 columns wide."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +20,8 @@ LINE_COLUMNS = (
 
 
 def lines_table(lines: Sequence[HazardLine]) -> Table:
-    """Return one row per line: limit, worst run with the monitor, an ideal one and none, detected runs, status."""
+    """Format the hazard lines as a table: limit, worst run with the monitor, with an ideal one and without, detected
+    runs, status."""
     rows = []
     for line in lines:
         worst = line.worst
@@ -35,7 +36,7 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
 
 
 def failures(lines: Sequence[HazardLine]) -> list[Block]:
-    """Return the first failed run of each failed line, with its error message."""
+    """Format the first failed run of each failed hazard line, with its error message."""
     found: list[Block] = []
     for line in lines:
         if line.failed_runs:
@@ -49,7 +50,7 @@ def failures(lines: Sequence[HazardLine]) -> list[Block]:
 def verdict(
     lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
 ) -> Result:
-    """Return the whole answer.
+    """Create the report of `twin safety`: verdict on all hazard lines, values for JSON, and files.
 
     Args:
         lines: lines of all tables.

@@ -1,4 +1,4 @@
-"""Twin of a running robot: it follows the robot's stamps, estimates its state, and detects divergence.
+"""Digital twin of a running robot: it follows the robot's messages, estimates its state, and detects divergence.
 
 `filter` estimates the state, `alarm` decides, and `fleet` has the tolerances of healthy robots.
 """

@@ -56,8 +56,8 @@ STIFFNESS_ERROR, TOUCHED_STIFFNESS_ERROR = 0.2, 0.05
 """Relative stiffness error of a surface, before and after the robot has pressed on it."""
 MODEL_ERROR, MODEL_ERROR_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
 """Model error of force (N, in contact) and height (m), and its share of the predicted change. Calibrated so that 98 %
-of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) lie within; robots differ most by their dry
-friction."""
+of the predictions of 36 robots of the healthy fleet (seeds 501 to 503) are within the band; robots differ most by their
+dry friction."""
 FOREIGN_DIFFERENCE, FOREIGN_DIFFERENCE_SHARE = 0.1, 0.5
 """Limits of the mean command difference over half a second (rad/s, and relative to the commands' rms). Beyond both,
 another controller moves the robot, or one at another point of its program."""
@@ -97,7 +97,7 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATE
     """Compute the first columns of the Cholesky factor of `P` (n, n), with the states `first` ordered before all
     others.
 
-    The columns (n, len(first)) hold the whole variances of these states, and of the other states the correlated part.
+    The columns (n, len(first)) have the whole variance of these states, and the correlated part of the other states.
     """
     left, columns = P.copy(), []
     for k in first:
@@ -108,7 +108,7 @@ def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING_STATE
 
 
 def branch_changes(P: NDArray[np.float64], around: ContactEstimate) -> list[list[BranchChange]]:
-    """List the changed branches of a prediction by cause; a cause has one branch for both signs, or one for each."""
+    """List the changes to simulate for a prediction's band, by cause: one branch for both signs, or one for each."""
     height = TOUCHED_HEIGHT_ERROR if math.isfinite(around.height) else HEIGHT_ERROR
     share = TOUCHED_STIFFNESS_ERROR if math.isfinite(around.share) else STIFFNESS_ERROR
     estimate = [[BranchChange(dx=Z * column)] for column in cholesky_first(P).T]
@@ -123,7 +123,8 @@ def band(
     now: NDArray[np.float64],
     unsure: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the lower and upper bounds (leads, 2) of force and height about a branch.
+    """Compute the uncertainty band of a prediction: bounds (leads, 2) of force and height about a branch, lower and
+    upper.
 
     Args:
         first: force and height of the branch (leads, 2).
@@ -148,7 +149,7 @@ def band(
 
 @dataclass
 class ForceDifference:
-    """Running statistics of a force difference.
+    """Running statistics of the difference between two forces: rms and largest value.
 
     Attributes:
         square, count: sum of the squared differences (N^2), and their number.
@@ -161,7 +162,7 @@ class ForceDifference:
     largest_time: float = math.nan
 
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
-        """Add differences (n,), N, at times `t` (n,), s; NaN is skipped."""
+        """Add force differences (n,), N, at times `t` (n,), s, to the statistics; NaN is skipped."""
         there = np.isfinite(away)
         if not there.all():
             t, away = t[there], away[there]
@@ -174,13 +175,13 @@ class ForceDifference:
 
     @property
     def rms(self) -> float:
-        """Root mean square (N); NaN without differences."""
+        """Root mean square of the force differences (N); NaN without differences."""
         return math.sqrt(self.square / self.count) if self.count else math.nan
 
 
 @dataclass
 class PredictionScore:
-    """Score of the predictions of a session against the estimates that followed.
+    """Score of a session's predictions, against the estimates that followed.
 
     Attributes:
         predictions: number of predictions.
@@ -189,7 +190,7 @@ class PredictionScore:
         no_band: reason why some predictions have no band; "" if all have one.
         error: predicted less estimated force.
         hold_error: error of a zero-order-hold prediction.
-        what_if_differences: difference from the prediction, per --what-if.
+        what_if_differences: difference from the prediction, per `--what-if`.
     """
 
     predictions: int = 0
@@ -202,13 +203,13 @@ class PredictionScore:
 
     @property
     def share(self) -> float:
-        """Share of the estimates inside the band; NaN without a band."""
+        """Share of the estimates inside the band of their prediction; NaN without a band."""
         return self.in_band / self.banded if self.banded else math.nan
 
 
 @dataclass
 class _PendingPrediction:
-    """Prediction under way: its start, the branches still to run, and the results so far."""
+    """Prediction in progress: its start, the branches still to run, and the results so far."""
 
     t: float
     now: RobotSnapshot
@@ -220,19 +221,19 @@ class _PendingPrediction:
 
 
 class SessionBranches:
-    """Branching systems of a session: one for the twin, and one for each --what-if.
+    """Branching systems of a session, which predict the robot: one for the twin, and one for each `--what-if`.
 
     Args:
         experiment: experiment of the robot.
-        changed: --what-if text -> changed experiment.
-        limit: pressing force (N) beyond which a prediction is a warning; infinite for none.
+        changed: `--what-if` text -> changed experiment.
+        limit: threshold of the predicted pressing force for a warning (N); infinite for no warnings.
         start: time of the first prediction (s).
 
     Attributes:
         score: comparison of the predictions with the estimates so far.
         moves: whether the surface moves, by the twin's clock; its phase is not estimated.
         taps: numbers of the tasks that tap.
-        own, changed: system of the twin, and those of the --what-if experiments.
+        own, changed: system of the twin, and systems of the `--what-if` experiments.
 
     Raises:
         InputRefused: a component of the robot has no state that can be set.
@@ -265,22 +266,22 @@ class SessionBranches:
         self._closing.close()
 
     def predicting_part(self, law: OwnController, state: RobotState) -> PlantPart:
-        """Create the part of a twin that wraps controller and state, and predicts."""
+        """Create the part of a twin that predicts the robot; it wraps controller and state."""
         return _PredictingPart(self, law, state)
 
     @property
     def branchings(self) -> list[Branching]:
-        """All systems, that of the twin first."""
+        """List the branching systems of the session: the twin's first, then one per `--what-if`."""
         return [self.own, *self.changed]
 
 
 def _next_time(t: float, start: float, period: float) -> float:
-    """Return the first of the times `start`, `start` + `period`, ... after `t` (s)."""
+    """Return the first of the regular times `start`, `start` + `period`, ... after `t` (s)."""
     return start + period * (math.floor((t - start) / period + 1e-6) + 1)
 
 
 class _PredictingPart:
-    """Part of a twin that predicts; see `SessionBranches.predicting_part`."""
+    """Part of a twin that predicts the next second of the robot; see `SessionBranches.predicting_part`."""
 
     def __init__(self, ahead: SessionBranches, law: OwnController, state: RobotState):
         self._ahead, self._law, self._state = ahead, law, state
@@ -308,7 +309,7 @@ class _PredictingPart:
         self._per_motor = float(p["N"] * p["eta"])
 
     def accept(self, plant: PlantParameters) -> None:
-        """Use another plant, and cancel the pending prediction, which began with the previous plant."""
+        """Replace the plant's parameters, and cancel the pending prediction, which began with the previous plant."""
         self._pending = None
         self._state.accept(plant)
         for branching in self._ahead.branchings:
@@ -343,8 +344,8 @@ class _PredictingPart:
         return made
 
     def _look(self, sample: int, t: float, made: Rows) -> None:
-        """Do the work due at one of the samples, at `t` (s): give a prediction into the rows `made`, learn the contact,
-        or begin a prediction."""
+        """Do the predicting work due at a sample, at `t` (s): write a prediction into the rows `made`, learn the
+        contact, or begin a prediction."""
         giving = self._pending is not None and t >= self._pending.t + PREDICTION_DELAY
         looking, beginning = t >= self._next_look, t >= self._next
         if not (giving or looking or beginning):
@@ -372,7 +373,7 @@ class _PredictingPart:
                 self.happenings.append(Happening(t, f"no more predictions: {problem}"))
 
     def _catch_up(self) -> None:
-        """Advance friction and drives over the buffered samples, and score earlier predictions with them."""
+        """Advance friction and drives over the buffered samples, and score earlier predictions with these samples."""
         heard = np.concatenate(self._heard)
         self._heard.clear()
         times, robots = heard[:, 0], heard[:, 1:4]
@@ -391,7 +392,7 @@ class _PredictingPart:
             branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
 
     def _is_foreign(self, t: float) -> bool:
-        """Whether another controller has commanded the robot since the last check; reported once.
+        """Check whether another controller than the twin's has commanded the robot since the last check; reported once.
 
         Lost samples cause short differences, another point of the program long ones.
         """
@@ -410,7 +411,7 @@ class _PredictingPart:
         return foreign
 
     def _begin(self, t: float, law: NDArray[np.uint8]) -> _PendingPrediction | None:
-        """Begin a prediction at `t` (s) without running a branch; `law` is the controller's state."""
+        """Begin a prediction at `t` (s), without running a branch yet; `law` is the controller's state."""
         x, P, J = self._estimate
         if not np.all(np.isfinite(x)):
             return None
@@ -437,7 +438,7 @@ class _PredictingPart:
         return pending
 
     def _write_prediction(self, sample: int, t: float, made: Rows) -> None:
-        """Finish the pending prediction, and write it into the row of a sample at `t` (s)."""
+        """Finish the pending prediction, and write it into the output row of a sample at `t` (s)."""
         pending, self._pending = self._pending, None
         assert pending is not None
         for _ in pending.runs:
@@ -466,14 +467,14 @@ class _PredictingPart:
         self._warned = bool(len(beyond))
 
     def _no_band(self, task: float) -> str:
-        """Return why a prediction during `task` has no band; "" if it has one."""
+        """Return the reason why a prediction during `task` has no uncertainty band; "" if it has a band."""
         if self._ahead.moves:
             return "no band: the surface moves by twin's clock"
         return "no band: a tap's time of touch is not estimated" if task in self._ahead.taps else ""
 
     def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
-        """Compare earlier predictions with the estimated forces `F_z` (n,), N, and their standard `deviation`, at `t`
-        (n,), s."""
+        """Compare earlier predictions with the forces estimated since: `F_z` (n,), N, and their standard `deviation`,
+        at `t` (n,), s."""
         if not self._open:
             return
         foreseen, begin, end = self._ahead.score, float(t[0]) - 1e-9, float(t[-1])
@@ -494,7 +495,7 @@ class _PredictingPart:
 
 
 def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:
-    """Load the experiment of each --what-if; one text may have several keys, separated by ";".
+    """Load the changed experiment of each `--what-if` option; one text may set several keys, separated by ";".
 
     Args:
         path: file of the experiment.
@@ -522,14 +523,14 @@ def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[s
 def session_branches(
     experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
 ) -> SessionBranches | None:
-    """Create the branches of a session; None, with a note, if the robot cannot be predicted.
+    """Create the branching systems that predict a session's robot; None, with a note, if the robot cannot be predicted.
 
     Args:
         limit: maximum pressing force (N); None for the monitor's limit, if any.
         note: receives the reason.
 
     Raises:
-        InputRefused: the robot cannot be predicted, and --what-if was given.
+        InputRefused: the robot cannot be predicted, and `--what-if` was given.
     """
     if limit is None:
         limit = experiment.monitor.force_limit if experiment.monitor else math.inf

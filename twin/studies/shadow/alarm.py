@@ -1,4 +1,4 @@
-"""Alarm when robot and twin diverge: cumulative sums over means of prior residuals, with a chosen rate of false alarms.
+"""Alarm for divergence of robot and twin: cumulative sums over means of residuals, with a chosen rate of false alarms.
 
 E. S. Page, Continuous inspection schemes, Biometrika 41 (1954) 100. With r_n the mean residual of block n and r_0 the
 mean of the first blocks,
@@ -30,7 +30,7 @@ BLOCK_LENGTH = 1.0
 FIRST_BLOCKS = 2
 """Number of reference blocks of a robot; encoder zeros are the same in all blocks."""
 SETTLING_TIME = 0.5
-"""Time after a start of the filter in which residuals are ignored (s)."""
+"""Time after a start of the filter during which residuals are ignored (s)."""
 MIN_BLOCK_SHARE = 0.5
 """Minimum share of a block's samples."""
 RATE_RESERVE = 5.0
@@ -50,7 +50,7 @@ CHANNELS = {
     COMMAND_CHANNEL: ("residual_command", 0, "rad/s"),
 }
 """Watched residuals -> output of the filter, element, unit. `spread` is NIS per count; `command` is the largest
-difference between the robot's commands and those of the twin's own controller."""
+difference between the robot's commands and the commands of the twin's own controller."""
 ONE_SIDED_CHANNELS = ("spread", COMMAND_CHANNEL)
 """Channels whose decrease is ignored."""
 SUM_COUNT = 2 * len(CHANNELS) - len(ONE_SIDED_CHANNELS)
@@ -61,7 +61,8 @@ UNKNOWN_PARAMETER = "which parameter is not known"
 
 
 def run_length(H: float) -> float:
-    """Mean number of blocks between false alarms of one sum at the edge of the tolerance; `H`: threshold by sigma."""
+    """Compute the mean number of blocks between false alarms of one cumulative sum at the edge of the tolerance; `H`:
+    threshold by sigma."""
     b = H + 1.166
     return 2.0 * (math.expm1(b) - b)
 
@@ -69,7 +70,7 @@ def run_length(H: float) -> float:
 def threshold(
     per_hour: float, block: float = BLOCK_LENGTH, sides: int = SUM_COUNT, reserve: float = RATE_RESERVE
 ) -> float:
-    """Compute the threshold H, by sigma, for a rate of false alarms per hour of all `sides` together.
+    """Compute the alarm threshold H, by sigma, for a rate of false alarms per hour over all `sides` together.
 
     Raises:
         InputRefused: a rate outside 1e-6 to 100.
@@ -86,7 +87,7 @@ def threshold(
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances of healthy robots by channel, in the channel's unit.
+    """Residual tolerances of healthy robots by channel, in the channel's unit.
 
     Attributes:
         tolerance: largest change of a block's mean.
@@ -102,18 +103,18 @@ RateTolerances = Mapping[float, Tolerances]
 
 
 def rate_of(t: NDArray[np.float64]) -> float:
-    """Sampling rate (Hz) by the median interval of stamps `t` (n,), s; NaN with fewer than two stamps."""
+    """Estimate the sampling rate (Hz) from the median interval of stamps `t` (n,), s; NaN with under two stamps."""
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else math.nan
 
 
 def tolerances_at(limits: RateTolerances, rate: float) -> Tolerances | None:
-    """Return the tolerances for a measured rate (Hz); None if no rate is near."""
+    """Select the tolerances for a measured sampling rate (Hz); None if no known rate is near."""
     nearest = min(limits, key=lambda one: abs(one - rate), default=math.nan)
     return limits[nearest] if abs(nearest - rate) <= RATE_ERROR * rate else None
 
 
 class WatchState(StrEnum):
-    """State of the watch."""
+    """State of the alarm's watch on a robot: listening, confirming, searching the cause, cooling down or off."""
 
     LISTENING = "listening"
     CONFIRMING = "confirming"
@@ -124,19 +125,19 @@ class WatchState(StrEnum):
 
 
 WAITING_STATES = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
-"""States in which sums are not updated."""
+"""States without an update of the sums."""
 
 
 @dataclass(frozen=True)
 class WatchEvent:
-    """Change of the watch's state, with its evidence.
+    """Change of the watch's state, with the evidence for it.
 
     Attributes:
         t: time (s).
         state: new state.
         channel: channel of the largest sum; "" if no sum caused the change.
         level: that sum by its threshold.
-        since: time at which the sum began to grow (s).
+        since: start of the sum's growth (s).
         size: mean residual since then, less the reference, in the channel's unit.
         found: result of the re-identification.
         alarm: whether the change is an alarm.
@@ -152,7 +153,7 @@ class WatchEvent:
     alarm: bool = False
 
     def __str__(self) -> str:
-        """A sentence."""
+        """Describe the change of the watch's state in a sentence."""
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
         unit = "" if CHANNELS[self.channel][2] == "1" else f" {CHANNELS[self.channel][2]}"
@@ -171,7 +172,7 @@ class _Sum:
 
 
 class Blocks:
-    """Means of the filter's outputs over blocks of time, updated with samples or slices.
+    """Averaging of the filter's outputs over blocks of time, updated with samples or slices.
 
     Args:
         length: length of a block (s).
@@ -184,8 +185,8 @@ class Blocks:
         self._most, self._anew = 0, math.inf
 
     def add_samples(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
-        """Yield end (s) and means (channels,) of each block that ends within these samples; NaN for channels without
-        values.
+        """Add samples, and yield end (s) and means (channels,) of each block that they complete; NaN for channels
+        without values.
 
         Args:
             t: times (n,), s, ascending from call to call.
@@ -206,7 +207,7 @@ class Blocks:
         yield from self._stretch(t, values)
 
     def change_rate(self) -> None:
-        """Forget how many samples a full block has."""
+        """Reset the expected number of samples per block, because the sampling rate has changed."""
         self._most = 0
         self._clear()
 
@@ -235,7 +236,7 @@ class Blocks:
 
 
 def residuals(y: Columns) -> NDArray[np.float64]:
-    """Residuals of all channels (n, channels); NaN if a channel has no value."""
+    """Collect the residuals of all channels (n, channels) from the filter's outputs; NaN if a channel has no value."""
     # a twin with a third-party controller has no commands
     command = y.get("residual_command", np.full(len(y["NIS"]), math.nan))
     spread = nis_per_count(y["NIS"], y["used"])
@@ -244,23 +245,23 @@ def residuals(y: Columns) -> NDArray[np.float64]:
 
 
 def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64]:
-    """NIS per new count; 1 on average for a correct filter, NaN without new counts."""
+    """Compute the NIS per new encoder count; 1 on average for a correct filter, NaN without new counts."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(NIS / used, dtype=float)
 
 
 class ParameterFinder(Protocol):
-    """Search for the parameter that has changed."""
+    """Interface of the search for the changed parameter after an alarm."""
 
     def ask(self, since: float, t: float) -> None:
-        """Start the search in the samples since `since`, at `t` (s)."""
+        """Start the search for the changed parameter in the samples since `since`, at `t` (s)."""
 
     def answer(self) -> str:
-        """Return the result as a sentence; "" while the search is running."""
+        """Return the result of the search for the changed parameter as a sentence; "" while the search is running."""
 
 
 class ShadowWatch:
-    """Page's sums over the block means of a robot, and the alarm's state machine.
+    """Watch on a robot: Page's cumulative sums over the block means, and the alarm's state machine.
 
     Args:
         limits: tolerances.
@@ -296,11 +297,11 @@ class ShadowWatch:
 
     @property
     def alarms(self) -> list[WatchEvent]:
-        """Alarms so far."""
+        """Alarms raised so far."""
         return [change for change in self.changes if change.alarm]
 
     def add_block(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
-        """Update the sums with a block that ended at `t` (s), and return the changes of state."""
+        """Update the alarm's sums with a block that ended at `t` (s), and return the resulting changes of state."""
         first = len(self.changes)
         if self.state is WatchState.NOT_WATCHED:
             self._change_state(WatchEvent(t, self._interrupted))
@@ -315,7 +316,8 @@ class ShadowWatch:
         return self.changes[first:]
 
     def _refuse_other_beginning(self, t: float) -> None:
-        """Stop comparing commands if they differ from the first blocks on: robot and twin did not begin together."""
+        """Stop comparing commands if they differ already in the first blocks: robot and twin did not begin their
+        program together."""
         tolerance, sigma = (
             self._limits.tolerance.get(COMMAND_CHANNEL, math.nan),
             self._limits.sigma.get(COMMAND_CHANNEL, math.nan),
@@ -327,17 +329,17 @@ class ShadowWatch:
             )
 
     def change_tolerances(self, t: float, limits: Tolerances) -> None:
-        """Restart with other tolerances at `t` (s)."""
+        """Restart the watch with other tolerances at `t` (s)."""
         self._limits = limits
         self.restart(t)
 
     def lose(self, t: float, why: str) -> None:
-        """Stop the watch at `t` (s) until the next block."""
+        """Suspend the watch at `t` (s) until the next block."""
         self._interrupted = self.state
         self._change_state(WatchEvent(t, WatchState.NOT_WATCHED, found=why))
 
     def restart(self, t: float) -> None:
-        """Learn a new reference after cooling down, because the twin has changed at `t` (s)."""
+        """Restart the watch with a new reference after cooling down, because the twin has changed at `t` (s)."""
         self._learns = True
         self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it listens anew after that"))
 
@@ -354,7 +356,7 @@ class ShadowWatch:
         found = UNKNOWN_PARAMETER
         if self._reidentifier is not None:
             if self.state is WatchState.GATHERING:
-                # the block in which the sum began to grow is partly from before the change
+                # the sum's growth began within a block, which is partly from before the change
                 self._reidentifier.ask(self._alarm.since + self._block, t)
             found = self._reidentifier.answer()
         if self.state is WatchState.GATHERING:

@@ -44,7 +44,7 @@ ENDLESS_TICKS = 1 << 40
 
 
 class RobotSnapshot(NamedTuple):
-    """Start of a branch.
+    """Snapshot of a robot's state, to run branches from.
 
     Attributes:
         tick: tick of the branch's system.
@@ -68,7 +68,7 @@ class RobotSnapshot(NamedTuple):
 
 
 class BranchChange(NamedTuple):
-    """Difference of one branch from the present.
+    """Change applied to the present state at the start of a branch.
 
     Attributes:
         dx: added to the state (15,).
@@ -83,7 +83,7 @@ class BranchChange(NamedTuple):
 
 @entry("double", PARAMETERS_RECORD, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
-    """Return the largest depth (m) of the head below the surface at `count` platform positions `p` (3 each)."""
+    """Return the largest depth (m) of the head below the surface over `count` platform positions `p` (3 each)."""
     positions, most = carray(p, 3 * count), -math.inf
     for k in range(count):
         most = max(most, surface_depth(parameters, positions[3 * k], positions[3 * k + 1], positions[3 * k + 2]))
@@ -91,8 +91,8 @@ def _deepest(parameters, p, count):
 
 
 def _inputs(drive: Component, number: int) -> list[int]:
-    """Map the inputs of a drive to columns of (three commands, three loads, 1): those of its joint, or all three; power
-    is 1."""
+    """List, for each input element of a drive, its column among seven values: three commands, three loads, and 1. A
+    scalar input takes the column of its joint, a vector all three; power is 1."""
     found: list[int] = []
     for port in drive.inputs:
         first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(END_SUFFIX), 6)
@@ -106,12 +106,12 @@ BranchRequest = tuple[list[NDArray[np.float64]], BranchChange]
 
 
 def _spring(p: NDArray) -> NDArray[np.float64]:
-    """Return the torque on each joint per angle of its motor (3,), N m/rad."""
+    """Compute the stiffness of each joint's spring, torque on the joint per motor angle (3,), N m/rad."""
     return np.asarray(p["k_s"] * p["k_s_share"] * p["N"] * p["eta"], dtype=np.float64)
 
 
 class Branching:
-    """System of an experiment that can be run ahead from any state of the robot.
+    """System of an experiment that can be simulated ahead from any state of the robot.
 
     Args:
         experiment: experiment of the robot.
@@ -182,7 +182,7 @@ class Branching:
         self._assembly.close()
 
     def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
-        """Buffer commands and loads of the drives up to the last sample; `catch_up` steps the drives.
+        """Buffer commands and loads of the drives up to the newest sample; `catch_up` steps the drives with them.
 
         Args:
             t: times of the samples (n,), s, ascending from call to call.
@@ -190,7 +190,7 @@ class Branching:
             tau_load: loads of the springs on the shafts (n, 3), N m.
 
         Returns:
-            The tick reached, at a call of the controller.
+            The reached tick, a multiple of the controller's period.
         """
         call = self.call
         gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))
@@ -210,7 +210,7 @@ class Branching:
         return end
 
     def catch_up(self) -> None:
-        """Step the drives over the buffered samples.
+        """Step the drives over the buffered commands and loads.
 
         Raises:
             ComponentFailed: a drive fails.
@@ -232,21 +232,21 @@ class Branching:
 
     @property
     def command(self) -> NDArray[np.float64]:
-        """Newest command (3,), rad/s."""
+        """Newest command to the drives (3,), rad/s."""
         return self._now[:3]
 
     @property
     def call(self) -> float:
-        """Period of the controller (s)."""
+        """Call period of the controller (s)."""
         return self.period * self.tick
 
     @property
     def parameters(self) -> NDArray:
-        """Parameters of the plant, a record."""
+        """Parameters of the simulated plant, a record."""
         return self._as_made[0][1]["parameters"][0]
 
     def accept(self, plant: PlantParameters) -> None:
-        """Use springs, slip and contact stiffness of another plant."""
+        """Replace springs, slip and contact stiffness by the values of another plant."""
         for memory in (self._plant.memory, self._as_made[0][1]):
             for name in ("k_s_share", "slip", "K"):
                 memory["parameters"][0][name] = getattr(plant, name)
@@ -255,16 +255,17 @@ class Branching:
     def present(
         self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: ContactEstimate
     ) -> RobotSnapshot:
-        """Take a snapshot to run branches from, now or later; call `catch_up` first. Arguments: see `RobotSnapshot`."""
+        """Take a snapshot of the robot's present state to run branches from; call `catch_up` first. Arguments: see
+        `RobotSnapshot`."""
         drives = self._drive_places.save_state(self._at)
         return RobotSnapshot(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.snapshot())
 
     def beginning(self, now: RobotSnapshot) -> NDArray[np.float64]:
-        """Pressing force (N) and height (m) at the start of a branch (2,)."""
+        """Compute pressing force (N) and height (m) at the start of a branch (2,)."""
         return np.array([now.contact_estimate.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
 
     def refuse_other_law(self, law: Component, where: str) -> None:
-        """Refuse a controller whose state does not fit this one; `where` begins the message.
+        """Reject a controller whose state does not fit this system's controller; `where` begins the error message.
 
         Raises:
             InputRefused: the states differ in their pieces.
@@ -274,15 +275,15 @@ class Branching:
             raise InputRefused(f"{where}the controller cannot be another one in mid-run")
 
     def run(self, now: RobotSnapshot, other: BranchChange = BranchChange()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
-        """Run a branch, and return pressing force (N) and height (m) at each of `LEAD_TIMES` (leads, 2).
+        """Simulate a branch from a snapshot; return pressing force (N) and height (m) at `LEAD_TIMES` (leads, 2).
 
-        NaN after the time at which a component fails.
+        NaN after the failure of a component.
         """
         self._set_state(now, other)
         return self._run_ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
-        """Run ahead from a saved state of the robot itself; returns as `run`."""
+        """Simulate ahead from a saved state of the robot itself; return force and height as `run`."""
         self._save_drives()
         for component, memory in self._as_made:
             component.memory[...] = memory
@@ -290,18 +291,18 @@ class Branching:
         return self._run_ahead()
 
     def _save_drives(self) -> None:
-        """Save the drives' state before branches use them."""
+        """Save the state of the drives before branches change it."""
         self._away = self._away or self._drive_places.save_state(self._at)
 
     def _restore_drives(self) -> None:
-        """Restore the drives' state of the robot."""
+        """Restore the drives to their state before the branches."""
         if self._away:
             self._drive_places.restore_state(self._away)
             self._away.close()
             self._away = None
 
     def differing_branches(self, now: RobotSnapshot, wanted: Sequence[BranchRequest]) -> list[BranchRequest]:
-        """Return the requests whose branches differ from the unchanged one, which must have been run last.
+        """Select the requested branches whose result differs from the unchanged branch, which must have been run last.
 
         While the robot presses, a changed height has no effect; while it stays clear of the surface, no change of the
         surface has.
@@ -314,7 +315,7 @@ class Branching:
         return [one for one in wanted if np.any(one[1].dx) or (not clear and (one[1].share != 1.0 or not presses))]
 
     def _run_ahead(self) -> NDArray[np.float64]:
-        """Run from the state that is set; returns as `run`."""
+        """Simulate ahead from the present state of the system; return force and height as `run`."""
         self._rows = rows = self._simulation.advance()
         found = np.full((len(LEAD_TIMES), 2), np.nan)
         there = rows[self._steps :: self._steps, self._columns]
@@ -322,7 +323,7 @@ class Branching:
         return found
 
     def _set_state(self, now: RobotSnapshot, other: BranchChange) -> None:
-        """Set the whole system to the start of a branch."""
+        """Set the whole system to the start of a branch, with its change."""
         self._save_drives()
         self._places.restore_state(self._fresh)
         self._drive_places.restore_state(now.drives)
@@ -362,7 +363,8 @@ class Branching:
         self._simulation.jump_to(now.tick, outputs)
 
     def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-        """Displacement and velocity of a moving surface by the twin's clock (6,), SI, and the outputs of its component.
+        """Return displacement and velocity of a moving surface by the twin's clock (6,), SI, and its component's
+        outputs.
 
         Args:
             tick: the time; None for now.

@@ -31,7 +31,7 @@ MIN_STIFFNESS_SHARE, MAX_STIFFNESS_SHARE = 0.5, 2.0
 SMOOTHING_TIME = 0.05
 """Time constant of the low-pass filter of joint angles (s); estimation noise would release dry friction."""
 ENCODER_ZERO, JOINT_FRICTION, MAX_FRICTION = math.radians(0.05), 0.02, 0.04
-"""rad, N m. Zeros of encoders and dry friction of healthy robots lie within the first two."""
+"""rad, N m. Zeros of encoders and dry friction of healthy robots are within the first two."""
 TORQUE_DEVIATION, FORGETTING_FACTOR = 1e-2, 0.995
 """Standard deviation of one measurement of the springs' torques in free air (N m), and the weight that each measurement
 leaves to earlier ones."""
@@ -45,7 +45,7 @@ _TOUCH_RECORD = record(
     **dict.fromkeys(("depth", "up", "pressing", "wanted", "law"), "f8"),
 )  # fmt: skip
 """Position, velocity and force on the surface (SI, B); the force's components along it; depth (m), z component of the
-normal, normal force (N), depth at which the law gives this force, and force of the law at this depth."""
+normal, normal force (N), depth required by the law for this force, and force of the law at this depth."""
 
 
 @entry("nothing", _TOUCH_RECORD, at_once=True)
@@ -84,7 +84,7 @@ def _drag(theta_l, h, count, smooth, anchors, presliding):
 
 
 class ContactEstimate:
-    """Estimate of zeros, friction and surface; see the module.
+    """Running estimate of encoder zeros, dry friction and touched surface; see the module.
 
     Args:
         parameters: believed parameters of the plant, a record of `PARAMETERS_RECORD`.
@@ -120,29 +120,29 @@ class ContactEstimate:
         self._solve_zeros()
 
     def snapshot(self) -> "ContactEstimate":
-        """Return a copy that later updates do not change."""
+        """Copy the contact estimate, so that later updates do not change the copy."""
         found = copy(self)
         found._touch = self._touch.copy()
         return found
 
     def _solve_zeros(self) -> None:
-        """Solve the least-squares fit of zeros and friction."""
+        """Solve the least-squares fit of encoder zeros and dry friction."""
         found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
         found[3] = min(max(found[3], 0.0), MAX_FRICTION)
         self.zeros = found
 
     def tare(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the apparent force (3,), N, of zeros and dry friction."""
+        """Compute the apparent force (3,), N, caused by encoder zeros and dry friction."""
         force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.friction_share)
         return force
 
     def force_deviation(self, J: NDArray[np.float64]) -> float:
-        """Return the standard deviation of the pressing force (N) due to zeros and dry friction."""
+        """Compute the standard deviation of the pressing force (N) due to encoder zeros and dry friction."""
         reads = np.append(J[:, 2], J[:, 2] @ self.friction_share)
         return math.sqrt(float(reads @ np.linalg.solve(self._prior + self._A, reads)))
 
     def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
-        """Update the joints' friction with their angles (n, 3), rad, at `t` (n,), s."""
+        """Update the dry friction of the joints with their angles (n, 3), rad, at `t` (n,), s."""
         h = t - np.concatenate([[t[0] if math.isnan(self._last) else self._last], t[:-1]])
         # new arrays, since copies of this object share the old ones
         joints, anchors, angles = self._joints.copy(), self._anchors.copy(), np.ascontiguousarray(theta_l)
@@ -152,7 +152,7 @@ class ContactEstimate:
         self.friction_share = np.where(np.isnan(carried), 0.0, carried)
 
     def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> None:
-        """Update zeros, height or stiffness from an estimate."""
+        """Update encoder zeros, surface height or stiffness from an estimate of the robot's state."""
         if not abs(x[VELOCITY + 2]) < MAX_LEARNING_SPEED:
             return
         seen = self._contact_record(x, J, s_B)
@@ -174,8 +174,8 @@ class ContactEstimate:
     def correct_in_air(
         self, x: NDArray[np.float64], P: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]
     ) -> None:
-        """Correct a state in free air in place: the only force is that of zeros and friction, whatever the filter
-        infers from a fast motion.
+        """Correct an estimated state in free air in place: zeros and friction cause the only force, even if the filter
+        infers another one from a fast motion.
 
         The correction is one more measurement; P: covariance of the filter (15, 15), SI.
         """
@@ -186,7 +186,7 @@ class ContactEstimate:
             P -= gain @ P[force]
 
     def pressing(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> float:
-        """Force into the surface, N."""
+        """Compute the force into the surface, N, from an estimate of the robot's state."""
         seen = self._contact_record(x, J, s_B)
         return float(seen["pressing"]) if touches(seen) else 0.0
 
@@ -198,7 +198,7 @@ class ContactEstimate:
         higher: float = 0.0,
         share: float = 1.0,
     ) -> tuple[float, float, NDArray[np.float64]]:
-        """Return height (m), stiffness (N/m) and bristle (2,), m, of a surface that exerts the estimated force.
+        """Compute height (m), stiffness (N/m) and bristle (2,), m, of a surface that exerts the estimated force.
 
         Args:
             higher: added to the height (m) unless the robot touches the surface.
@@ -220,8 +220,7 @@ class ContactEstimate:
         return height, float(p["K"]), along / float(p["sigma_0"]) * (min(1.0, limit / size) if size else 1.0)
 
     def _contact_record(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> NDArray:
-        """Compute the contact at an estimate, without the effect of zeros and friction, as a record of
-        `_TOUCH_RECORD`."""
+        """Compute the contact at an estimated state, without zeros and friction, as a record of `_TOUCH_RECORD`."""
         seen: NDArray = self._touch[0]
         seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
         seen["F"] = x[FORCE : FORCE + 3] - self.tare(J)
@@ -236,5 +235,5 @@ def _finite_or(value: float, otherwise: float) -> float:
 
 
 def touches(seen: NDArray) -> bool:
-    """Whether the robot presses on the surface, and not on air by the zeros of its encoders."""
+    """Check whether the robot presses on the surface; apparent forces by encoder zeros in air do not count."""
     return bool(seen["pressing"] > TOUCH_FORCE and seen["depth"] > -AIR_CLEARANCE)

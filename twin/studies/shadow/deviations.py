@@ -21,7 +21,7 @@ SPRING_ERROR, DEAD_ZONE_ERROR = 0.04, 1.0
 robots."""
 DEVIATION_SHARE = 0.75
 """Standard deviation by the largest error. At the corners of the fleet, where several causes are largest at once, at
-most a tenth of all samples lies beyond 1.96 deviations."""
+most a tenth of all samples exceeds 1.96 deviations."""
 SPRING_KEY, DEAD_ZONE_KEY = "plant.k_s_Nm_per_rad", "plant.backlash_deg"
 NOT_IDENTIFIED = "this robot was not identified yet: `twin identify`"
 NIS_SAMPLES = 500
@@ -29,13 +29,13 @@ NIS_SAMPLES = 500
 
 
 def is_identified(experiment: Experiment, key: str) -> bool:
-    """Whether a value of [plant], or the value of [robot] that it comes from, was identified by `twin identify`."""
+    """Check whether a value of [plant], or its source in [robot], was identified by `twin identify`."""
     origins = experiment.origins
     return origins.get(key, origins.get(key.replace("plant.", "robot.", 1), "")).startswith("identified")
 
 
 class HealthyDeviation:
-    """Conversion of the filter's deviations to those of a healthy robot, slice by slice."""
+    """Conversion of the filter's standard deviations to the larger deviations for a healthy robot, slice by slice."""
 
     def __init__(self, experiment: Experiment):
         plant = plant_parameters(experiment.plant, experiment.contact)
@@ -52,7 +52,8 @@ class HealthyDeviation:
         self, deviation: NDArray[np.float64], NIS: NDArray[np.float64], used: NDArray[np.float64],
         J: NDArray[np.float64], tau_l: NDArray[np.float64],
     ) -> NDArray[np.float64]:  # fmt: skip
-        """Widen the filter's deviations (n, 15) by its NIS and new counts (n,), J (n, 3, 3) and tau_l (n, 3)."""
+        """Widen the filter's standard deviations (n, 15) for a healthy robot, by NIS and new counts (n,), J (n, 3, 3)
+        and tau_l (n, 3)."""
         added = np.zeros((len(deviation), STATES))
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.pinv(np.where(np.isfinite(J), J, 0.0))
@@ -65,7 +66,7 @@ class HealthyDeviation:
         return wide
 
     def _mean_nis(self, NIS, used) -> NDArray[np.float64]:
-        """Average NIS per count over `NIS_SAMPLES` samples; at least 1."""
+        """Average the NIS per encoder count over `NIS_SAMPLES` samples; at least 1."""
         keep = 1.0 - 1.0 / NIS_SAMPLES
         spread = np.empty(len(NIS))
         for k, (square, count) in enumerate(zip(np.nan_to_num(NIS).tolist(), used.tolist(), strict=True)):

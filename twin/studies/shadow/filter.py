@@ -52,7 +52,7 @@ from twin.studies.shadow.prediction import linearise, pose, predict, push, stiff
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def measured_angle(m, sensor, count):
-    """Return the angle (rad) of a count of `sensor`, 0 to 5."""
+    """Convert an encoder count of `sensor`, 0 to 5, to an angle (rad)."""
     if sensor < 3:
         return angle(count, m.belief.motor_counts, m.belief.motor_zero[sensor])
     return angle(count, m.belief.joint_counts, m.belief.joint_zero[sensor - 3])
@@ -60,7 +60,7 @@ def measured_angle(m, sensor, count):
 
 @njit(cache=True, error_model="numpy")
 def speed_variance(m, sensor):
-    """Return the variance of the speed of a sensor's shaft ((rad/s)^2)."""
+    """Return the filter's variance of the speed of the shaft at a sensor ((rad/s)^2)."""
     P, leg = m.P, sensor % 3
     if sensor < 3:
         return P[SPEED + leg, SPEED + leg]
@@ -73,11 +73,11 @@ def speed_variance(m, sensor):
 
 @njit(cache=True, error_model="numpy")
 def innovation(m, sensor, count, h, expected):
-    """Compute the innovation of a count and its variance into `m.nu` and `m.R` (rad, rad^2); NaN for a count without
-    news.
+    """Compute the innovation of an encoder count and its variance into `m.nu` and `m.R` (rad, rad^2); NaN for a count
+    without news.
 
-    The angle was in the cell of the previous count, has moved as the filter expects, and is in the cell of this count:
-    it lies where both overlap. A repeated count is the same cell, hence no news unless noise dithers it.
+    The angle was in the cell of the previous count, has moved as the filter expects, and is in the cell of this count,
+    hence in the overlap of both. A repeated count has the same cell, hence no news unless noise dithers it.
     """
     motor = sensor < 3
     turn = 2.0 * math.pi / (m.belief.motor_counts if motor else m.belief.joint_counts)
@@ -112,8 +112,8 @@ def innovation(m, sensor, count, h, expected):
 
 @njit(cache=True, error_model="numpy")
 def correct(m, h, y):
-    """Correct the state with the counts, one after the other, and sum squared residuals by their variances into
-    `y.NIS`."""
+    """Correct the filter's state with the encoder counts, one after the other; sum squared residuals by their variances
+    into `y.NIS`."""
     P, PH, total = m.P, m.PH, m.total
     for i in range(STATES):
         total[i] = 0.0
@@ -154,7 +154,7 @@ def correct(m, h, y):
 
 @njit(cache=True, error_model="numpy")
 def begin(m, u):
-    """Initialise the state from the counts, at rest, with the force of statics; return False if they fit no pose."""
+    """Initialise the filter from the counts, at rest, with the force of statics; return False if they fit no pose."""
     for leg in range(3):
         m.theta_l[leg] = measured_angle(m, 3 + leg, u.count_l[leg])
         m.x[MOTOR + leg] = measured_angle(m, leg, u.count_m[leg])
@@ -185,7 +185,7 @@ def begin(m, u):
 
 @njit(cache=True, error_model="numpy")
 def solve_force(slope, a):
-    """Solve slope_F F = a for F, a triple."""
+    """Solve the linear equation slope_F F = a for the force F (3 components)."""
     m11, m12, m13 = slope[0, FORCE], slope[0, FORCE + 1], slope[0, FORCE + 2]
     m21, m22, m23 = slope[1, FORCE], slope[1, FORCE + 1], slope[1, FORCE + 2]
     m31, m32, m33 = slope[2, FORCE], slope[2, FORCE + 1], slope[2, FORCE + 2]
@@ -199,7 +199,7 @@ def solve_force(slope, a):
 
 @njit(cache=True, error_model="numpy")
 def write_outputs(m, y):
-    """Write the state and its standard deviations into the outputs."""
+    """Write the filter's state and its standard deviations into the outputs."""
     for i in range(3):
         y.p_B[i], y.v_B[i] = m.x[POSITION + i], m.x[VELOCITY + i]
         y.theta_m[i], y.omega_m[i], y.F_ee_B[i] = m.x[MOTOR + i], m.x[SPEED + i], m.x[FORCE + i]
@@ -209,7 +209,7 @@ def write_outputs(m, y):
 
 @njit(cache=True, error_model="numpy")
 def residuals(m, h, u, y):
-    """Write the prior residuals into the outputs."""
+    """Write the prior residuals of the filter into the outputs."""
     pose(m)
     m.still += h
     for sensor in range(ENCODER_COUNT):
@@ -272,14 +272,15 @@ def step(m, t, h, u, y):
 
 
 def _without_dry_friction(parameters: PlantParameters) -> tuple[object, ...]:
-    """Remove dry friction from the parameters; counts of a robot at rest do not determine its direction."""
+    """Return the plant's parameters without dry friction; counts of a robot at rest do not determine its direction."""
     return tuple(parameters._replace(joint_friction=0.0, spring_hysteresis=0.0))
 
 
 class Shadow(NativeComponent):
-    """Sampled component: counts and commands of a robot in, its state out, one step per sample.
+    """Extended Kalman filter, a sampled component: counts and commands of a robot in, its state out, one step per
+    sample.
 
-    The step length is the time since the previous sample by the robot's stamps; that of the first step is ignored.
+    The step length is the time since the previous sample by the robot's stamps; the first step ignores it.
 
     Args:
         parameters: parameters of the plant; of the contact only the stiffness is used, and no dry friction.
@@ -303,7 +304,7 @@ class Shadow(NativeComponent):
         self.finite = False
 
     def accept(self, parameters: PlantParameters) -> None:
-        """Continue with other parameters of the plant."""
+        """Replace the plant's parameters in the running filter."""
         self.memory["parameters"][0] = _without_dry_friction(parameters)
 
     def explain(self, status: int) -> str:

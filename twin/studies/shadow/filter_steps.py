@@ -1,4 +1,4 @@
-"""Steps of the filter over samples, one by one or all at once."""
+"""Stepping of the filter over samples, one by one or all at once."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ changing ten times a second."""
 
 
 def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # noqa: B008, it is a tuple
-    """Create the filter of the robot that `experiment` describes.
+    """Create the Kalman filter of the robot that `experiment` describes.
 
     Raises:
         InputRefused: a drive does not fit.
@@ -39,7 +39,7 @@ def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # n
 
 
 def drive_model(experiment: Experiment) -> ShadowDrive:
-    """Return the drive model of `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`.
+    """Create the filter's drive model for `experiment`: from the equations of `velocity_servo`, else `UNKNOWN_DRIVE`.
 
     Raises:
         InputRefused: a drive does not fit.
@@ -52,7 +52,7 @@ def drive_model(experiment: Experiment) -> ShadowDrive:
 
 
 class FilterFeed:
-    """Filter stepped sample by sample, without an allocation per sample.
+    """Kalman filter stepped sample by sample, without an allocation per sample.
 
     Args:
         shadow: the filter.
@@ -71,7 +71,7 @@ class FilterFeed:
         self.inputs, self.outputs = by_port(INPUTS, self.u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
-        """Step the filter with the sample in `u` of time `t` (s), later than the previous one.
+        """Step the filter with the sample in `u` of time `t` (s), later than the previous sample.
 
         Raises:
             ComponentFailed: the counts of the first sample fit no pose.
@@ -83,7 +83,7 @@ class FilterFeed:
 
 
 def filter_outputs(shadow: Shadow, samples: RobotSamples) -> Columns:
-    """Step the filter over `samples`, and return its outputs by `layout.OUTPUTS`: (n,) or (n, size).
+    """Step the filter over all `samples`, and return its outputs by the names in `layout.OUTPUTS`: (n,) or (n, size).
 
     Raises:
         ComponentFailed: the first counts fit no pose.

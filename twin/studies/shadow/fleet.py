@@ -1,4 +1,4 @@
-"""Healthy robots that differ from their twin's belief, and tolerances from their residuals.
+"""Fleet of healthy robots that differ from their twin's belief, and tolerances from their residuals.
 
 A fleet is a sweep file that varies skin, height, friction and noise. Encoder and motor zeros, lost samples and stamp
 errors are drawn in addition, from the file's seed and the robot's number.
@@ -49,15 +49,15 @@ TOLERANCE_MARGIN = 1.25
 intervals, where shifts are largest. The largest of 96 bounds 97 % of all robots with 95 % confidence (S. S. Wilks, Ann.
 Math. Statist. 12 (1941) 91)."""
 MAX_CORNERS = 64
-"""Maximum number of corners. Of up to twice as many every second one is run, so that each omitted corner differs from
-one that is run in one value only; with more, none is run."""
+"""Maximum number of corners. With up to twice as many, every second corner is run, so that each omitted corner differs
+from a run corner in one value only; with more, no corner is run."""
 SCALE_SETTINGS = ("scale.resolution_g=5", "scale.period_ms=10")
 """Settings that measure the force in an experiment without a scale."""
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Healthy robots around one experiment.
+    """Fleet of healthy robots around one experiment.
 
     Attributes:
         experiment: file of the twin's experiment.
@@ -75,15 +75,15 @@ class Fleet:
 
     @property
     def all_robots(self) -> tuple[tuple[str, ...], ...]:
-        """Random robots, then those at corners."""
+        """Settings of all robots of the fleet: random robots, then the robots at corners."""
         return self.robots + self.corners
 
     def twin(self) -> Experiment:
-        """Load the experiment that is believed of every robot."""
+        """Load the experiment that the twin believes of every robot."""
         return load_experiment(self.experiment, self.settings)
 
     def run(self, number: int, settings: Sequence[str] = ()) -> RobotSamples:
-        """Simulate robot `number` of `all_robots`, from 0, and return the samples of its computer.
+        """Simulate robot `number` of the fleet from time 0, and return the samples of its computer.
 
         The samples of a healthy robot end where its monitor trips: without power it does not follow its commands.
 
@@ -105,7 +105,7 @@ class Fleet:
         return RobotSamples(samples.t[healthy], samples.u[healthy])
 
     def transmit(self, number: int, samples: RobotSamples, every: int = 1) -> RobotSamples:
-        """Keep one in `every` samples of robot `number`, lose some of them, and disturb their stamps.
+        """Simulate the transmission of a robot's samples: keep one in `every`, lose some, and disturb their stamps.
 
         A robot at a corner has the largest loss and stamp errors.
         """
@@ -116,14 +116,14 @@ class Fleet:
         )
 
     def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> RobotSamples:
-        """Simulate robot `number`, and return one in `every` samples as they arrive; see `run`."""
+        """Simulate robot `number` of the fleet, and return one in `every` samples as they arrive; see `run`."""
         return self.transmit(number, self.run(number, settings), every)
 
 
 def read_fleet(
     path: Path, experiment: Path | None = None, runs: int = 0, seed: int | None = None, settings: Sequence[str] = ()
 ) -> Fleet:
-    """Read the fleet of a sweep file.
+    """Read a fleet of healthy robots from a sweep file.
 
     Args:
         path: the file.
@@ -159,7 +159,7 @@ def read_fleet(
 
 
 def _scale_interval(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:
-    """Scale an interval around a value of one experiment to another experiment's value; unchanged around 0."""
+    """Scale an interval of a parameter from one experiment's value to another's, by their ratio; unchanged around 0."""
     table, _, key = one.label.partition(".")
     about, value = (values.get(table, {}).get(key) or 0.0 for values in (there, here))
     ratio = value / about if about and value / about > 0.0 else 1.0
@@ -170,7 +170,7 @@ def _scale_interval(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]
 def transmit_samples(
     samples: RobotSamples, random: np.random.Generator, lost: float = MAX_LOST_SHARE, late: float = MAX_STAMP_ERROR
 ) -> RobotSamples:
-    """Lose a share of the samples, and disturb their stamps by up to `late` (s)."""
+    """Simulate a transmission: lose a share of the samples, and disturb their stamps by up to `late` (s)."""
     keep = random.random(len(samples.t)) >= lost
     # the filter starts with the first one
     keep[0] = True
@@ -180,8 +180,8 @@ def transmit_samples(
 
 
 def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
-    """Compute the difference between the commands of the twin's own controller, on the same counts, and the robot's;
-    see `farthest_command`.
+    """Run the twin's own controller on a robot's counts, and return the largest difference of its commands from the
+    robot's; see `farthest_command`.
 
     Empty for a third-party controller, and for one with tasks: its point in the program depends on single samples, and
     some are lost.
@@ -197,14 +197,14 @@ def own_commands(twin: Experiment, samples: RobotSamples) -> Columns:
 def block_means(
     twin: Experiment, samples: RobotSamples, block: float = BLOCK_LENGTH
 ) -> tuple[list[float], NDArray[np.float64]]:
-    """Compute ends (s) and means (n, channels) of all blocks of a robot."""
+    """Run the filter over a robot's samples, and return ends (s) and means (n, channels) of all blocks."""
     y = filter_outputs(shadow_of(twin), samples) | own_commands(twin, samples)
     found = list(Blocks(block).add_samples(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 
 def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
-    """Compute the tolerances from healthy robots.
+    """Compute the alarm's tolerances from the block means of healthy robots.
 
     Args:
         means: block means (n, channels) of each robot, from its first block.
@@ -217,7 +217,7 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
         least = SETTLING_TIME + blocks * BLOCK_LENGTH
         raise InputRefused(f"runs of healthy robots are too short; expected at least {least:g} s")
     shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
-    # differences of neighbours cancel slow changes; their variance is twice that of a block
+    # differences of neighbours cancel slow changes; their variance is twice the variance of a block
     steps, every = np.concatenate([np.diff(one, axis=0) for one in shifts]), np.concatenate(shifts)
     tolerance, sigma = np.full(len(CHANNELS), math.nan), np.full(len(CHANNELS), math.nan)
     # a channel without values stays NaN
@@ -229,7 +229,8 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 
 
 def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_progress) -> list[Tolerances]:
-    """Compute the tolerances of a fleet for each of `thinned`, the number of samples of which one arrives.
+    """Compute the alarm's tolerances from a fleet, once for each thinning factor in `thinned` (one of so many samples
+    arrives).
 
     `say` receives the progress.
     """
@@ -244,7 +245,7 @@ def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = ignore_
 
 
 def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
-    """Return the alarms of one robot."""
+    """Run the watch over the blocks of one robot, and return its alarms."""
     for t, one in zip(ends, means, strict=True):
         watch.add_block(t, one)
     return watch.alarms
@@ -252,7 +253,7 @@ def watch_blocks(ends: Sequence[float], means: NDArray[np.float64], watch: Shado
 
 @dataclass(frozen=True)
 class FalseAlarmRate:
-    """Rate of false alarms of healthy robots.
+    """Rate of false alarms, measured on healthy robots.
 
     Attributes:
         alarms: number of alarms.
@@ -264,6 +265,6 @@ class FalseAlarmRate:
 
     @property
     def upper(self) -> float:
-        """Upper 95 % confidence bound of the rate (1/h), exact for a Poisson process (F. Garwood, Biometrika 28
-        (1936))."""
+        """Upper 95 % confidence bound of the false alarm rate (1/h), exact for a Poisson process (F. Garwood,
+        Biometrika 28 (1936))."""
         return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)

@@ -1,4 +1,4 @@
-"""Twin of a running robot: parts that turn samples into rows, one after the other.
+"""Parts of the twin of a running robot, which turn samples into rows, one after the other.
 
 Each part receives the samples and the rows of the previous parts, in slices of any length; the rows do not depend on
 the slices.
@@ -55,14 +55,15 @@ RARE_TOPICS = ("ahead", "what_if", "scale")
 
 
 class PlantPart(Part, Protocol):
-    """A part that depends on the plant's parameters."""
+    """Part of the twin that depends on the plant's parameters."""
 
     def accept(self, plant: PlantParameters) -> None:
-        """Continue with another plant."""
+        """Replace the plant's parameters used by this part."""
 
 
 class StateEstimate(NamedTuple):
-    """Estimate of the filter. x: state (15,); P: covariance (15, 15); J: Jacobian of the joints (3, 3), SI."""
+    """Estimate by the filter of the robot's state. x: state (15,); P: covariance (15, 15); J: Jacobian of the joints
+    (3, 3), SI."""
 
     x: NDArray[np.float64]
     P: NDArray[np.float64]
@@ -70,7 +71,8 @@ class StateEstimate(NamedTuple):
 
 
 class OwnController:
-    """The twin's own controller on the robot's counts, compared with the robot's commands if they are known.
+    """Part of a twin that runs the twin's own controller on the robot's counts, and compares its commands with the
+    robot's if known.
 
     It begins with the first sample; if the robot's program is already running, it is at another point.
 
@@ -107,14 +109,13 @@ class OwnController:
         return {"controller": found, "residual/command": omega_ref - samples.u[:, COMMANDS]}
 
     def controller_state(self, sample: int) -> NDArray[np.uint8]:
-        """Return the controller's state after one of the last samples, its pieces concatenated."""
+        """Return the state of the twin's own controller after a sample of the last slice, its pieces concatenated."""
         calls = int(np.searchsorted(self._calls, sample, side="right"))
         held: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
         return held
 
     def _call_samples(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Return the indices of the samples at `t` (n,), s, at which the controller is called, including slightly early
-        ones."""
+        """Find the samples of the controller calls among times `t` (n,), s, by index; slightly early samples count."""
         T, number = self._period, np.arange(-1, len(t))
         # due time of the next call if each sample so far was one
         due = np.maximum.accumulate(np.concatenate([[self._next], t + 0.5 * T]) - T * number) + T * number
@@ -130,7 +131,7 @@ class OwnController:
 
 
 class RobotState:
-    """State of the robot with standard deviations, by the filter; its residuals are prior residuals.
+    """State of the robot with standard deviations, estimated by the filter; its residuals are prior residuals.
 
     Samples are estimated in slices, or each one as it arrives.
 
@@ -152,12 +153,13 @@ class RobotState:
         self._stepping = Lock()
 
     def accept(self, plant: PlantParameters) -> None:
-        """Continue with another plant."""
+        """Replace the plant's parameters in the filter."""
         with self._stepping:
             self._shadow.accept(plant)
 
     def estimate_at_once(self, sample: Sample) -> None:
-        """Estimate a sample that has just arrived; `feed`, possibly in another thread, returns its row later."""
+        """Estimate the robot's state from a sample that has just arrived; `feed`, possibly in another thread, returns
+        its row later."""
         commands = self._one.inputs["omega_ref"]
         held = commands.tolist()
         self._one.u[:] = sample.row
@@ -175,7 +177,7 @@ class RobotState:
         self._made.append((y, self._estimated.save()))
 
     def estimate(self, sample: int) -> StateEstimate:
-        """Return the estimate after one of the last samples."""
+        """Return the state estimate after a sample of the last slice."""
         x, P, J = np.split(self._estimates[sample].view(np.float64).copy(), (STATES, STATES + STATES * STATES))
         return StateEstimate(x, P.reshape(STATES, STATES), J.reshape(3, 3))
 
@@ -195,7 +197,7 @@ class RobotState:
     def _widen_deviations(
         self, found: NDArray[np.float64], estimates: NDArray[np.uint8], rows: Rows
     ) -> NDArray[np.float64]:
-        """Replace the filter's deviations in rows by those of a healthy robot."""
+        """Replace the filter's deviations in rows by the deviations for a healthy robot."""
         y, tau_l = values_by_port(OUTPUTS, found), values_by_port(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"]
         J = np.ascontiguousarray(estimates[:, -9 * 8 :]).view(np.float64).reshape(-1, 3, 3)
         found[:, DEVIATION_COLUMNS] = self._healthy.widen(y["deviation"], y["NIS"], y["used"], J, tau_l)
@@ -203,17 +205,18 @@ class RobotState:
 
 
 def own_controllers(experiment: Experiment) -> list[OwnController]:
-    """The twin's own controller; empty if the controller is third-party."""
+    """List the twin's own controller, or nothing if the experiment's controller is third-party."""
     return [] if "controller" in experiment.stand_ins else [OwnController(experiment)]
 
 
 def farthest_command(rows: Rows) -> Rows:
-    """Largest of the three command differences (n,), rad/s, for the alarm; empty without commands."""
+    """Find the largest of the three command differences between robot and twin (n,), rad/s, for the alarm; empty
+    without commands."""
     return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
 
 
 class AlarmWatch:
-    """Part that raises the alarm, with the requested rate of false alarms.
+    """Part of the twin that raises the alarm, with the requested rate of false alarms.
 
     Args:
         limits: tolerances, or tolerances by sampling rate (Hz), chosen by the rate of the first second.
@@ -246,17 +249,17 @@ class AlarmWatch:
 
     @property
     def changes(self) -> list[WatchEvent]:
-        """Changes of state so far."""
+        """Changes of the alarm's state so far."""
         return self._watch.changes if self._watch else []
 
     def change_rate(self, t: float, rate: float) -> None:
-        """Use the tolerances of another sampling rate (Hz) from `t` (s), and learn a new reference."""
+        """Switch the alarm to the tolerances of another sampling rate (Hz) from `t` (s), and learn a new reference."""
         if self._count and not isinstance(self._limits, Tolerances):
             self._blocks.change_rate()
             self._choose(t, rate)
 
     def _choose(self, t: float, rate: float) -> None:
-        """Choose the tolerances of a sampling rate (Hz) at `t` (s)."""
+        """Choose the alarm's tolerances for a sampling rate (Hz) at `t` (s)."""
         limits, self._is_known = self._limits, True
         if not isinstance(limits, Tolerances):
             known = ", ".join(f"{one:.4g}" for one in limits) or "no"
@@ -300,13 +303,13 @@ class AlarmWatch:
         return {"alarm": levels}
 
     def lose(self, t: float, why: str) -> None:
-        """Stop the watch at `t` (s) until samples arrive again."""
+        """Suspend the alarm at `t` (s) until samples arrive again."""
         if self._watch:
             self._watch.lose(t, why)
 
     @property
     def proposals(self) -> list[str]:
-        """Sentences on all proposals so far."""
+        """Texts of all proposals of changed parameters so far, a sentence each."""
         if self.reidentifier is None:
             return []
         accepted = self.reidentifier.adaptations
@@ -314,7 +317,8 @@ class AlarmWatch:
         return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
-        """Accept a proposal, learn a new reference after cooling down, and return the new plant."""
+        """Accept a proposal of changed parameters, return the new plant, and learn a new reference after cooling
+        down."""
         assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.restart(self._t)
@@ -324,7 +328,7 @@ class AlarmWatch:
 
 @dataclass
 class Twin:
-    """All parts of a twin, in their order.
+    """Twin of a running robot: all parts that process its samples, in order.
 
     Attributes:
         parts: the parts, see `Part`.
@@ -344,11 +348,11 @@ class Twin:
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
-        """Ports by topic."""
+        """Output ports of all parts by topic."""
         return {topic: ports for part in self.parts for topic, ports in part.topics.items()}
 
     def feed(self, samples: RobotSamples) -> Rows:
-        """Return the rows of all parts for `samples`."""
+        """Process `samples` with all parts of the twin, and return their rows."""
         rows: Rows = {}
         for part in self.parts:
             rows |= part.feed(samples, rows)
@@ -357,7 +361,7 @@ class Twin:
         return rows
 
     def rows_to_record(self, rows: Rows) -> Rows:
-        """Select the rows to record."""
+        """Select the rows to record: all, or only rows at controller calls."""
         if not self.records_calls or "controller" not in rows:
             return rows
         called = np.isfinite(rows["controller"]).any(axis=1, keepdims=True)
@@ -367,7 +371,7 @@ class Twin:
         }
 
     def estimate_at_once(self, sample: Sample) -> None:
-        """Estimate a sample before its slice is complete."""
+        """Estimate the robot's state from a sample at once, before its slice is complete."""
         self.state.estimate_at_once(sample)
 
     @property
@@ -376,18 +380,19 @@ class Twin:
 
     @property
     def proposal(self) -> Adaptation | None:
-        """Open proposal of changed parameters; None if there is none."""
+        """Open proposal of changed parameters; None without a proposal."""
         return self._reidentifier.proposal if self._reidentifier else None
 
     @property
     def adaptations(self) -> Sequence[Adaptation]:
-        """Accepted proposals."""
+        """Accepted proposals of changed parameters."""
         return self._reidentifier.adaptations if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
-        """Accept `proposal`: the filter, the plant model, predictions, and the alarm after cooling down.
+        """Accept `proposal` of changed parameters in all parts: filter, plant model, predictions, and the alarm after
+        cooling down.
 
-        To be called between two calls of `feed`, from the same thread.
+        Call it between two calls of `feed`, from the same thread.
 
         Returns:
             Whether `proposal` was still open.
@@ -401,7 +406,7 @@ class Twin:
         return True
 
     def happenings(self) -> list[Happening]:
-        """Return and clear the events since the last call, in order of time."""
+        """Return and clear the events of all parts since the last call, in order of time."""
         found = sorted((one for part in self.parts for one in part.happenings), key=lambda one: one.t)
         for part in self.parts:
             part.happenings.clear()
@@ -417,7 +422,7 @@ def twin_of(
     ahead: Callable[[OwnController, RobotState], PlantPart] | None = None,
     columns: Mapping[str, MappedColumn] = {},
 ) -> Twin:
-    """Create the twin of the robot that `experiment` describes.
+    """Create the twin of the robot that `experiment` describes, with all its parts.
 
     Args:
         where: begins error messages on the robot's data.

@@ -1,4 +1,4 @@
-"""Memory, outputs and parameters of the filter."""
+"""Memory layout, outputs and parameters of the filter."""
 
 import math
 from typing import NamedTuple
@@ -24,7 +24,7 @@ TOUCH_FORCE = 0.3
 HEADING_TIME, HEADING_SPEED = 0.1, 5e-3
 """Averaging time of the direction across a surface (s), and the speed above which the direction is defined (m/s)."""
 EDGE_WIDTH = 0.1
-"""Uncertainty of the angle at which a count changes (counts)."""
+"""Uncertainty of the angle of a count's edge (counts)."""
 JUST_CHANGED = math.sqrt(3.0)
 """Width (counts) of a uniform distribution whose standard deviation is half a count."""
 REPEAT_TIME = 0.004
@@ -59,7 +59,7 @@ MATRIX_TYPE = ("f8", (STATES, MATRIX_WIDTH))
 
 
 class ShadowDrive(NamedTuple):
-    """Drive model of the filter, SI.
+    """Drive model of the filter, SI: lag, droop and inertia of a motor.
 
     Attributes:
         lag: T_m (s); 0 if the speed is the commanded one.
@@ -75,12 +75,12 @@ class ShadowDrive(NamedTuple):
 
 
 class Noises(NamedTuple):
-    """Process noise of the filter, SI; see docs/shadow_method.md.
+    """Process noise intensities of the filter, SI; see docs/shadow_method.md.
 
     Attributes:
         v: intensity of unmodelled platform acceleration (m/s2/sqrt(Hz)).
         F: intensity of the force's random walk on a platform at rest in contact (N/sqrt(s)).
-        air: the same in free air.
+        air: intensity of the force's random walk in free air (N/sqrt(s)).
         unsure: relative uncertainty of the surface's stiffness.
         mu: lateral share of a force change.
         touch: correlation time of a force change (s).
@@ -97,7 +97,7 @@ class Noises(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Standard deviation (rad) of the encoders' white noise, without rounding."""
+    """Encoder noise model of the filter: standard deviation (rad) of white noise, without rounding."""
 
     motor_noise: float
     joint_noise: float

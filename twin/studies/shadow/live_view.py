@@ -44,18 +44,18 @@ MODEL_PREFIX = "plant/"
 
 
 class ProposingTwin(Protocol):
-    """A twin that proposes changes of its parameters."""
+    """Interface of a twin that proposes changes of its parameters."""
 
     @property
     def proposal(self) -> object | None:
-        """Open proposal, whose text is a sentence; None if there is none. Thread-safe."""
+        """Open proposal of changed parameters, with a sentence as its text; None without a proposal. Thread-safe."""
 
     @property
     def adaptations(self) -> Sequence[Adaptation]:
-        """Changes accepted so far. Thread-safe."""
+        """Changes of parameters accepted so far. Thread-safe."""
 
     def accept(self, proposal: Any, /) -> bool:
-        """Accept `proposal` if it is still open; called between two slices.
+        """Accept `proposal` of changed parameters if it is still open; called between two slices.
 
         Returns:
             Whether it was accepted.
@@ -63,7 +63,7 @@ class ProposingTwin(Protocol):
 
 
 def accepted_values(accepted: Sequence[Adaptation]) -> str:
-    """Return the newest value of each accepted parameter as JSON, a list of objects.
+    """Format the newest value of each accepted parameter as JSON, a list of objects.
 
     "text" is the sentence of the proposal, "field" and "leg" (-1: all) name a field of `PlantParameters`, "value" and
     "half_width" (95 %) are in the SI "unit"; for "k_s_share" they are the spring's, N m/rad.
@@ -77,10 +77,10 @@ def accepted_values(accepted: Sequence[Adaptation]) -> str:
 
 
 class AcceptButton:
-    """Parameters of a live session: `shadow.accept`, the proposal and the status line. Thread-safe.
+    """Parameters of a live session for viewers: button `shadow.accept`, proposal and status line. Thread-safe.
 
     Args:
-        twin: the proposing twin; None if there are no proposals.
+        twin: the proposing twin; None without proposals.
 
     Attributes:
         line: the status line.
@@ -92,7 +92,7 @@ class AcceptButton:
         self._lock = threading.Lock()
 
     def values(self) -> Mapping[str, bool | float | str]:
-        """See `Parameters`."""
+        """Present values of the session's viewer parameters by name; see `Parameters`."""
         accepted = accepted_values(self._twin.adaptations if self._twin else ())
         proposal = str(self._open_proposal() or "")
         return {
@@ -103,7 +103,7 @@ class AcceptButton:
         }
 
     def request(self, name: str, value: object, /) -> None:
-        """See `Parameters`; true accepts the proposal that is open now, and no other.
+        """Request a change of a viewer parameter, see `Parameters`; true accepts the presently open proposal only.
 
         Raises:
             InputRefused: an unknown parameter, no boolean, or no open proposal.
@@ -127,7 +127,7 @@ class AcceptButton:
             self._asked = proposal if value else None
 
     def press(self) -> str | None:
-        """Accept the requested proposal. Return an error message, "" on success, or None without a request."""
+        """Accept the proposal requested by a viewer. Return an error message, "" on success, None without a request."""
         with self._lock:
             asked, self._asked = self._asked, None
         if asked is None or self._twin is None:
@@ -139,7 +139,7 @@ class AcceptButton:
 
 
 class TwoRobots:
-    """Drawing of the robot by its counts, and over it of the plant model; a `Drawn` of the server.
+    """Drawing for viewers: the robot by its counts, and over it the plant model; a `Drawn` of the server.
 
     Args:
         experiment: experiment of the robot.
@@ -164,7 +164,7 @@ class TwoRobots:
         list(self.drawings(0, np.zeros((1, max(place.stop for place in places.values())))))
 
     def drawings(self, first: int, rows: NDArray[np.float64], /) -> Iterator[Drawing]:
-        """See `Drawn`; a robot without a known pose is not drawn."""
+        """Yield drawings of robot and plant model for rows, see `Drawn`; a robot without a known pose is left out."""
         yield Drawing("scene", first, np.empty((1, 0)))
         robot = values_by_port(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
         model = values_by_port(MOTION, rows[:, self._places["plant"]])
@@ -179,7 +179,7 @@ class TwoRobots:
 
 
 class ShadowViewer:
-    """Connection of a session to viewers; slow viewers do not delay it.
+    """Connection of a session to viewers; slow viewers do not delay the session.
 
     Args:
         server: server that does not wait for its first viewer.
@@ -209,19 +209,19 @@ class ShadowViewer:
         server.begin(streams, TwoRobots(experiment, self._places), NANOSECOND_TICK, self._button)
 
     def press(self) -> str:
-        """Accept the requested proposal. Return an error message, or None."""
+        """Accept the proposal requested by a viewer. Return an error message, or ""."""
         text = self._button.press()
         if text is not None:
             self._server.send_parameters([ACCEPT_PARAMETER, PROPOSAL_PARAMETER, ACCEPTED_PARAMETER])
         return text or ""
 
     def say(self, line: str) -> None:
-        """Show the status line."""
+        """Show the status line to the viewers."""
         self._button.line = line
         self._server.send_parameters([LINE_PARAMETER])
 
     def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
-        """Send samples at `times` (n,), ns, with the twin's rows, and events."""
+        """Send samples at `times` (n,), ns, with the twin's rows, and events to the viewers."""
         for topic, own in rows.items():
             # usually the last one
             newest = next((row for row in own[::-1] if not np.isnan(row).all()), None)

@@ -21,7 +21,7 @@ NS_PER_SECOND = 1e9
 
 
 def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
-    """Return the signals that a map may name, with their columns and conversions."""
+    """List the robot signals that a column map may name, with their columns and conversions."""
     found = {FORCE_SIGNAL: WantedSignal(F_Z.start, "N")}
     for i in range(3):
         for name, place in zip(ANGLE_OF_COUNT, (COUNT_M, COUNT_L), strict=True):
@@ -36,7 +36,7 @@ def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
 def followed_columns(
     where: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal]
 ) -> dict[str, MappedColumn]:
-    """Select the columns that the twin follows; a map may serve other commands, too.
+    """Select the mapped columns that the twin follows; a map may serve other commands, too.
 
     Raises:
         LogError: an encoder is missing, or a column names no topic; all errors.
@@ -59,7 +59,7 @@ def followed_columns(
 
 
 def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
-    """Yield the samples of a table or of a recording of twin, each arriving at its own time.
+    """Yield the samples of a table, or of a recording of twin, as arrivals, each at its own time.
 
     Raises:
         LogError: no encoders, see `robot_samples`.

@@ -48,7 +48,7 @@ def _extrapolate(a, rate, t):
 
 @njit(cache=True, error_model="numpy")
 def pose(m):
-    """Compute joint angles and Jacobian at the estimated position into `m.theta_l` and `m.J`; NaN outside the
+    """Compute joint angles and Jacobian at the filter's estimated position into `m.theta_l` and `m.J`; NaN outside the
     workspace."""
     p = m.parameters
     for leg in range(3):
@@ -62,7 +62,7 @@ def pose(m):
 
 @njit(cache=True, error_model="numpy")
 def linearise(m, special):
-    """Differentiate dv/dt by the state into `m.slope`, by differences of the plant's own equation."""
+    """Differentiate the plant's acceleration dv/dt by the filter's state into `m.slope`, by finite differences."""
     p, v, theta_m, F = triple(m, POSITION), triple(m, VELOCITY), triple(m, MOTOR), triple(m, FORCE)
     base = push(m, special, p, v, theta_m, F)
     for i in range(3):
@@ -82,7 +82,8 @@ def linearise(m, special):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stiffness(m, leg):
-    """Return d tau_load / d theta_m (N m/rad) and tau_load (N m) of a leg; 0 inside the dead zone."""
+    """Compute the spring's stiffness d tau_load / d theta_m (N m/rad) and torque tau_load (N m) of a leg; 0 inside the
+    dead zone."""
     p, theta_m = m.parameters, m.x[MOTOR + leg]
     d = loaded_deflection(p, m.anchors, leg, theta_m, m.theta_l[leg])
     high = loaded_deflection(p, m.anchors, leg, theta_m + BY_ANGLE, m.theta_l[leg])
@@ -93,8 +94,8 @@ def stiffness(m, leg):
 
 @njit(cache=True, error_model="numpy")
 def transition(m, h, E, reach, droop, K, turn):
-    """Compute the transition matrix d x(t + h) / d x(t) into `m.phi`: exact for the drives, a series to h^3 for the
-    platform.
+    """Compute the filter's transition matrix d x(t + h) / d x(t) into `m.phi`: exact for the drives, a series to h^3
+    for the platform.
 
     Args:
         h: step length (s).
@@ -165,7 +166,7 @@ def transition(m, h, E, reach, droop, K, turn):
 
 @njit(cache=True, error_model="numpy")
 def propagate_covariance(m):
-    """Replace P by phi P phi^T."""
+    """Propagate the filter's covariance by the transition matrix: replace P by phi P phi^T."""
     P, phi, left = m.P, m.phi, m.left
     for i in range(STATES):
         for j in range(MATRIX_WIDTH):
@@ -187,7 +188,7 @@ def propagate_covariance(m):
 
 @njit(cache=True, error_model="numpy")
 def wander(m, h, commanded, touching):
-    """Add the process noise of half a step of `h` (s) to P."""
+    """Add the process noise of half a step of `h` (s) to the filter's covariance P."""
     P, n = m.P, m.noises
     v = 0.5 * h * n.v * n.v
     own = m.drive.wander if commanded else n.omega
@@ -208,8 +209,8 @@ def wander(m, h, commanded, touching):
 
 @njit(cache=True, error_model="numpy")
 def heading(m, h):
-    """Return the angle (rad) by which the platform's direction across the surface turns in `h` (s), from its slow
-    velocity `m.slow`."""
+    """Compute the angle (rad) that the platform's direction of motion across the surface turns through in `h` (s), from
+    its slow velocity `m.slow`."""
     s_x, s_y, across = m.slow[0], m.slow[1], h / HEADING_TIME
     d_x, d_y = across * (m.x[VELOCITY] - s_x), across * (m.x[VELOCITY + 1] - s_y)
     m.slow[0], m.slow[1] = s_x + d_x, s_y + d_y
@@ -224,7 +225,8 @@ def _rotate(F, by):
 
 @njit(cache=True, error_model="numpy")
 def predict(m, h, special):
-    """Predict state and covariance over `h` (s): Runge-Kutta for the platform, (6) of velocity_servo for the drives.
+    """Predict the filter's state and covariance over `h` (s): Runge-Kutta for the platform, (6) of velocity_servo for
+    the drives.
 
     The touched surface yields with the believed stiffness K, and friction turns with the direction of motion.
     """

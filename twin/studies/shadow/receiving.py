@@ -1,6 +1,6 @@
-"""Reception of messages: samples as soon as they are complete, and the estimate of each one at once.
+"""Reception of messages: samples as soon as they are complete, and the state estimate of each sample at once.
 
-Beside a live robot reception has its own thread; recording and display take its results in slices.
+With a live robot, reception has its own thread; recording and display take its results in slices.
 """
 
 import math
@@ -21,7 +21,7 @@ NS_PER_SECOND = 1e9
 
 @dataclass
 class ReceivedSlice:
-    """Arrivals since the last slice.
+    """Messages and samples received since the last slice.
 
     Attributes:
         arrivals: messages.
@@ -37,7 +37,7 @@ class ReceivedSlice:
 
 
 class Receiver:
-    """Receiver of a source's messages.
+    """Receiver of a source's messages, which assembles samples and has them estimated at once.
 
     The deadline of an estimate is one period after its sample is due: after the message that completed it or the
     previous one, or after the waiting time.
@@ -72,21 +72,21 @@ class Receiver:
 
     @property
     def thread(self) -> int | None:
-        """Native id of the thread; None before it runs."""
+        """Native id of the receiving thread; None before it runs."""
         return self._thread.native_id
 
     def start(self) -> None:
-        """Start the receiving thread."""
+        """Start the thread that receives messages."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop receiving; the last slice can still be drained."""
+        """Stop receiving messages; the last slice can still be drained."""
         self._alive = False
         if self._thread.is_alive():
             self._thread.join()
 
     def drain(self, end: bool = False) -> ReceivedSlice:
-        """Return all results since the last call.
+        """Return all messages and samples received since the last call.
 
         Args:
             end: whether the source has ended.
@@ -103,7 +103,7 @@ class Receiver:
         return taken
 
     def receive_once(self) -> None:
-        """Wait briefly for messages, and process them."""
+        """Wait briefly for messages, and turn them into samples."""
         wait = SLICE_TIME
         if self._aligner.due is not None:
             wait = min(wait, max(0.0, (self._aligner.due - self._source.now_ns()) / NS_PER_SECOND))

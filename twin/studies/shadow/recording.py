@@ -19,7 +19,7 @@ from twin.studies.replay.recording import NANOSECOND_TICK
 
 
 class ShadowRecording:
-    """Growing recording of a session; times count from the first sample.
+    """Growing recording of a session with a robot; times count from the first sample.
 
     The robot's messages have their arrival times relative to the first sample's, so that delays are visible.
 
@@ -55,7 +55,7 @@ class ShadowRecording:
         self._writer = Writer(path, declared, NANOSECOND_TICK, metadata, others=others)
 
     def write(self, arrivals: Iterable[Arrival], times: NDArray[np.int64], rows: Rows) -> None:
-        """Write messages, and the twin's `rows` for samples at `times` (n,), ns."""
+        """Write robot messages, and the twin's `rows` for samples at `times` (n,), ns, to the recording."""
         messages: dict[str, tuple[list[int], list[bytes]]] = {}
         for one in arrivals:
             if one.topic in self._others:
@@ -70,18 +70,18 @@ class ShadowRecording:
         self._writer.end_slice()
 
     def event(self, happening: Happening, level: str = "WARNING") -> None:
-        """Write an event."""
+        """Write an event to the recording."""
         self._writer.write_event(max(0, round(happening.t / NANOSECOND_TICK)), level, happening.text, "shadow")
 
     def flush(self) -> None:
-        """Flush to the operating system, so that the data survive a crash of this process."""
+        """Flush the recording to the operating system, so that the data survive a crash of this process."""
         self._writer.flush()
 
     def finish(self, facts: Mapping[str, object]) -> Path:
-        """Finish the file with the session's facts in its metadata, see `recorded_facts`; return its path."""
+        """Finish the recording with the session's facts in its metadata, see `recorded_facts`; return its path."""
         self._writer.write_metadata("followed", {"facts": json_text(facts)})
         return self._writer.finish()
 
     def abandon(self) -> Path:
-        """Close the incomplete file; return its path."""
+        """Close the incomplete recording; return its path."""
         return self._writer.abandon()

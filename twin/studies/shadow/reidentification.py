@@ -2,7 +2,7 @@
 
 Windows of slow, even motion (`identify.windows`) average out the encoders' rounding; the scatter between groups of
 windows gives intervals (`identify.clustered`). For each leg, with w = theta_m - N theta_l - slip, b the half width of
-its dead zone, s = sign(tau), and tau the motor's torque less that of its rotor,
+its dead zone, s = sign(tau), and tau the motor's torque without its rotor's,
 
     w - s b = tau (1/k_s + N^2 c_belt) + zero + s db:
 
@@ -61,7 +61,7 @@ MIN_GROUPS = 4
 SPRING_PRECISION = 1e-3
 """Best relative precision of a spring, limited by the rotor's inertia and its motion in a window."""
 DEAD_ZONE_PRECISION = 4e-3
-"""The same if the dead zone is fitted, too: a torque error that changes sign with it moves both."""
+"""Best relative precision with a fitted dead zone: a torque error that changes sign with it moves both."""
 MAX_GROUP_SHARE = 0.85
 """Maximum share of one group in a contact's stiffness: other groups do not reveal errors of a single press."""
 NO_SLOW_MOTION = "nothing moves slowly and evenly"
@@ -72,7 +72,7 @@ friction, cogging) the motor's torque is not the spring's load."""
 
 
 class ParameterChange(NamedTuple):
-    """Believed and found value of one parameter.
+    """Believed and identified value of one parameter.
 
     Attributes:
         name: name in texts.
@@ -95,7 +95,7 @@ class ParameterChange(NamedTuple):
 
     @property
     def is_news(self) -> bool:
-        """Whether the change exceeds its interval and the spread of healthy robots."""
+        """Whether the change of the parameter exceeds its interval and the spread of healthy robots."""
         if self.now is None:
             return False
         return abs(self.now.value - self.was) > max(NEWS_HALF_WIDTHS * self.now.half_width, self.least)
@@ -111,7 +111,7 @@ class ParameterChange(NamedTuple):
 
 @dataclass(frozen=True)
 class Adaptation:
-    """Proposal of changed parameters.
+    """Proposal of changed plant parameters after an alarm.
 
     Attributes:
         t: time of the search (s).
@@ -125,7 +125,7 @@ class Adaptation:
         return "; ".join(str(one) for one in self.changes)
 
     def apply_to(self, plant: PlantParameters) -> PlantParameters:
-        """Return `plant` with the changes."""
+        """Return `plant` with the proposed changes applied."""
         for one in self.changes:
             assert one.now is not None
             value = one.now.value
@@ -141,11 +141,11 @@ class Adaptation:
 
 
 class SlowMotion(NamedTuple):
-    """Data of a search.
+    """Data for the search of changed parameters: windows of slow motion with their torques.
 
     Attributes:
-        seen: windows of slow motion; their force is 0 if none was measured.
-        tau: mean motor torques in each window (n, 3), N m; NaN if none.
+        seen: windows of slow motion; their force is 0 without a measurement.
+        tau: mean motor torques in each window (n, 3), N m; NaN without torques.
         force: whether a force was measured.
     """
 
@@ -159,8 +159,8 @@ Spring = tuple[Estimate, Estimate, bool] | None
 
 
 def torque_error(experiment: Experiment) -> float:
-    """Return the largest rms difference of a motor's torque and its spring's load by the largest load, in a run of the
-    twin; infinite if the drives have no torque.
+    """Simulate the twin, and return the error of a motor's torque as the load of its spring: rms difference by the
+    largest load; infinite if the drives have no torque.
 
     Raises:
         TwinError: the run fails.
@@ -176,7 +176,7 @@ def torque_error(experiment: Experiment) -> float:
 def reidentify(
     samples: RobotSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
 ) -> tuple[ParameterChange, ...]:
-    """Fit springs, their zeros and the contact to `samples` since a change.
+    """Identify springs, their zeros and the contact from `samples` since a change, and list the changes of parameters.
 
     Args:
         plant: present belief about the plant.
@@ -208,7 +208,7 @@ def reidentify(
 
 
 def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
-    """Find windows of slow, even motion; None if there are none."""
+    """Find windows of slow, even motion in samples; None without such windows."""
     t = samples.t
     if len(t) < MIN_SAMPLES:
         return None
@@ -234,8 +234,8 @@ def _slow_motion(samples: RobotSamples, believed: Belief) -> SlowMotion | None:
 
 
 def _cautious_line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """Fit a `line` with intervals at least as wide as for independent errors, since few groups can agree by chance;
-    None with too few groups.
+    """Fit a line to clustered data like `line`, with intervals at least as wide as for independent errors, since few
+    groups can agree by chance; None with too few groups.
 
     Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
     Sec. VI.D).
@@ -270,7 +270,7 @@ def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
-    """Fit the stiffness of the contact, p_z = z_s + m_x p_x + m_y p_y - F/K; None if not determined."""
+    """Fit the stiffness K of the contact, p_z = z_s + m_x p_x + m_y p_y - F/K; None if not determined."""
     pressed = seen.select(on_scale(seen))
     if not len(pressed.t):
         return None
@@ -310,27 +310,28 @@ def _contact(K: Estimate | None, why: str, plant: PlantParameters) -> ParameterC
 
 
 class SampleRing:
-    """Ring buffer of a robot's last samples."""
+    """Ring buffer of the newest samples of a robot."""
 
     def __init__(self) -> None:
         self._t, self._u = np.full(MAX_SAMPLES, -np.inf), np.full((MAX_SAMPLES, width(INPUTS)), np.nan)
         self._next = 0
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """Store samples at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n, 13)."""
+        """Store samples of the robot at `t` (n,), s, ascending from call to call, with the filter's inputs `u` (n,
+        13)."""
         at = (self._next + np.arange(len(t))) % MAX_SAMPLES
         self._t[at], self._u[at] = t, u
         self._next = (self._next + len(t)) % MAX_SAMPLES
 
     def samples_since(self, t: float) -> RobotSamples:
-        """Return a copy of the samples after `t` (s), at most `MAX_SAMPLE_AGE` old."""
+        """Return a copy of the buffered samples after `t` (s), at most `MAX_SAMPLE_AGE` old."""
         order = np.argsort(self._t)
         at = order[self._t[order] >= max(t, self._t.max() - MAX_SAMPLE_AGE, 0.0)]
         return RobotSamples(self._t[at], self._u[at])
 
 
 class Reidentifier:
-    """Sample buffer with a search for changed parameters in a background thread.
+    """Search for changed parameters in a background thread, with a buffer of the newest samples.
 
     Args:
         experiment: belief about the robot.
@@ -338,7 +339,7 @@ class Reidentifier:
 
     Attributes:
         plant: present belief about the plant.
-        proposal: newest open proposal; None if there is none.
+        proposal: newest open proposal; None without a proposal.
         proposals: all proposals.
         adaptations: accepted proposals.
     """
@@ -358,18 +359,18 @@ class Reidentifier:
         self._asked_at = math.nan
 
     def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
-        """See `SampleRing`."""
+        """Store samples for the search of changed parameters, see `SampleRing`."""
         self._ring.keep(t, u)
 
     def ask(self, since: float, t: float) -> None:
-        """Start a search in the samples after `since`, at `t` (s)."""
+        """Start a background search for changed parameters in the samples after `since`, at `t` (s)."""
         self._asked_at = t
         self._answer = self._pool.submit(
             reidentify, self._ring.samples_since(since), self.plant, self._belief, self._rotor, self._loads
         )
 
     def answer(self) -> str:
-        """Return the result as a sentence; "" while the search is running."""
+        """Return the result of the search for changed parameters as a sentence; "" while the search is running."""
         assert self._answer is not None
         if not (self._wait or self._answer.done()):
             return ""
@@ -386,6 +387,6 @@ class Reidentifier:
         return f"{UNKNOWN_PARAMETER}: {'; '.join(reasons)}"
 
     def accept(self, proposal: Adaptation) -> None:
-        """Use the values of `proposal` from now on."""
+        """Adopt the parameter values of `proposal` as the belief about the plant."""
         self.plant, self.proposal = proposal.apply_to(self.plant), None
         self.adaptations.append(proposal)

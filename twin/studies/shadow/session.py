@@ -68,7 +68,7 @@ Say = Callable[[str], None]
 
 
 class Session:
-    """Session that follows a source.
+    """Session of twin and robot: it follows a source, records and reports.
 
     Args:
         source: the robot or a log.
@@ -77,7 +77,7 @@ class Session:
         twin: the twin.
         model: belief about the robot.
         lateness: budget for late messages (s).
-        duration: maximum length (s) by the robot's stamps; infinite for none.
+        duration: maximum length (s) by the robot's stamps; infinite for no limit.
         live: whether the source is live, so that silence is an event.
         say: receives the status line.
         announce: receives messages for terminals without a status line.
@@ -125,7 +125,7 @@ class Session:
         self.followed = SessionSummary(source.name)
 
     def wait_for_topics(self) -> None:
-        """Subscribe to every topic of the map as soon as it is published.
+        """Wait for the topics of the column map, and subscribe to each as soon as it is published.
 
         Raises:
             LogError: the type of a topic is unknown or unsupported.
@@ -161,14 +161,14 @@ class Session:
         time.sleep(0.1)
 
     def _report_once(self, text: str) -> None:
-        """Report a new text, also without a terminal."""
+        """Report a text unless it has been reported before, also without a terminal."""
         if text != self._announced:
             self._announced = text
             self._announce(text)
         self._say(text)
 
     def follow(self, path: Callable[[], Path]) -> SessionSummary:
-        """Follow until the source ends, the duration is over, or Ctrl-C.
+        """Follow the robot until the source ends, the duration is over, or Ctrl-C; return the summary of the session.
 
         Args:
             path: returns the path of the recording, called at the first sample.
@@ -231,7 +231,7 @@ class Session:
                 self._recording.flush()
 
     def _process_slice(self, end: bool = False) -> bool:
-        """Process one slice: rows of the samples, recording and live view. Return whether samples have arrived."""
+        """Process one slice of samples: rows, recording and live view. Return whether samples have arrived."""
         if self._viewer and (text := self._viewer.press()):
             self._record_event(Happening(self._t, text), "accepted")
         received = self._receiver.drain(end)
@@ -327,7 +327,7 @@ class Session:
         self._noted = now
 
     def _note_silence(self, sampled: bool) -> None:
-        """Report the missing topic or joint after `SILENCE_TIMEOUT` without a sample, and stop the watch."""
+        """Report the missing topic or joint after `SILENCE_TIMEOUT` without a sample, and suspend the alarm."""
         if sampled or self._newest is None:
             if sampled or self._live or self._receiver.heard:
                 self._newest, self.followed.silent = self._source.now_ns(), ""
@@ -342,7 +342,7 @@ class Session:
             self._watched.lose(self._t, text)
 
     def _why_silent(self) -> str:
-        """Return the cause of a silence: a missing topic, a missing joint, or values that are not finite."""
+        """Find the cause of a silence of the robot: a missing topic, a missing joint, or values that are not finite."""
         since = self._source.now_ns() - SILENCE_TIMEOUT * 1e9
         columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME_SIGNAL}
         for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_encoder(signal)}):
@@ -374,7 +374,7 @@ class Session:
             self._happenings += [one] if self._viewer else []
 
     def _refuse_lacking(self) -> None:
-        """Refuse messages without a needed joint before the first sample."""
+        """Reject messages without a needed joint, before the first sample."""
         if len(self._before) < JOINT_SEARCH_MESSAGES:
             return
         sentences = [text for reader in self._readers.values() for text in reader.missing_signals()]
@@ -420,7 +420,7 @@ class Session:
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self) -> str:
-        """Return the status line, below 80 columns."""
+        """Format the status line of the session, below 80 columns."""
         counts, period = self._aligner.counts, self._aligner.period
         if self.followed.silent and self._newest is not None:
             quiet = (self._source.now_ns() - self._newest) / 1e9
@@ -432,6 +432,6 @@ class Session:
         return status_line(self._t, 1e-9 * period, late, counts, recent, self._level, self._joints())
 
     def _joints(self) -> float:
-        """Largest recent residual of a joint of the plant model, rad; NaN if there is none yet."""
+        """Return the largest recent residual of a joint of the plant model, rad; NaN before the first residual."""
         found = [abs(r.recent) for name, r in self.followed.residuals.items() if name.startswith(PLANT_JOINT)]
         return max(found, default=math.nan)

@@ -1,4 +1,4 @@
-"""Sources of `--source`: topics of a live robot, or a log."""
+"""Sources of samples named by `--source`: topics of a live robot, or a log."""
 
 import socket
 from collections.abc import Mapping
@@ -20,13 +20,13 @@ JOINT_NAMES = ("m1", "m2", "m3", "l1", "l2", "l3")
 
 
 def transport_of(source: str) -> str:
-    """Transport of a source, `ros2` for `ros2:/joint_states`; "" for a log."""
+    """Parse the transport in a `--source` text, `ros2` for `ros2:/joint_states`; "" for a log."""
     first, colon, _ = source.partition(":")
     return first if colon and first in TRANSPORT_NAMES else ""
 
 
 def refuse_source(source: str) -> None:
-    """Check `source` before anything is loaded.
+    """Reject an invalid `--source` text before anything is loaded.
 
     Raises:
         InputRefused: no topic after a transport, or no file.
@@ -49,7 +49,8 @@ def open_source(
     notes: list[str],
     part: tuple[float | None, float | None] = (None, None),
 ) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
-    """Open a source. Return it, the columns of its signals (empty for a recording of twin), and whether it is live.
+    """Open a source of samples. Return it, its signals' columns (empty for a recording of twin), and whether it is
+    live.
 
     Args:
         source: text of the command line.
@@ -93,10 +94,10 @@ def open_source(
 
 
 def live_source(transport: str, name: str) -> RobotSource:
-    """Open a live source of a transport.
+    """Open a live source of robot messages by the name of its transport.
 
     Raises:
-        InputRefused: its package is not installed, or there is no usable network.
+        InputRefused: its package is not installed, or the network is unusable.
     """
     if transport == "zenoh":
         from twin.kernel.recording.sources.zenoh_topics import ZenohSource
@@ -108,7 +109,7 @@ def live_source(transport: str, name: str) -> RobotSource:
 
 
 def waiting_hint(source: str, topics: list[str]) -> str:
-    """Explain why `topics` may be missing: domain, network interfaces, usual causes."""
+    """Explain why topics of a robot may be missing: domain, network interfaces, usual causes."""
     from twin.kernel.recording.sources.dds import domain_id
 
     names = ", ".join(name for _, name in socket.if_nameindex()) if hasattr(socket, "if_nameindex") else "not known"
@@ -122,6 +123,6 @@ def waiting_hint(source: str, topics: list[str]) -> str:
 
 
 def proposed_map(topic: str) -> str:
-    """Return the lines of a map template for a topic with the joints of a robot."""
+    """Create a column map template for a topic with the joints of a robot."""
     names = [f"estimator.theta_{side}[{i}]" for side in "ml" for i in range(3)]
     return "\n".join(f'"{name}" = "{topic}.position.{joint}"' for name, joint in zip(names, JOINT_NAMES, strict=True))

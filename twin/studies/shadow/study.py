@@ -41,7 +41,7 @@ def _find_source(asked: ArgumentValues) -> None:
 def _limits(
     fleet: Path | None, experiment: Path, settings: Sequence[str], say: Say
 ) -> "tuple[Tolerances | RateTolerances | None, str]":
-    """Return the alarm's tolerances for an experiment, or the reason why they are missing.
+    """Load or compute the alarm's tolerances for an experiment. Return them, or None, and the reason if missing.
 
     Raises:
         InputRefused: `fleet` is given and cannot be used; all errors of the file.
@@ -60,13 +60,13 @@ def _limits(
 
 
 def _announce(text: str) -> None:
-    """Print a sentence to standard error, unless a terminal shows the status line."""
+    """Print a message of the session to standard error, unless a terminal shows the status line."""
     if not sys.stderr.isatty():
         _print(text)
 
 
 def _print(text: str) -> None:
-    """Print a sentence to standard error, over the status line."""
+    """Print a message of the session to standard error, over the status line."""
     print(("\r" if sys.stderr.isatty() else "") + terminal_text(text), file=sys.stderr, flush=True)
 
 

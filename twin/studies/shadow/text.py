@@ -1,4 +1,4 @@
-"""Summary of a session: text of at most 80 columns, and facts."""
+"""Summary of a session with a robot: text of at most 80 columns, and facts."""
 
 import math
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ UNITS = {"force": "N", "plant joint": "rad", "command": "rad/s"}
 
 
 def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
-    """Format the status line, at most `LINE_WIDTH` wide; NaN values are left out.
+    """Format the status line of a session, at most `LINE_WIDTH` wide; NaN values are left out.
 
     Args:
         t: time of the last sample (s).
@@ -61,7 +61,7 @@ def status_line(t: float, period: float, late: float, counts: Counts, NIS: float
 
 
 def shadow_result(followed: SessionSummary, name: str, files: Mapping[str, Path]) -> Result:
-    """Create the report of a session; name: experiment; files: kind -> path."""
+    """Create the report of a finished session; name: experiment; files: kind -> path."""
     counts = followed.counts
     rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
     body: list[Block] = []
@@ -143,7 +143,7 @@ def _clock(followed: SessionSummary) -> str:
 
 
 def _band(foreseen: PredictionScore, is_promised: bool) -> str:
-    """Text on the band; for a robot that was not identified a share below 95 % is no failure."""
+    """Describe the band of the predictions; for a robot that was not identified a share below 95 % is not a failure."""
     if not foreseen.banded:
         return foreseen.no_band or "no band"
     text = f"{100.0 * foreseen.share:.0f} % of the estimated forces lay in the band"
@@ -168,7 +168,7 @@ def _ms(seconds: float) -> str:
 
 
 def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
-    """Return all results as numbers; keys carry units, missing values are None."""
+    """Convert all results of a session to numbers; keys carry units, missing values are None."""
     NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
@@ -216,7 +216,7 @@ def shadow_facts(followed: SessionSummary, name: str) -> dict[str, object]:
 
 
 def _change(one: WatchEvent) -> dict[str, object]:
-    """Return a change of the alarm's state with its evidence."""
+    """Convert a change of the alarm's state with its evidence to JSON."""
     evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
                 "level": one.level} if one.channel else {}  # fmt: skip
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}

@@ -32,8 +32,8 @@ FLEET_FILE = PROJECT_FOLDER / "experiments" / "sweeps" / "healthy_fleet.toml"
 PERIOD_FACTORS = (1, 2, 5, 10)
 """Sampling periods with tolerances, in periods of the controller."""
 CHECKED_RATE = 1.0
-"""Rate of false alarms per hour at which the alarm must find the `CHECKED_FAULTS` before the run ends. They begin at a
-third of the run; in a sequence of tasks at a third of the mean task, since only one task may load a spring."""
+"""Rate of false alarms per hour for the check that the alarm finds the `CHECKED_FAULTS` before the run ends. They begin
+at a third of the run; in a sequence of tasks at a third of the mean task, since only one task may load a spring."""
 CHECKED_FAULTS = (
     "kind = 'spring_softened', target = 'joint_2', magnitude_factor = 0.8",
     "kind = 'drive_dead', target = 'drive_2'",
@@ -41,7 +41,8 @@ CHECKED_FAULTS = (
 
 
 def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateTolerances, str]:
-    """Return the tolerances of a fleet by rate, and their origin: shipped, cached or computed.
+    """Load or compute the alarm's tolerances for a fleet, by sampling rate. Return them and their origin: shipped,
+    cached or computed.
 
     Raises:
         TwinError: a robot of the fleet cannot be simulated.
@@ -58,12 +59,12 @@ def tolerances_of(fleet: Fleet, say: Say = ignore_progress) -> tuple[RateToleran
 
 
 def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET_FILE) -> Fleet:
-    """Read the fleet of `path` around an experiment with `settings`."""
+    """Read the shipped fleet of healthy robots around an experiment with `settings`."""
     return read_fleet(path, experiment, settings=settings)
 
 
 def fleet_digest(fleet: Fleet) -> str:
-    """Return the SHA-256 of all inputs of the tolerances, without twin's own code."""
+    """Return the SHA-256 of all inputs that the tolerances of a fleet depend on, without twin's own code."""
     facts = [
         fleet.twin().values,
         fleet.robots,
@@ -80,7 +81,7 @@ def fleet_digest(fleet: Fleet) -> str:
 
 
 def read_tolerances(path: Path, digest: str) -> RateTolerances | None:
-    """Read the tolerances of a file; None if it is missing, or of another experiment or fleet."""
+    """Read the alarm's tolerances from a file; None if it is missing, or of another experiment or fleet."""
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         if facts["digest"] != digest:
@@ -91,7 +92,7 @@ def read_tolerances(path: Path, digest: str) -> RateTolerances | None:
 
 
 def write_tolerances(path: Path, digest: str, limits: RateTolerances) -> None:
-    """Write tolerances to `path`; SI units."""
+    """Write the alarm's tolerances to `path`; SI units."""
     rates = {f"{rate:g}": asdict(one) for rate, one in limits.items()}
     write_text(path, json_text({"digest": digest, "rates_Hz": rates}, indent=1) + "\n")
 
@@ -102,7 +103,7 @@ def _with_nan(facts: Mapping[str, Mapping[str, float | None]]) -> Tolerances:
 
 
 def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
-    """Compute the tolerances for each sampling rate (Hz) at which the alarm finds the `CHECKED_FAULTS`."""
+    """Compute a fleet's alarm tolerances, for each sampling rate (Hz) fast enough to find the `CHECKED_FAULTS`."""
     twin = fleet.twin()
 
     def progress(what: str, share: float | None = None) -> None:
@@ -115,7 +116,7 @@ def rate_limits(fleet: Fleet, say: Say = ignore_progress) -> RateTolerances:
 
 
 def finds_faults(fleet: Fleet, limits: Tolerances, every: int = 1) -> bool:
-    """Whether the alarm finds the `CHECKED_FAULTS` in a robot that is as believed, with one in `every` samples."""
+    """Check whether the alarm finds the `CHECKED_FAULTS` in a robot as believed, with one in `every` samples."""
     twin = fleet.twin()
     fleet = replace(fleet, robots=((),))
     onset = round(twin.duration_ticks // (3 * max(1, len(twin.tasks))) * twin.cosim.tick, 9)

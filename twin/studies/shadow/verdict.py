@@ -1,4 +1,4 @@
-"""Verdict of a session: robot and twin match, they part, or nothing was watched."""
+"""Verdict of a session: robot and twin match, they diverge, or nothing was watched."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ GROSS_BAND, MIN_BANDED_FORCES = 0.2, 200
 
 @dataclass
 class RunningStatistics:
-    """Running statistics of a residual.
+    """Running statistics of one residual of a session.
 
     Attributes:
         count: number of values.
@@ -51,7 +51,7 @@ class RunningStatistics:
     worst_at: float = math.nan
 
     def add(self, t: NDArray[np.float64], r: NDArray[np.float64]) -> None:
-        """Add values r (n,) at t (n,), s; NaN is skipped."""
+        """Add residuals r (n,) at t (n,), s, to the running statistics; NaN is skipped."""
         there = np.isfinite(r)
         if not np.any(there):
             return
@@ -85,7 +85,7 @@ class RunningStatistics:
 
 @dataclass
 class SessionSummary:
-    """Summary of a session.
+    """Summary of a session with a robot: counts, residuals, alarms and predictions.
 
     Attributes:
         source: name of the source.
@@ -105,9 +105,9 @@ class SessionSummary:
         no_alarm: reason for the missing alarm.
         caution: caution for alarms; "" for an identified robot.
         ahead: score of the predictions; None without predictions.
-        measured: names of the `SIGNAL_COLUMNS` that arrived.
+        measured_signals: names of the `SIGNAL_COLUMNS` that arrived.
         silent: missing topic or joint at the end; "" if samples arrived until the end.
-        mistake: error of the column map, with the correct map; "" if there is none.
+        map_error: error of the column map, with the correct map; "" without an error.
     """
 
     source: str
@@ -133,16 +133,16 @@ class SessionSummary:
 
     @property
     def alarms(self) -> list[str] | None:
-        """Sentences on the alarms among `changes`."""
+        """Alarms among the `changes`, a sentence each; None without a watch."""
         return None if self.changes is None else [f"{one.t:.1f} s  {one}" for one in self.changes if one.alarm]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Verdict of a session.
+    """Verdict of a session of robot and twin.
 
     Attributes:
-        kind: "match", "part" or "not watched".
+        kind: "match", "part" (they diverge) or "not watched".
         since: time of divergence (s); NaN if robot and twin match.
         text: half a sentence.
     """
@@ -153,7 +153,7 @@ class Verdict:
 
 
 def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str = "") -> Verdict | None:
-    """Return the verdict on residuals that need no tolerance, or on a wrong map; None if neither applies.
+    """Judge residuals that are too large for any healthy robot, or a wrong column map; None if neither applies.
 
     Args:
         residuals: residuals of a session.
@@ -178,7 +178,7 @@ def gross_disagreement(residuals: Mapping[str, RunningStatistics], mistake: str 
 
 
 def verdict_of(followed: SessionSummary) -> Verdict:
-    """Return the verdict of a finished session."""
+    """Judge a finished session: robot and twin match, diverge, or were not watched."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
         caution = f"; {followed.caution}" if followed.caution else ""

@@ -1,8 +1,8 @@
-"""Bags of ROS 2 in MCAP or SQLite, compressed or not.
+"""Reader of ROS 2 bags in MCAP or SQLite, compressed or not.
 
 Layout: https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as much as a file claims;
 here memory and time are bounded by the file's size. metadata.yaml is used only for the names of expected files, since a
-killed recorder writes none.
+killed recorder does not write it.
 """
 
 import os
@@ -48,7 +48,7 @@ _FILE_LIST = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re
 
 
 def is_bag(path: Path) -> bool:
-    """Whether `path` is a folder with a bag, or one file of a bag that is no plain MCAP file."""
+    """Check whether `path` is a ROS 2 bag: a folder with a bag, or one file of a bag other than a plain MCAP file."""
     if not os.path.isdir(path):
         return path.name.endswith((".db3", ".zstd"))
     # a run of twin is also an MCAP file in a folder
@@ -59,7 +59,7 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """Read all files of a bag as one log.
+    """Read all files of a ROS 2 bag as one log.
 
     Args:
         columns: see `log_from_topics`.
@@ -72,7 +72,7 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
 
 
 def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Read the topics of all files of a bag, and notes on missing data.
+    """Read the topics of all files of a ROS 2 bag, and notes on missing data.
 
     Args:
         columns: columns whose topics' messages are kept.
@@ -97,12 +97,12 @@ def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[st
 
 
 def _files(folder: Path) -> list[Path]:
-    """Files of the bag, in any order, since their messages have times."""
+    """List the files of a bag, in any order, since their messages have times."""
     return sorted(folder / name for name in os.listdir(folder) if name.endswith(BAG_SUFFIXES))
 
 
 def _missing_files(folder: Path, files: list[Path]) -> list[str]:
-    """Note on files in the bag's own list that are missing in the folder."""
+    """Create the note on files that are in the bag's own list but missing in the folder."""
     if not os.path.lexists(folder / METADATA_FILE):
         return [f"no {METADATA_FILE}: the recorder was stopped before it wrote one"]
     listed = _FILE_LIST.search(read_text(folder / METADATA_FILE))
@@ -113,7 +113,7 @@ def _missing_files(folder: Path, files: list[Path]) -> list[str]:
 
 @contextmanager
 def _plain_file(file: Path) -> Iterator[Path]:
-    """`file` itself, or its decompressed copy."""
+    """Yield a bag's file itself, or its decompressed temporary copy."""
     try:
         with open_regular(file, MAX_FILE_BYTES) as content:
             if not file.name.endswith(".zstd"):
@@ -137,7 +137,7 @@ def _plain_file(file: Path) -> Iterator[Path]:
 
 
 def _sqlite_topics(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
-    """Topics of the SQLite file `plain`, decompressed from `file`, and a note on an unfinished recording."""
+    """Read the topics of a bag's SQLite file `plain`, unpacked from `file`, and a note on an unfinished recording."""
     size = plain.stat().st_size
     with plain.open("rb") as start:
         head = start.read(HEAD_BYTES)
@@ -165,7 +165,7 @@ def _sqlite_topics(plain: Path, columns: Mapping[str, MappedColumn], file: Path)
 
 
 class BagDatabase:
-    """Stored rows of an SQLite file `bag` of `size` bytes, without computed ones.
+    """Bounded reader of a bag's SQLite file: only stored rows, limited by `size`, the file's size in bytes.
 
     SQLite files can contain code: views, virtual tables and generated columns are computed by the reader, to any size
     and for any time. Pages may also refer to each other so that few of them contain any number of rows.
@@ -200,7 +200,7 @@ class BagDatabase:
         self.has_definitions = bool(columns[DEFINITIONS_TABLE])
 
     def select(self, query: str) -> Iterator[tuple[Any, ...]]:
-        """Return the rows of `query`.
+        """Run a query on the bag's database, and yield its rows.
 
         Raises:
             LogError: rows larger than the file, or more steps than its size allows.
@@ -264,7 +264,7 @@ def _read_topics(rows: BagDatabase, file: Path, size: int, columns: Mapping[str,
 
 
 def _attach_definition(topic: LoggedTopic, folder: Path) -> None:
-    """Define a topic's type from `PACKAGE/msg/NAME.msg` files in the bag's folder."""
+    """Define a topic's message type from `PACKAGE/msg/NAME.msg` files in the bag's folder."""
     schema = topic.schema
     if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
         return

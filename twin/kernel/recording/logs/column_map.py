@@ -35,7 +35,7 @@ _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
 
 
 def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
-    """Parse texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`).
+    """Parse a column map from texts `NAME=[-]COLUMN[UNIT]` and TOML files into columns by signal (and `time`).
 
     Raises:
         LogError: an unreadable file, or invalid entries; all errors at once.
@@ -56,7 +56,7 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """Split a column's name into name and unit; the unit is empty if there is none.
+    """Split a column's name into name and unit; the unit is empty for a name without a unit.
 
     `F [N]` and `F (N)` may have any unit; `F_N` and `speed_rad_per_s` one word, N_m, or words with _per_.
     """
@@ -76,7 +76,7 @@ def split_unit(header: str) -> tuple[str, str]:
 
 
 def require_unit(text: str, where: str) -> Unit:
-    """Parse a unit.
+    """Parse the unit of a column.
 
     Args:
         text: `mm`, `rad/s`, `deg_per_s`.
@@ -93,7 +93,7 @@ def require_unit(text: str, where: str) -> Unit:
 
 
 def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COLUMN") -> None:
-    """Check the unit of a signal.
+    """Reject a signal whose unit differs from the wanted unit.
 
     Args:
         where: begins the error message.
@@ -113,13 +113,13 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
 
 
 def map_text(signal: str, column: MappedColumn) -> str:
-    """Return the line of a map file for a signal: `"arm.force" = "-Fz[N]"`."""
+    """Format the line of a map file for a signal: `"arm.force" = "-Fz[N]"`."""
     text = f"{'-' if column.sign < 0 else ''}{column.name}{f'[{column.unit}]' if column.unit else ''}"
     return f"{json.dumps(signal)} = {json.dumps(text, ensure_ascii=False)}"
 
 
 def _parse_column(source: str) -> MappedColumn:
-    """Parse `-Fz[N]` into Fz, N, -1; an index is part of the name."""
+    """Parse a column text `-Fz[N]` into name Fz, unit N and sign -1; an index is part of the name."""
     sign, text = (-1 if source.startswith("-") else 1), source
     source = source.removeprefix("-")
     match = re.fullmatch(r"(.+)\[([^\[\]]+)\]", source)
@@ -144,7 +144,7 @@ def _read_map_file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
 def _collect_entries(
     path: Path, prefix: str, table: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]
 ) -> None:
-    """Collect the entries of `table`; unquoted dots in names are nested tables."""
+    """Collect the entries of a column map's TOML `table`; unquoted dots in names are nested tables."""
     for key, value in table.items():
         name = f"{prefix}{key}"
         if isinstance(value, str) and value.lstrip("-"):

@@ -1,4 +1,4 @@
-"""CSV files as logs: signals, units and times of the columns of a table."""
+"""Reader of CSV files as logs: signals, units and times of the columns of a table."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
 
     Args:
         columns: columns by signal; empty for every numeric column, named as in the head.
-        known: unit by name of signals in the head, such as those of the log to compare with.
+        known: unit by name of signals in the head, such as the signals of the log to compare with.
 
     Raises:
         LogError: no text, no rows, rows of different lengths, missing or unreadable columns of the map, times that do
@@ -90,7 +90,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
 def _sources(
     table: CsvTable, columns: Mapping[str, MappedColumn], known: Mapping[str, str], mistakes: list[str]
 ) -> tuple[dict[str, MappedColumn], dict[str, str]]:
-    """Select the columns to read, with units, and signals that are left out -> error message."""
+    """Select the columns to read from a CSV file, with units; also return the omitted signals with error messages."""
     sources = {}
     for signal, column in columns.items():
         # the whole name, then without unit and sign, then `Fz` for `Fz_N`
@@ -134,7 +134,7 @@ def _sources(
 
 
 def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return the signal and unit of each name of the head, without empty names.
+    """Determine signal and unit of each column name in a CSV file's head, without empty names.
 
     A name that `twin export` writes for a `known` signal (unit by name) means it, then a name that equals one: `i_A` is
     not a current `i`. Every other name contains its unit, see `split_unit`.
@@ -156,7 +156,7 @@ def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[s
 
 
 def heading(name: str, of_unit: str) -> str:
-    """Return the column name of `twin export`: `arm.tip[0]_m`, `axis/1.speed_rad_per_s`.
+    """Format the column name that `twin export` writes for a signal: `arm.tip[0]_m`, `axis/1.speed_rad_per_s`.
 
     Names that spreadsheets would read as a formula begin with an apostrophe.
     """
@@ -166,7 +166,7 @@ def heading(name: str, of_unit: str) -> str:
 
 
 def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], Unit]:
-    """Numbers of a column (n,), not finite without a sample, and its unit."""
+    """Return the numbers of a CSV column (n,), not finite without a sample, and its unit."""
     factor = _unit_of(table.path, column)
     values = table.column(column.name)
     wrong = table.wrong_fields(column.name)
@@ -181,7 +181,7 @@ def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64],
 
 
 def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Times (s) of the rows with a time, ascending, and the indices of these rows."""
+    """Return the times (s) of the CSV rows that have a time, ascending, and the indices of these rows."""
     wrong = table.wrong_fields(column.name)
     if wrong and DATE_PATTERN.fullmatch(wrong.text):
         raise LogError(

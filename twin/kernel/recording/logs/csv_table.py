@@ -34,7 +34,7 @@ INVALID_TEXT = re.compile(
     r"|[-+]?(nan(\(\w*\))?|1\.#(qnan|snan|ind|inf)\d*)",  # C libraries: -nan(ind), 1.#QNAN
     re.IGNORECASE,
 )
-"""Spellings of a missing number, in addition to those of NaN and infinity that float() reads."""
+"""Spellings of a missing number, in addition to the spellings of NaN and infinity that float() reads."""
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 COMMENT_LINE = re.compile(r"#(\s|$)")
 SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
@@ -43,7 +43,7 @@ SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
 
 @dataclass
 class WrongFields:
-    """Fields of one column that are no finite numbers.
+    """Fields of one CSV column that are not finite numbers.
 
     Attributes:
         count: number of these fields.
@@ -62,11 +62,11 @@ class WrongFields:
 
     @property
     def texts(self) -> int:
-        """Number of fields with other text."""
+        """Number of wrong fields in the column that contain text, i.e. are neither empty nor an invalid number."""
         return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
-        """Count a field."""
+        """Count a field of the column as wrong."""
         empty, invalid = not text, INVALID_TEXT.fullmatch(text) is not None or _is_float(text)
         if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
@@ -79,7 +79,7 @@ class WrongFields:
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Table of a CSV file.
+    """Table of numbers read from a CSV file.
 
     Attributes:
         path: the file.
@@ -100,7 +100,7 @@ class CsvTable:
     notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Numbers of the column `name`.
+        """Return the numbers of the CSV column `name`.
 
         Raises:
             LogError: two columns have that name.
@@ -110,16 +110,16 @@ class CsvTable:
         return self.values[:, self.head.index(name)]
 
     def wrong_fields(self, name: str) -> WrongFields | None:
-        """Wrong fields of the column `name`; None if there are none."""
+        """Return the wrong fields of the CSV column `name`; None without wrong fields."""
         return self.wrong.get(self.head.index(name))
 
     def is_numbers(self, name: str) -> bool:
-        """Whether all non-empty fields of the column `name` are numbers, and at least one exists."""
+        """Check whether all non-empty fields of the CSV column `name` are numbers, and at least one exists."""
         wrong = self.wrong_fields(name)
         return wrong is None or (not wrong.texts and wrong.count < len(self.values))
 
     def is_words(self, name: str) -> bool:
-        """Whether the column `name` has text and no numbers."""
+        """Check whether the CSV column `name` has text and no numbers."""
         wrong = self.wrong_fields(name)
         return wrong is not None and wrong.count == len(self.values) and wrong.texts > 0 and not wrong.commas
 
@@ -136,7 +136,7 @@ def read_table(path: Path) -> CsvTable:
 
 
 def parse_table(path: Path, file: BinaryIO) -> CsvTable:
-    """Parse CSV from `file`; `path` is its name in error messages. Errors as of `read_table`."""
+    """Parse a CSV table from an open `file`; `path` is its name in error messages. Errors as of `read_table`."""
     end = _end_of_text(path, file)
     file.seek(end - 1)
     ended = file.read(1) in (b"\n", b"\r")
@@ -219,7 +219,7 @@ def _end_of_text(path: Path, file: BinaryIO) -> int:
 
 
 def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], str, Iterator[tuple[list[str], int]]]:
-    """Parse (comments, names of the columns, separator, rows of `_rows`) from lines of text.
+    """Parse the head of a CSV file from lines of text: (comments, names of the columns, separator, rows of `_rows`).
 
     Raises:
         LogError: no head, or no table.
@@ -252,7 +252,7 @@ def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], 
 
 
 def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iterator[tuple[list[str], int]]:
-    """Yield (fields, line number) of each row that is not blank, after `before` lines."""
+    """Yield (fields, line number) of each CSV row that is not blank, after `before` lines."""
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         for row in reader:
@@ -264,12 +264,12 @@ def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iter
 
 
 def more_text(others: int, what: str) -> str:
-    """Format ` (and 2 more such rows)`."""
+    """Format the end of an error message for further cases: ` (and 2 more such rows)`."""
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
 def _is_float(text: str) -> bool:
-    """Whether Python parses `text` as a float, including NaN, infinity and values beyond any quantity."""
+    """Check whether Python parses `text` as a float, including NaN, infinity and values beyond any quantity."""
     try:
         float(text)
     except ValueError:
@@ -278,7 +278,7 @@ def _is_float(text: str) -> bool:
 
 
 def _number(text: str) -> float | None:
-    """Parse a finite number; None for other text, and for values beyond any quantity."""
+    """Parse a text as a finite number; None for other text, and for values beyond any quantity."""
     try:
         value = float(text)
     except ValueError:
@@ -289,7 +289,8 @@ def _number(text: str) -> float | None:
 def _numbers(
     texts: Sequence[str], lines: Sequence[int], position: int, wrong: dict[int, WrongFields]
 ) -> NDArray[np.float64]:
-    """Parse the texts of the column at `position`; NaN for invalid ones, which are added to `wrong`."""
+    """Parse the texts of the CSV column at `position` as numbers; invalid texts become NaN, and are added to
+    `wrong`."""
     try:
         values = np.fromiter(map(float, texts), np.float64, len(texts))
         # also false for NaN

@@ -1,7 +1,7 @@
 """Decoding of foreign messages: protobuf by the schema in the file, JSON, CDR of ROS 2.
 
 Encodings: https://mcap.dev/spec/registry; CDR: OMG DDSI-RTPS 10.2. mcap-protobuf-support and rosbags decode; the cost
-of a definition is bounded here. Units are those of REP 103.
+of a definition is bounded here. Units follow REP 103.
 """
 
 import json
@@ -72,7 +72,7 @@ PATH_PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
-    """Create the decoder of a channel's messages; None for an unsupported encoding.
+    """Create the message decoder of an MCAP channel; None for an unsupported encoding.
 
     The decoder raises ValueError for invalid bytes, this function for an invalid schema.
     """
@@ -109,7 +109,7 @@ def _decode_json(data: bytes) -> Any:
 
 
 def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
-    """Create the decoder of CDR messages of type `name`; it raises ValueError for invalid bytes.
+    """Create the decoder of ROS 2 CDR messages of type `name`; it raises ValueError for invalid bytes.
 
     Args:
         name: name of the type, `sensor_msgs/msg/JointState`.
@@ -148,7 +148,7 @@ def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
 
 
 def is_known(name: str) -> bool:
-    """Whether ROS 2 defines the type `name`; false without rosbags."""
+    """Check whether ROS 2 itself defines the message type `name`; false without rosbags."""
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
@@ -157,7 +157,7 @@ def is_known(name: str) -> bool:
 
 
 def unit_of(message: Any, parts: Sequence[str | int]) -> str:
-    """Unit of `FIELD_UNITS` for the field at `parts` of a decoded message; empty if there is none."""
+    """Look up the unit of the field at `parts` of a decoded message in `FIELD_UNITS`; empty for an unknown field."""
     unit, value = "", message
     for part in parts:
         kind = getattr(value, "__msgtype__", None)
@@ -169,7 +169,7 @@ def unit_of(message: Any, parts: Sequence[str | int]) -> str:
 
 
 class _DefinitionError(ValueError):
-    """Invalid definition; the text completes a sentence."""
+    """Error for an invalid message definition; its text completes a sentence."""
 
 
 def _definition_text(definition: bytes, encoding: str) -> str:
@@ -184,7 +184,7 @@ def _definition_text(definition: bytes, encoding: str) -> str:
 
 
 def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
-    """The type `name` and all types in it."""
+    """List the message type `name` and all types nested in it."""
     parts, found, level = 0, [name], [name]
     for _ in range(MAX_DEPTH):
         inner = []
@@ -204,7 +204,7 @@ def _type_closure(name: str, known: Mapping[str, Any]) -> list[str]:
 
 
 def _members(fields: Any) -> Iterator[tuple[str, int]]:
-    """Message type ("" for others) and fixed array length of each field."""
+    """Yield message type ("" for others) and fixed array length of each field of a definition."""
     from rosbags.interfaces import Nodetype
 
     for _, (node, what) in fields:
@@ -220,7 +220,7 @@ def _members(fields: Any) -> Iterator[tuple[str, int]]:
 
 
 def _decompress(data: bytes) -> bytes:
-    """Decompress `data` if the recorder compressed single messages; CDR cannot be mistaken for it."""
+    """Decompress a message if the recorder compressed single messages; CDR cannot be mistaken for compressed data."""
     if not data.startswith(ZSTD_MAGIC):
         return data
     if zstandard.frame_content_size(data) > MAX_MESSAGE_BYTES:
@@ -239,21 +239,23 @@ def _decode_problem(data: bytes) -> str:
 
 
 class UnknownElement(LookupError):
-    """Element that a message lacks, but another of the topic may have."""
+    """Error for an array element that a message lacks, but another message of the topic may have."""
 
 
 def path_parts(path: str) -> tuple[str | int, ...]:
-    """Split `joints.position[2]` into joints, position, 2; names with dots may be quoted: `position."arm.knee"`."""
+    """Split the path of a message field: `joints.position[2]` into joints, position, 2; names with dots may be quoted:
+    `position."arm.knee"`."""
     return tuple(int(index) if index else quoted or name for quoted, name, index in PATH_PART.findall(path))
 
 
 def path_text(parts: Sequence[str | int]) -> str:
-    """Join parts to `joints.position[2]`."""
+    """Join the parts of a message field's path to text, `joints.position[2]`."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
 def field_value(message: Any, parts: Sequence[str | int]) -> float:
-    """Return the number (or stamp, in s) of a message at `force.z`, `position[2]` or `header.stamp`; see `path_parts`.
+    """Return the number (or stamp, in s) in a message at a path such as `force.z`, `position[2]` or `header.stamp`; see
+    `path_parts`.
 
     `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
     path may be one name, such as `arm.knee`.
@@ -318,7 +320,7 @@ def _element(value: Any, index: int) -> Any:
 
 
 def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> tuple[Any, bool]:
-    """Element of the array `value` named `rest`, else `name`, by the names in the nearest enclosing message.
+    """Find the element of the array `value` named `rest`, else `name`, by the names in the nearest enclosing message.
 
     Returns:
         The element, and whether its name is `rest`.
@@ -338,7 +340,7 @@ def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> t
 
 
 def _field_names(value: Any) -> Collection[str]:
-    """Field names of a message; empty for other values."""
+    """List the field names of a message; empty for other values."""
     if isinstance(value, Mapping):
         return value
     if is_dataclass(value):

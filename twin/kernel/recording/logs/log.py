@@ -1,4 +1,4 @@
-"""Log in memory: series in SI units by signal, and their missing samples."""
+"""Log in memory: time series in SI units by signal, and their missing samples."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -26,16 +26,16 @@ MAX_INVALID_SHARE = 0.05
 
 
 class LogError(InputRefused):
-    """Unusable log or column map; the message has the place, the value found, and the expected one."""
+    """Error for an unusable log or column map; the message has the place, the value found, and the expected one."""
 
 
 class NoNumbers(LogError):
-    """Signal with fewer than two numbers in the log."""
+    """Error for a signal with fewer than two numbers in the log."""
 
 
 @dataclass(frozen=True)
 class MappedColumn:
-    """Origin of a signal: value in SI = sign * value in `unit`.
+    """Column of a foreign file that a signal is read from: value in SI = sign * value in `unit`.
 
     Attributes:
         name: name of the column.
@@ -51,11 +51,11 @@ class MappedColumn:
 
 
 class Sampling(NamedTuple):
-    """Sampling of a series.
+    """Sampling of a time series: period, regularity and gaps.
 
     Attributes:
         period: median interval (s).
-        regular: whether the intervals are regular; otherwise there are no gaps.
+        regular: whether the intervals are regular; otherwise `gaps` is empty.
         gaps: start and end (s) of each interval with missing samples, (k, 2).
     """
 
@@ -65,12 +65,12 @@ class Sampling(NamedTuple):
 
     @property
     def missing(self) -> int:
-        """Number of missing samples."""
+        """Number of samples missing in all gaps."""
         return int(np.sum(np.rint(np.diff(self.gaps, axis=1) / self.period) - 1)) if len(self.gaps) else 0
 
     @property
     def note(self) -> str:
-        """Half a sentence on missing samples; empty if none are missing."""
+        """Describe the missing samples in half a sentence; empty for a complete series."""
         if not len(self.gaps):
             return ""
         lengths = self.gaps[:, 1] - self.gaps[:, 0]
@@ -83,7 +83,7 @@ class Sampling(NamedTuple):
 
 
 def sampling(t: NDArray[np.float64]) -> Sampling:
-    """Determine the sampling of strictly ascending times t (n,), n >= 2, in s."""
+    """Determine period, regularity and gaps of strictly ascending times t (n,), n >= 2, in s."""
     intervals = np.diff(t)
     period = float(np.median(intervals))
     regular = bool(np.mean(np.abs(intervals - period) <= 0.5 * period) >= MIN_REGULAR_SHARE)
@@ -93,7 +93,7 @@ def sampling(t: NDArray[np.float64]) -> Sampling:
 
 
 def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each of the times t (n,) is strictly inside one of the ascending `gaps` (k, 2)."""
+    """Check for each of the times t (n,) whether it is strictly inside one of the ascending `gaps` (k, 2)."""
     if not len(gaps):
         return np.zeros(len(t), dtype=bool)
     last = np.searchsorted(gaps[:, 0], t, side="left") - 1
@@ -102,7 +102,7 @@ def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool
 
 @dataclass(frozen=True)
 class LogSeries:
-    """One quantity over time.
+    """Time series of one quantity in a log.
 
     Attributes:
         t: times of the samples, s, strictly ascending, (n,).
@@ -118,18 +118,18 @@ class LogSeries:
 
     @cached_property
     def sampling(self) -> Sampling:
-        """Sampling and missing samples; n >= 2."""
+        """Sampling of the series, with its missing samples; n >= 2."""
         return sampling(self.t)
 
     def clip(self, start: float, end: float) -> "LogSeries":
-        """Select the samples from `start` to `end` (s)."""
+        """Return the samples of the series from `start` to `end` (s)."""
         use = (self.t >= start) & (self.t <= end)
         invalid = self.invalid[(self.invalid >= start) & (self.invalid <= end)]
         return self if np.all(use) else LogSeries(self.t[use], self.values[use], self.unit, invalid)
 
 
 def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> None:
-    """Check the share of invalid samples of a needed signal.
+    """Reject a needed signal with too large a share of invalid samples.
 
     Args:
         path: log.
@@ -170,14 +170,14 @@ def join_rows(parts: Sequence[LogSeries]) -> LogSeries:
 
 
 def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Index of the nearest of the ascending times `of` for each of `t`."""
+    """Find the index of the nearest of the ascending times `of` for each of `t`."""
     after = np.clip(np.searchsorted(of, t), 1, len(of) - 1)
     return after - (t - of[after - 1] <= of[after] - t)
 
 
 @dataclass(frozen=True, repr=False)
 class Log:
-    """Contents of a log: `log["arm.force"]`, `log.vector("arm.tip")`.
+    """Log in memory with access by signal: `log["arm.force"]`, `log.vector("arm.tip")`.
 
     Attributes:
         path: the file.
@@ -196,7 +196,7 @@ class Log:
     columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
-        """Return the scalar series `name`.
+        """Return the scalar series `name` of the log.
 
         Raises:
             LogError: missing, with the nearest names, or unreadable.
@@ -208,7 +208,7 @@ class Log:
         return self.series[name]
 
     def vector(self, name: str) -> LogSeries:
-        """Return the components `name[0]`, `name[1]`, ... as one series of values (n, k).
+        """Return the components `name[0]`, `name[1]`, ... of a vector signal as one series of values (n, k).
 
         Raises:
             LogError: missing or unreadable components, or components that differ in unit or have no times in common.

@@ -32,7 +32,7 @@ def read_log(
     part: tuple[float | None, float | None] = (None, None),
     known: Mapping[str, str] | None = None,
 ) -> Log:
-    """Read a log.
+    """Read a log of any kind: a recording of twin, another MCAP file, a ROS 2 bag or a CSV file.
 
     Args:
         path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a bag of ROS 2
@@ -59,7 +59,7 @@ def read_log(
 
 
 class LogKind(Enum):
-    """Kind of a log: a recording of twin, a bag of ROS 2, another MCAP file, a table."""
+    """Kind of a log: a recording of twin, a ROS 2 bag, another MCAP file, a table."""
 
     RECORDING = auto()
     BAG = auto()
@@ -92,7 +92,7 @@ def kind_of(path: Path) -> LogKind:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether `path` means a recording of twin, which needs no column map.
+    """Check whether `path` means a recording of twin, which needs no column map.
 
     Raises:
         LogError: a folder with bags, but without a recording.
@@ -132,7 +132,7 @@ def recording_log(recording: Recording) -> Log:
 
 
 def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """Select the `part` of a log; series with fewer than two samples in it are left out.
+    """Return the given `part` of a log; series with fewer than two samples in it are left out.
 
     Raises:
         LogError: no samples in the part.
@@ -148,7 +148,7 @@ def _clip_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def interval(where: Path | str, part: tuple[float | None, float | None]) -> tuple[float, float]:
-    """Return start and end (s) of a part of a log; infinite if not given.
+    """Return start and end (s) of a requested part of a log; infinite if not given.
 
     Raises:
         LogError: the start is not before the end.
@@ -160,12 +160,13 @@ def interval(where: Path | str, part: tuple[float | None, float | None]) -> tupl
 
 
 def no_samples_error(where: Path | str, start: float, end: float, first: float, last: float) -> LogError:
-    """Create the error for a part (s) without samples of a log from `first` to `last` (s)."""
+    """Create the error for a requested part (s) without samples, of a log from `first` to `last` (s)."""
     return LogError(f"{where}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
 
 
 def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
-    """Count times of a wall clock from the first sample, select the `part`, and add notes on missing samples."""
+    """Finish a log after reading: count times of a wall clock from the first sample, select the `part`, add notes on
+    missing samples."""
     notes = list(log.notes)
     series = log.series
     start = min(float(one.t[0]) for one in series.values())
@@ -188,7 +189,7 @@ def _normalise_log(log: Log, part: tuple[float | None, float | None]) -> Log:
 
 
 def _date(seconds: float) -> str:
-    """Format a Unix time stamp as UTC."""
+    """Format a Unix time stamp as a UTC date and time."""
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):

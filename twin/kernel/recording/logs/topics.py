@@ -37,7 +37,7 @@ MAX_STAMP_DELAY, MAX_DELAY_DRIFT = 0.1, 0.02
 """Maximum delay of stamps behind log times of the same clock, and maximum change of the delay (s): a camera has such a
 delay, a robot's drive has not."""
 END_DIVISOR = 8
-"""Divisor of the messages at either end from which the delay there is computed."""
+"""Divisor of the number of messages: this fraction at either end of a log determines the delay there."""
 MCAP_MAGIC = MCAP0_MAGIC
 _PREFIX_STRUCT, _MESSAGE_STRUCT = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 """Head of every record, and of a message record: https://mcap.dev/spec#message-op0x05."""
@@ -47,7 +47,7 @@ MAX_RECORD_BYTES, MAX_HEADER_BYTES = 2**30, 2**20
 
 @dataclass
 class LoggedTopic:
-    """Messages of one topic.
+    """Recorded messages of one topic.
 
     Attributes:
         channel, schema: channel and schema of an MCAP file.
@@ -63,22 +63,22 @@ class LoggedTopic:
 
     @property
     def kind(self) -> str:
-        """Type of the messages."""
+        """Name of the type of the topic's messages."""
         return self.schema.name if self.schema else "json"
 
 
 def maps_topic(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
-    """Whether one of `columns` may be of `topic`."""
+    """Check whether one of the mapped `columns` may belong to `topic`."""
     return any(column.name.startswith(f"{topic}.") for column in columns.values())
 
 
 def topic_of(column: MappedColumn, topics: Iterable[str]) -> str | None:
-    """The one of `topics` that a column is of; None if there is none."""
+    """Find the topic that a mapped column belongs to; None without a matching topic."""
     return max((name for name in topics if column.name.startswith(f"{name}.")), key=len, default=None)
 
 
 def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path | str) -> Unit:
-    """Unit of a column: of the map, else of the message's type, else in the field's name, else 1.
+    """Determine the unit of a mapped column: from the map, else the message's type, else the field's name, else 1.
 
     Raises:
         LogError: an unknown unit; the message begins with `where`.
@@ -87,7 +87,7 @@ def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path |
 
 
 def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
-    """Merge messages of several publishers of a topic, in order of time; topics by name."""
+    """Merge the messages of several publishers of a topic, in order of time; topics by name."""
     topics: dict[str, LoggedTopic] = {}
     for topic in found:
         same = topics.setdefault(topic.channel.topic, topic)
@@ -102,7 +102,7 @@ def merge_topics(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
 def log_from_topics(
     path: Path, topics: Mapping[str, LoggedTopic], columns: Mapping[str, MappedColumn], notes: Sequence[str] = ()
 ) -> Log:
-    """Create a log of the series that `columns` select from `topics`.
+    """Create a log of the series that the mapped `columns` select from `topics`.
 
     Args:
         path: path of the log.
@@ -155,7 +155,7 @@ def _readings(
     sources: Mapping[str, Mapping[str, str]],
     mistakes: list[str],
 ) -> tuple[dict[str, "TopicReading"], list[str]]:
-    """Read every topic of `sources`, with notes on clocks; errors are appended to `mistakes`.
+    """Decode every topic of `sources` into numbers, with notes on clocks; errors are appended to `mistakes`.
 
     If other topics have the field of time, a topic without it uses its log times, if both are of one clock.
     """
@@ -190,7 +190,7 @@ def _readings(
 
 
 class TopicReading:
-    """Messages of one topic as numbers over time.
+    """Decoded messages of one topic, as numbers over time.
 
     Attributes:
         notes: notes on its clocks.
@@ -201,7 +201,7 @@ class TopicReading:
     def __init__(
         self, path: Path, name: str, topic: LoggedTopic, time: MappedColumn | None, field_paths: Sequence[str]
     ) -> None:
-        """Decode every message of `topic` once.
+        """Decode every message of a topic once, and determine the times.
 
         Args:
             time: field with the times; None for log times.
@@ -230,7 +230,7 @@ class TopicReading:
             self.notes += [note] if note else []
 
     def series(self, field_path: str, column: MappedColumn) -> LogSeries:
-        """Return the values of a field, in SI and in order of time.
+        """Return the values of a message field as a series, in SI and in order of time.
 
         Raises:
             LogError: no such field or unit, no numbers, equal times or a restart.
@@ -262,7 +262,7 @@ class TopicReading:
         return LogSeries(t, values, factor.si, np.sort(invalid[np.isfinite(invalid)]))
 
     def _stamp_times(self, time: MappedColumn, stamps: "Numbers | LogError", count: int) -> NDArray[np.float64]:
-        """Times of the `count` messages by their stamps (s); NaN without a stamp."""
+        """Compute the times of the `count` messages from their stamps (s); NaN without a stamp."""
         if isinstance(stamps, LogError):
             raise stamps
         factor = require_unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
@@ -280,12 +280,12 @@ class TopicReading:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Values of one field of a topic's messages.
+    """Values of one field over all messages of a topic.
 
     Attributes:
         values: values (k,).
         rows: indices of the messages with a value, ascending, (k,).
-        unit: unit by the type of the messages; empty if there is none.
+        unit: unit by the type of the messages; empty if the type has no unit.
         invalid: indices of further messages with NaN, null or infinity.
     """
 
@@ -296,13 +296,13 @@ class Numbers:
 
 
 class NoField(LogError):
-    """Field that the messages of a topic lack."""
+    """Error for a field that the messages of a topic lack."""
 
 
 def field_numbers(
     path: Path, name: str, topic: LoggedTopic, field_paths: Sequence[str]
 ) -> dict[str, Numbers | LogError]:
-    """Values at each of `field_paths` of a topic's messages, or the error."""
+    """Extract the values at each of `field_paths` from a topic's messages, or the error for the path."""
     try:
         decode = decoding.decoder(topic.channel, topic.schema)
     except ValueError as problem:
@@ -351,14 +351,15 @@ def field_numbers(
 
 
 def restart_index(t: NDArray[np.float64]) -> int:
-    """Index at which the times t (n,), n >= 2, in s, first restart in the order of a log; 0 if they do not."""
+    """Find the first restart of a log's clock: the index at which the times t (n,), n >= 2, in s, go back; 0 without a
+    restart."""
     steps = np.diff(t)
     back = np.flatnonzero(steps < -max(MAX_OVERTAKING, MAX_OVERTAKING_PERIODS * float(np.median(np.abs(steps)))))
     return int(back[0]) + 1 if len(back) else 0
 
 
 def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float64], by_stamp: bool) -> str:
-    """Note on stamps of another clock than the log's; empty for the same clock.
+    """Create the note that a topic's stamps are of another clock than the log's; empty for the same clock.
 
     Args:
         name: name of the topic.
@@ -386,7 +387,7 @@ def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float6
 
 
 def written_by_twin(path: Path) -> bool:
-    """Whether the header of an MCAP file names `twin.kernel.recording` as its writer; false for a damaged header."""
+    """Check whether the header of an MCAP file names `twin.kernel.recording` as its writer; false if it is damaged."""
     with path.open("rb") as file:
         try:
             header = next(StreamReader(file, record_size_limit=MAX_HEADER_BYTES).records)
@@ -462,7 +463,7 @@ def read_topics(
 
 
 def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
-    """Yield the records of a file, including those in chunks, which may decompress to at most `most` bytes."""
+    """Yield the records of an MCAP file, including records in chunks, which may decompress to at most `most` bytes."""
     for record in reader.records:
         if isinstance(record, Chunk):
             content = decompress_chunk(record, most)
@@ -475,7 +476,7 @@ def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
 
 
 def _chunk_records(content: bytes) -> Iterator[McapRecord]:
-    """Yield the records in a chunk one by one: mcap's function needs ten times the memory for all at once."""
+    """Yield the records in an MCAP chunk one by one: mcap's function needs ten times the memory for all at once."""
     place = 0
     while place < len(content):
         if place + RECORD_PREFIX > len(content):

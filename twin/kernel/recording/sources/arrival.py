@@ -1,4 +1,4 @@
-"""Protocol of a source: topics to subscribe to, and their messages as they arrive."""
+"""Protocol of a message source: topics to subscribe to, and their messages as they arrive."""
 
 import time
 from collections import deque
@@ -13,7 +13,7 @@ MAX_BACKLOG = 100_000
 
 
 class Arrival(NamedTuple):
-    """Message on arrival.
+    """Message of a robot with its arrival time.
 
     Attributes:
         topic: name such as `/joint_states`.
@@ -27,7 +27,7 @@ class Arrival(NamedTuple):
 
 
 class RobotSource(Protocol):
-    """Source of a robot's messages.
+    """Interface of a source of a robot's messages.
 
     Attributes:
         name: begins error messages.
@@ -39,40 +39,40 @@ class RobotSource(Protocol):
 
     @property
     def at_end(self) -> bool:
-        """Whether no more data can arrive."""
+        """Whether the source has ended, so that no more data can arrive."""
 
     @property
     def drop_count(self) -> int:
         """Number of messages lost by a full queue."""
 
     def topic_types(self) -> Mapping[str, str]:
-        """Topics with publishers -> types of their messages, `sensor_msgs/msg/JointState`."""
+        """Published topics -> types of their messages, such as `sensor_msgs/msg/JointState`."""
 
     def subscribe(self, topic: str) -> ForeignTopic | None:
-        """Subscribe to a published topic, and describe it; None if its arrivals are readings.
+        """Subscribe to a published topic of the robot, and describe it; None if its arrivals are readings.
 
         Raises:
             LogError: an unknown type.
         """
 
     def publisher_count(self, topic: str) -> int:
-        """Number of publishers of `topic`."""
+        """Return the number of publishers of `topic`."""
 
     def receive(self, wait: float) -> list[Arrival]:
-        """Return the arrivals since the last call, in order; wait up to `wait` (s) for a first one."""
+        """Return the messages received since the last call, in order; wait up to `wait` (s) for the first one."""
 
     def now_ns(self) -> int:
-        """Present time of the clock of arrivals (ns)."""
+        """Return the present time of the clock of arrivals (ns)."""
 
     def close(self) -> None:
-        """Release the source."""
+        """Close the source and release its resources."""
 
 
 class Ring:
-    """Bounded queue from a receiving thread to a reading one.
+    """Bounded queue of messages from a receiving thread to a reading thread.
 
     Attributes:
-        dropped: number of messages that replaced the oldest one in a full queue.
+        drop_count: number of messages that replaced the oldest message in a full queue.
     """
 
     def __init__(self, size: int = MAX_BACKLOG):
@@ -81,7 +81,7 @@ class Ring:
         self.drop_count = 0
 
     def push(self, arrivals: list[Arrival]) -> None:
-        """Append `arrivals`."""
+        """Append messages to the queue, replacing the oldest if it is full."""
         with self._filled:
             room = (self._waiting.maxlen or 0) - len(self._waiting)
             self.drop_count += max(0, len(arrivals) - room)
@@ -89,7 +89,7 @@ class Ring:
             self._filled.notify()
 
     def pop_all(self, wait: float) -> list[Arrival]:
-        """Return and remove all arrivals; wait up to `wait` (s) for a first one."""
+        """Return and remove all messages in the queue; wait up to `wait` (s) for the first one."""
         with self._filled:
             if not self._waiting:
                 self._filled.wait(wait)
@@ -99,11 +99,11 @@ class Ring:
 
 
 class SteadyClock:
-    """Steady clock that starts at the system's time since 1970 (ns)."""
+    """Monotonic clock that starts at the system's time since 1970 (ns)."""
 
     def __init__(self) -> None:
         self._start = time.time_ns() - time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Present time (ns)."""
+        """Return the present time of the monotonic clock (ns)."""
         return self._start + time.monotonic_ns()

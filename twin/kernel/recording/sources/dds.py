@@ -1,4 +1,4 @@
-"""ROS 2 topics over DDS, by Cyclone DDS without ROS; subscriptions only.
+"""Source of ROS 2 topics over DDS, by Cyclone DDS without ROS; subscriptions only.
 
 Readers request best effort and volatile, which every writer offers. The queue is deep: with ROS's default depth of 10 a
 reader that stalls for 0.1 s silently loses messages.
@@ -21,7 +21,7 @@ MAX_BATCH = 500
 
 
 class _RawMessage:
-    """Message as bytes; cyclonedds adds `sample_info`."""
+    """DDS message as undecoded bytes; cyclonedds adds `sample_info`."""
 
     __slots__ = ("data", "sample_info")
 
@@ -30,10 +30,10 @@ class _RawMessage:
 
 
 class DdsSource:
-    """DDS source; see `RobotSource`.
+    """Source of a robot's messages from DDS; see `RobotSource`.
 
     Raises:
-        InputRefused: cyclonedds is not installed, or there is no usable network.
+        InputRefused: cyclonedds is not installed, or the network is unusable.
     """
 
     def __init__(self, name: str):
@@ -106,7 +106,7 @@ class DdsSource:
         return self._clock.now_ns()
 
     def close(self) -> None:
-        """Release DDS, which ends with its last reference."""
+        """Do nothing: DDS is released with the last reference to it."""
 
     def _discover(self) -> None:
         from cyclonedds.core import InstanceState
@@ -122,7 +122,7 @@ class DdsSource:
 
 
 def domain_id() -> int:
-    """Domain of ROS_DOMAIN_ID; 0 if it is not set.
+    """Return the DDS domain number from the environment variable ROS_DOMAIN_ID; 0 if it is not set.
 
     Raises:
         InputRefused: no number from 0 to 232.

@@ -1,4 +1,4 @@
-"""Log as a source: its messages, or the rows of a table, at the pace of their log times."""
+"""Playback of a log as a source: its messages, or the rows of a table, at the pace of their log times."""
 
 import time
 from collections.abc import Iterable, Mapping
@@ -21,8 +21,8 @@ MAX_BATCH = 512
 def logged_topics(
     path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]
 ) -> tuple[dict[str, LoggedTopic], list[str]]:
-    """Read the topics of a bag or of a foreign MCAP file, with the messages of those in `columns`, and notes on missing
-    data.
+    """Read the topics of a bag or of a foreign MCAP file, with the messages of the topics in `columns`, and notes on
+    missing data.
 
     Raises:
         LogError: damaged, or without messages.
@@ -38,15 +38,15 @@ def logged_topics(
 
 
 class Playback:
-    """Playback of a log; see `RobotSource`. Arrivals have the log's times at any speed.
+    """Playback of a log as a source of messages; see `RobotSource`. Arrivals have the log's times at any speed.
 
     Args:
         name: name of the log.
         topics: topics with their messages; empty for `readings`.
         readings: readings of a table, in order; empty for `topics`.
         speed: 1 for real time, 0 for no limit.
-        part: start and end (s) of the part to play, by the times of `read_log`: those of `time`, or log times; times of
-            a wall clock count from the first message.
+        part: start and end (s) of the part to play, by the times of `read_log`: stamps by `time`, or log times; times
+            of a wall clock count from the first message.
         time: field of the messages with the time; None for log times.
     """
 
@@ -108,7 +108,7 @@ class Playback:
         return self._now
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing; a played log holds no resources."""
 
     def _arrivals(self) -> list[Arrival]:
         if self._order is None:
@@ -123,7 +123,7 @@ class Playback:
         return self._order
 
     def _times(self, name: str) -> list[float]:
-        """Times of the messages of topic `name` (s) for selecting a part; NaN without a stamp."""
+        """Return the times of the messages of topic `name` (s), to select a part of the log; NaN without a stamp."""
         topic = self._topics[name]
         if self._time is not None and self._part != (None, None):
             with suppress(NoField):
@@ -131,7 +131,7 @@ class Playback:
         return [one / 1e9 for one in topic.times]
 
     def _clip(self, found: list[Arrival], times: list[float]) -> list[Arrival]:
-        """Select the arrivals of the part to play by their `times` (s).
+        """Select the arrivals inside the part of the log to play, by their `times` (s).
 
         Raises:
             LogError: the part is empty.

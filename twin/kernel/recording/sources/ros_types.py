@@ -1,4 +1,4 @@
-"""Types of ROS 2 without ROS: names on the wire, definitions, and classes for DDS topics.
+"""ROS 2 message types without ROS: names on the wire, definitions, and classes for DDS topics.
 
 Names: https://design.ros2.org/articles/topic_and_service_names.html. DDS matches topics by their name and the name of
 their type; rmw_zenoh has both and the hash of the type (RIHS01, REP 2016) in a key.
@@ -20,8 +20,8 @@ MESSAGE_TYPES = [name for name in TYPE_STORE.fielddefs if "/msg/" in name]
 
 
 def ros_name(kind: str) -> str:
-    """Convert `sensor_msgs::msg::dds_::JointState_` to `sensor_msgs/msg/JointState`; other names are returned
-    unchanged."""
+    """Convert a DDS type name to its ROS name: `sensor_msgs::msg::dds_::JointState_` to `sensor_msgs/msg/JointState`;
+    other names are returned unchanged."""
     parts = kind.split("::")
     if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
         return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
@@ -29,7 +29,7 @@ def ros_name(kind: str) -> str:
 
 
 def describe_topic(where: str, topic: str, kind: str) -> ForeignTopic:
-    """Describe `topic` of type `kind`, with the type's definition.
+    """Describe a ROS 2 topic of type `kind`, with the type's definition.
 
     Raises:
         LogError: an unknown type of ROS 2; the message begins with `where`.
@@ -46,7 +46,7 @@ def describe_topic(where: str, topic: str, kind: str) -> ForeignTopic:
 
 @cache
 def idl_class(kind: str) -> Any:
-    """Create the cyclonedds class for messages of type `kind`; equal names give equal classes."""
+    """Create the cyclonedds class for ROS messages of type `kind`; equal names give equal classes."""
     from cyclonedds.idl import make_idl_struct
 
     package, folder, name = kind.split("/")

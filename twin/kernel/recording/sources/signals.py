@@ -1,4 +1,4 @@
-"""Readings from messages: the numbers of a column map, by the decoder, units and signs of logs."""
+"""Readings from messages: the numbers selected by a column map, by the decoder, units and signs of logs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -23,7 +23,7 @@ MAX_UNSTAMPED = 3
 
 
 class WantedSignal(NamedTuple):
-    """Use of a signal.
+    """Conversion of a robot signal to a column of rows.
 
     Attributes:
         column: column of the rows.
@@ -38,7 +38,7 @@ class WantedSignal(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Numbers of one message.
+    """Numbers read from one message, with its stamp.
 
     Attributes:
         stamp: stamp by the robot's clock (ns).
@@ -62,7 +62,7 @@ class _Field(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Positions of all values in messages with arrays of numbers, valid while the names of the elements stay.
+    """Positions of all mapped values in messages with arrays of numbers, valid while the names of the elements stay.
 
     Attributes:
         names: names of the elements.
@@ -78,7 +78,7 @@ class _Places(NamedTuple):
 
 
 class MessageReader:
-    """Reader of the messages of one topic.
+    """Reader that extracts the mapped signals from the messages of one topic.
 
     Attributes:
         stamped: whether the messages have a stamp, known from the first message on; otherwise arrival times are used.
@@ -92,7 +92,7 @@ class MessageReader:
         wanted: Mapping[str, WantedSignal],
         time: MappedColumn | None,
     ):
-        """Prepare the decoder.
+        """Prepare the reader and its decoder for one topic.
 
         Args:
             where: begins the error messages.
@@ -124,7 +124,7 @@ class MessageReader:
         self._places: _Places | None = None
 
     def read_message(self, data: bytes, arrived: int) -> Reading:
-        """Read the signals of a message, without joints that it does not name.
+        """Read the mapped signals of a message, without joints that it does not name.
 
         Args:
             data: bytes of the message.
@@ -176,8 +176,8 @@ class MessageReader:
         return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
 
     def _places_in(self, message: Any) -> _Places | None:
-        """Positions of the values in a message, see `_Places`, because searching names is slow; None for other
-        messages."""
+        """Find the positions of the mapped values in a message, see `_Places`, because searching names is slow; None
+        for other messages."""
         names: Any = getattr(message, NAMES_FIELD, None)
         elements, paths = [], [parts for parts, _ in self._stamp]
         for one in self._fields:
@@ -196,7 +196,7 @@ class MessageReader:
         return _Places(list(names), tuple(elements), tuple(one.column for one in self._fields), stamp)
 
     def missing_signals(self) -> list[str]:
-        """Error messages for the signals that no message has had so far."""
+        """List error messages for the mapped signals that no message has had so far."""
         return [
             f"{self._where} has no '{self._columns[signal].name[self._prefix :]}' for {signal}; {there}"
             for signal, there in self._absent.items()
@@ -204,7 +204,7 @@ class MessageReader:
         ]
 
     def _resolve_fields(self, message: Any) -> None:
-        """Resolve units and the stamp with the first message."""
+        """Determine the units of the mapped fields, and the place of the stamp, from the first message."""
         mistakes = []
         for signal, column in self._columns.items():
             path = column.name[self._prefix :]
@@ -226,7 +226,7 @@ class MessageReader:
         self._stamp = self._stamp_parts(message)
 
     def _stamp_parts(self, message: Any) -> tuple[tuple[tuple[str | int, ...], float], ...]:
-        """Paths and factors of the numbers whose sum is the stamp (ns); empty without a stamp."""
+        """Find the paths and factors of the numbers whose sum is a message's stamp (ns); empty without a stamp."""
         column = self._time or MappedColumn(STAMP_FIELD)
         parts = decoding.path_parts(column.name)
         for seconds, nanoseconds in product(decoding.SECOND_FIELDS, decoding.NANOSECOND_FIELDS):

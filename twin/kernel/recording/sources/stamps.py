@@ -1,4 +1,4 @@
-"""Alignment of readings to samples by their stamps; counts of missing samples, and the drift of the clocks.
+"""Alignment of a robot's readings to samples by their stamps; counts of missing samples, and the drift of the clocks.
 
 A sample is the robot's state at one stamp. It may arrive in several messages, of one topic or several, in any order,
 twice, late or never; arrival times do not matter. A sample is complete when no earlier data can arrive: after the next
@@ -29,7 +29,7 @@ from twin.kernel.recording.sources.signals import Reading
 
 NS_PER_S = 10**9
 MIN_INTERVALS, MAX_INTERVALS = 20, 101
-"""Number of intervals after which a period is known, and of which it is the median."""
+"""Minimum number of intervals for a known period, and maximum number of intervals in its median."""
 WHOLE_TOLERANCE, MIN_WHOLE_SHARE = 0.1, 0.9
 """Tolerance of integer multiples of an interval, and the share of intervals that must be multiples; random intervals
 have a share of 0.2."""
@@ -46,7 +46,7 @@ MIN_ADVANCE = 10.0
 MIN_KNOWN_ADVANCE = 0.1
 """The same once the least delay is known: a delay may grow, but cannot fall this much below its minimum (s)."""
 LEARNING_TIME = 2.0
-"""Maximum time (s) for which the first readings of a log wait for the periods of their topics."""
+"""Maximum time (s) that the first readings of a log wait for the periods of their topics."""
 MAX_SIDE_READINGS = 1000
 """Maximum number of readings that wait for their sample."""
 FLOOR_SECONDS = 5
@@ -57,13 +57,13 @@ NO_COLUMNS: frozenset[int] = frozenset()
 
 
 class Sample(NamedTuple):
-    """State of the robot at one stamp.
+    """State of the robot at one stamp, assembled from its messages.
 
     Attributes:
         t: time since the first sample (ns); after a restart of the robot's clock it continues by arrivals.
         row: values; NaN for missing ones.
         arrived: arrival of the last message (ns).
-        due: time at which the sample was known to be complete (ns).
+        due: time of the decision that the sample is complete (ns).
     """
 
     t: int
@@ -74,7 +74,7 @@ class Sample(NamedTuple):
 
 @dataclass
 class Counts:
-    """Counts of samples and readings.
+    """Counts of a session's samples and readings.
 
     Attributes:
         samples: complete samples.
@@ -105,7 +105,7 @@ class Clocks:
     """Comparison of the robot's clock with the local one, from stamps and arrivals.
 
     Attributes:
-        lateness: delays beyond that of a message without waiting.
+        lateness: delays beyond the delay of a message without waiting.
     """
 
     def __init__(self) -> None:
@@ -113,7 +113,7 @@ class Clocks:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the robot's previous clock."""
+        """Forget the robot's previous clock, whose comparison is invalid after a restart."""
         self._first: int | None = None
         self._least: list[int] = []
         self._second = -1
@@ -121,7 +121,7 @@ class Clocks:
         self._floors: deque[int] = deque(maxlen=FLOOR_SECONDS)
 
     def add(self, stamp: int, arrived: int) -> None:
-        """Add stamp and arrival of a message (ns)."""
+        """Add the stamp and the arrival time of a message (ns) to the comparison of the clocks."""
         delay = arrived - stamp
         if self._first is None:
             self._first, self._offset_0 = arrived, delay
@@ -142,12 +142,12 @@ class Clocks:
 
     @property
     def offset(self) -> float:
-        """Lag of the robot's clock behind the local one, with the shortest transport (s); NaN without messages."""
+        """Lag of the robot's clock behind the local clock, with the shortest transport (s); NaN without messages."""
         return min(self._floors) / NS_PER_S if self._floors else math.nan
 
     @property
     def drift(self) -> float:
-        """Growth of the lag (s/s), positive for a slow clock; NaN until known."""
+        """Drift of the robot's clock against the local one (s/s), positive for a slow robot clock; NaN until known."""
         n, x, y, xx, xy = self._sums
         determinant = n * xx - x * x
         if n < MIN_DRIFT_SECONDS or determinant <= 0.0:
@@ -157,7 +157,7 @@ class Clocks:
 
 @dataclass(order=True, slots=True)
 class _PartialSample:
-    """Incomplete sample."""
+    """Sample with some readings still missing."""
 
     stamp: int
     row: list[float] = field(compare=False)
@@ -167,7 +167,7 @@ class _PartialSample:
 
 @dataclass
 class _ReadingStream:
-    """Readings of one topic with the same columns, of which `there` are needed."""
+    """Readings of one topic with the same columns; the columns in `there` are needed."""
 
     there: frozenset[int]
     newest: int = 0
@@ -185,10 +185,11 @@ class _ReadingStream:
 
 
 def _period(intervals: Iterable[int]) -> float:
-    """Sampling interval (ns) without missing samples; infinite if the intervals are irregular.
+    """Estimate the sampling interval (ns) from intervals with gaps, as if no samples were missing; infinite if the
+    intervals are irregular.
 
     It is the median. If most intervals are several times as long, because of losses, it is their common divisor. A late
-    message causes one long and one short interval, which is not sufficient. Jittering stamps are no multiples of their
+    message causes one long and one short interval, which is not sufficient. Jittering stamps are not multiples of their
     shortest interval; two publishers cause no double intervals.
     """
     lengths = sorted(intervals)
@@ -211,20 +212,20 @@ def _median(lengths: Sequence[int]) -> float:
 
 
 def _divisor(lengths: Sequence[int], single: float) -> float:
-    """Common divisor of `lengths` (ns), near `single`."""
+    """Find the common divisor of `lengths` (ns), near `single`."""
     return sum(lengths) / sum(round(one / single) for one in lengths)
 
 
 @dataclass(slots=True)
 class _Interval:
-    """Interval between two samples (ns), and the number counted as missing in it; None if the period was unknown."""
+    """Interval between two samples (ns), and the number of samples missing in it; None if the period was unknown."""
 
     length: int
     missing: int | None
 
 
 class Aligner:
-    """Alignment of readings to samples.
+    """Alignment of readings from several messages to samples, by their stamps.
 
     Attributes:
         counts: counts so far.
@@ -236,7 +237,7 @@ class Aligner:
     """
 
     def __init__(self, width: int, needed: Sequence[int], lateness: float, learns_first: bool = False):
-        """Create an aligner without readings.
+        """Create an aligner, still without readings.
 
         Args:
             width: width of a row.
@@ -267,16 +268,16 @@ class Aligner:
 
     @property
     def base(self) -> int:
-        """Stamp of time 0 (ns); 0 before the first sample."""
+        """Stamp of the first sample, time 0 of the session (ns); 0 before it."""
         return self._base or 0
 
     @property
     def due(self) -> int | None:
-        """Latest completion of the next sample (ns, by the clock of arrivals); None without a pending sample."""
+        """Deadline for completing the next sample (ns, by the clock of arrivals); None without a pending sample."""
         return self._pending[0].arrived + self._budget if self._pending else None
 
     def add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
-        """Add a reading, and return the samples that are complete with it, in order."""
+        """Add a reading of a topic, and return the samples that it completes, in order."""
         if not reading.columns:
             return []
         if self._waiting is None:
@@ -285,7 +286,8 @@ class Aligner:
         return self._begin() if self._knows_periods(topic, arrived, reading) else []
 
     def _knows_periods(self, topic: str, arrived: int, reading: Reading) -> bool:
-        """Whether the periods of all needed columns are known with this reading, or are not needed."""
+        """Check whether waiting readings can be aligned: the periods of all needed columns are known with this reading,
+        or not needed."""
         assert self._waiting is not None
         key, there = (topic, reading.columns), self._needed.intersection(reading.columns)
         stream = self._learning.setdefault(key, _ReadingStream(there))
@@ -295,7 +297,7 @@ class Aligner:
         return there == self._needed or known == self._needed or is_long
 
     def _begin(self) -> list[Sample]:
-        """Add the waiting readings with the known periods."""
+        """Add the readings that waited for the periods, and return the completed samples."""
         waiting, self._waiting = self._waiting or [], None
         self._streams |= {key: _ReadingStream(one.there, period=one.period) for key, one in self._learning.items()}
         return [sample for one in waiting for sample in self._add(*one)]
@@ -325,7 +327,7 @@ class Aligner:
         return self.ready_samples(arrived)
 
     def ready_samples(self, now: int, end: bool = False) -> list[Sample]:
-        """Return the pending samples before which no data can arrive.
+        """Return the pending samples that are complete because no earlier data can arrive.
 
         Args:
             now: present time (ns, by the clock of arrivals).
@@ -377,14 +379,15 @@ class Aligner:
         for column, value in zip(reading.columns, reading.values, strict=True):
             partial.row[column] = value
         if partial.stamp != reading.stamp and min(self._needed) in there:
-            # the stamp is that of the first column
+            # a sample has the stamp of its first column
             partial.stamp = reading.stamp
             self._pending.sort()
         partial.there |= there
         partial.arrived = arrived
 
     def _partial(self, stamp: int, there: frozenset[int], period: float) -> _PartialSample | None:
-        """Pending sample of a reading: that of its stamp, or a near one that lacks exactly the reading's columns."""
+        """Find the pending sample that a reading belongs to: equal stamp, or a near stamp and the reading's columns
+        still missing."""
         nearest = None
         for one in self._pending:
             if one.stamp == stamp:
@@ -395,7 +398,7 @@ class Aligner:
         return nearest
 
     def _is_next(self, stamp: int) -> bool:
-        """Whether `stamp` is next in sequence and its other readings have arrived."""
+        """Check whether the sample at `stamp` is next in sequence and all its other readings have arrived."""
         # the sequence is unknown at first
         if self._learnt < MIN_INTERVALS or (self._last >= 0 and stamp - self._last > GAP_RATIO * self.period):
             return False
@@ -453,7 +456,7 @@ class Aligner:
             self._count(one, missing if one.missing is None else min(one.missing, missing))
 
     def _missing_in(self, length: int) -> int:
-        """Number of samples missing in an interval of `length` (ns)."""
+        """Compute the number of samples missing in an interval of `length` (ns)."""
         return max(1, round(length / self.period) - 1) if length > GAP_RATIO * self.period else 0
 
     def _count(self, interval: _Interval, missing: int) -> None:
@@ -463,7 +466,8 @@ class Aligner:
         interval.missing = missing
 
     def _messages_to_restart(self, stamp: int, arrived: int) -> int:
-        """Number of such successive messages that make a restart of the clock; 0 if the message fits the clock."""
+        """Return the number of successive messages like this one that make a restart of the robot's clock; 0 if the
+        message fits the clock."""
         if self._last < 0:
             return 0
         if stamp > self._last:
@@ -480,14 +484,15 @@ class Aligner:
         return SET_BACK_MESSAGES if not self._suspects or stamp > self._suspects[-1][2].stamp else 2 * SET_BACK_MESSAGES
 
     def _count_late(self, stamp: int, by: int = 1) -> None:
-        """Count a message at or before the last sample."""
+        """Count a late message, at or before the last sample."""
         if stamp <= self._last:
             known = stamp in self._recent
             self.counts.duplicates += by * known
             self.counts.late += by * (not known)
 
     def _restart(self, arrived: int) -> list[Sample]:
-        """Return the last samples of the previous clock, then begin with the messages of the new one."""
+        """Complete the last samples of the robot's previous clock, begin with the messages of the new clock, and return
+        the samples."""
         found = self.ready_samples(arrived, end=True)
         suspects, self._suspects = self._suspects, []
         for _, _, reading in suspects:
@@ -508,6 +513,6 @@ class Aligner:
 
 
 def stack_samples(samples: Sequence[Sample]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Times (n,), ns, and rows (n, width) of samples."""
+    """Stack samples into arrays: times (n,), ns, and rows (n, width)."""
     times = np.array([sample.t for sample in samples], dtype=np.int64)
     return times, np.array([sample.row for sample in samples], dtype=np.float64)

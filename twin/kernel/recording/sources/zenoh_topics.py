@@ -1,4 +1,4 @@
-"""ROS 2 topics with rmw_zenoh, by eclipse-zenoh without ROS; subscriptions only.
+"""Source of ROS 2 topics with rmw_zenoh, by eclipse-zenoh without ROS; subscriptions only.
 
 Keys: `DOMAIN/TOPIC/DDS TYPE/HASH`. Publishers are announced by liveliness tokens
 `@ros2_lv/DOMAIN/SESSION/NODE/ENTITY/MP/ENCLAVE/NAMESPACE/NODE NAME/TOPIC/DDS TYPE/HASH/QOS`, with % for / in a name
@@ -25,10 +25,10 @@ TOKEN_PARTS = 13
 
 
 class ZenohSource:
-    """Zenoh source; see `RobotSource`.
+    """Source of a robot's messages from zenoh; see `RobotSource`.
 
     Raises:
-        InputRefused: eclipse-zenoh is not installed, or there is no router.
+        InputRefused: eclipse-zenoh is not installed, or the router is missing.
     """
 
     def __init__(self, name: str):
@@ -84,7 +84,7 @@ class ZenohSource:
         self._session.close()
 
     def _publishers(self) -> list[tuple[str, str]]:
-        """Topic and type of each present publisher."""
+        """List topic and type of every present publisher on zenoh."""
         found = []
         for reply in self._session.liveliness().get(f"{TOKEN_PREFIX}/{self._domain}/**", timeout=0.5):
             parts = str(reply.ok.key_expr).split("/") if reply.ok else []
