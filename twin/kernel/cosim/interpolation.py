@@ -21,7 +21,7 @@ before."""
 
 
 def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
-    """Weights (2, 3) of the valid, newest and previous output; rows: the first step, and repeated steps.
+    """Weights (2, 3) by which a wire's input combines the source's valid, newest and previous outputs.
 
     Args:
         seen: whether the result of the input's source is known in the first step.

@@ -17,7 +17,7 @@ from twin.kernel.hooks import HOOKS
 
 
 def failure_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
-    """Describe a failure: component, function, simulated time and last inputs, without a full stop.
+    """Describe a component's failure: component, function, simulated time and last inputs, without a full stop.
 
     Args:
         u, y: memory of all inputs and of all outputs, as the master left them.
@@ -50,7 +50,7 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
 
 @dataclass(frozen=True)
 class SimulationMemory:
-    """Memory that another process can read while a step runs.
+    """Memory of a simulation that a supervising process can read while a step runs.
 
     Attributes:
         mark: (2,) int64: tick and component being stepped, NO_COMPONENT between slices.
@@ -105,7 +105,7 @@ class Simulation:
         self._deadlines: Deadlines | None = None
 
     def pace(self, waits: Deadlines) -> None:
-        """Pace the simulation: from now on no tick begins before its deadline."""
+        """Run the simulation in real time: from now on no tick begins before its deadline."""
         self._advance = waits.paced_advance(self._advance, self._address)
         self._deadlines, self._address = waits, waits.address
         self._advance(self._address, 0, 0, 0)
@@ -125,7 +125,7 @@ class Simulation:
         return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
     def advance(self, most: int | None = None) -> np.ndarray:
-        """Run one slice of at most `most` ticks (None for `slice_ticks`).
+        """Run one slice of the simulation, of at most `most` ticks (None for `slice_ticks`).
 
         Returns:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
@@ -146,7 +146,8 @@ class Simulation:
         return self._rows if done == len(self._rows) else self._rows[:done]
 
     def state(self) -> SystemState:
-        """Save the state at the beginning of `next_tick`, to restore it here or export it to another process.
+        """Save the simulation's state at the beginning of `next_tick`, to restore it here or export it to another
+        process.
 
         Raises:
             InputRefused: a component cannot save its state, see `stateless_reasons`.
@@ -155,7 +156,7 @@ class Simulation:
         return self._places.save_state(self.next_tick)
 
     def restore(self, state: SystemState | SavedState) -> None:
-        """Restore `state`, from this simulation or one of the same system; `last_tick` is unchanged.
+        """Restore a saved `state` of this simulation or one of the same system; `last_tick` is unchanged.
 
         Raises:
             InputRefused: the state is of another system, or a component cannot restore its state.
@@ -179,7 +180,7 @@ class Simulation:
             taken.close()
 
     def adopt(self, saved: SavedState) -> list[str]:
-        """Restore a state of a system that may have more, fewer or changed components.
+        """Restore the state of a system that may have more, fewer or changed components.
 
         Components are matched by name. Constants of the experiment are not changed.
 
@@ -223,7 +224,7 @@ class Simulation:
         return new
 
     def jump_to(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
-        """Set the present tick and outputs; the caller sets the state of the components.
+        """Set the simulation's present tick and outputs; the caller sets the state of the components.
 
         Args:
             outputs: component name -> valid outputs, also used for all other instants that the system stores; other
@@ -239,7 +240,9 @@ class Simulation:
         self.failure, self.culprit = None, ""
 
     def derive_outputs(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Set the outputs of `component` to `passed_on(inputs)`, at all stored instants, the newest last."""
+        """Compute the outputs of `component` from its present inputs by a function, at all stored instants, and set
+        them.
+        """
         c = self.system.components.index(component)
         sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]] % self.system.outputs_width
         copies = self._copies()
@@ -250,15 +253,15 @@ class Simulation:
 
     @cached_property
     def _starts(self) -> list[tuple[Component, int]]:
-        """Components with the offsets of their outputs."""
+        """Components of the system with the offsets of their outputs."""
         return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
 
     def _copies(self) -> np.ndarray:
-        """Return a view of all outputs, (number of stored instants, outputs_width)."""
+        """Return a view of all components' outputs at the stored instants, (number of instants, outputs_width)."""
         return self._y.reshape(-1, self.system.outputs_width)
 
     def _set_tick(self, tick: int) -> None:
-        """Set the present tick and apply the scheduled memory changes before it."""
+        """Set the simulation's present tick and apply the scheduled memory changes before it."""
         for change in self.system.changes:
             if change.tick < tick:
                 change.memory[...] = change.value
@@ -296,7 +299,7 @@ class Simulation:
         return StatePlaces(self.system.components, self._y, self._u)
 
     def run(self) -> np.ndarray:
-        """Run to the end and return all rows, (last_tick + 1, outputs).
+        """Run the simulation to the end and return all output rows, (last_tick + 1, outputs).
 
         Raises:
             ComponentFailed: a component failed; the message names component, function, simulated time and last inputs.
@@ -314,12 +317,12 @@ class Simulation:
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
     def outputs(self, component: Component) -> np.ndarray:
-        """Return the valid outputs of `component`, a view."""
+        """Return the valid outputs of `component`, as a view."""
         c = self.system.components.index(component)
         return self._y[self.system.y_start[c] : self.system.y_start[c + 1]]
 
     def _change_memory(self) -> int:
-        """Apply the memory changes of the next tick; return the number of ticks until the following change."""
+        """Apply the next tick's scheduled memory changes; return the number of ticks until the following change."""
         for change in self.system.changes:
             if change.tick == self.next_tick:
                 change.memory[...] = change.value
