@@ -141,7 +141,7 @@ def _owner(found: os.stat_result) -> int:
 
 
 def _permission_problem(found: os.stat_result) -> str:
-    """Return an error message if other users can write to the file `found`; else "". The mode of a link is meaningless."""
+    """Return an error message if other users can write to the file `found`; else "". A link's mode is meaningless."""
     if not hasattr(os, "geteuid") or stat.S_ISLNK(found.st_mode) or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return ""
     return f"others can write to it (mode {stat.S_IMODE(found.st_mode):o})"

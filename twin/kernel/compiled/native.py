@@ -96,7 +96,7 @@ class Native:
 
     @cached_property
     def c_function_with_gil(self) -> Callable:
-        """The compiled function for Python, called with the GIL held: for calls shorter than a switch between threads."""
+        """The compiled function for Python, called with the GIL held: for calls shorter than a thread switch."""
         return self._ctypes_function(ctypes.PYFUNCTYPE)
 
     def _ctypes_function(self, make: Callable) -> Callable:

@@ -110,9 +110,7 @@ class Sources:
         self._of: dict[str, SourceFile | None] = {}
 
     def digest(self, *modules: str) -> str:
-        """Compute the digest of the source code of `modules` and of all modules that they import, directly or
-        indirectly.
-        """
+        """Compute the digest of the source code of `modules` and of all their direct and indirect imports."""
         reached: dict[str, str] = {}
         ahead = list(modules)
         while ahead:
@@ -124,7 +122,7 @@ class Sources:
         return digest_of("".join(name + digest for name, digest in sorted(reached.items()) if digest).encode())
 
     def place(self, function: Callable) -> int:
-        """Return the index of a function among the functions of its file; editing text before it does not change that."""
+        """Return the index of a function among the functions of its file; edits of earlier text keep it."""
         source = self.source(function.__module__)
         return bisect_left(source.functions, function.__code__.co_firstlineno) if source else 0
 

@@ -44,9 +44,7 @@ def step_function(
 
 @intrinsic
 def call_step(typingctx, function, self, t, h, u, y):
-    """Call the compiled step at address `function`: `int32 step(void *self, double t, double h, const double *u, double
-    *y)`.
-    """
+    """Call the compiled step of a component, `int32 step(self, t, h, u, y)`, at address `function`."""
     signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64)
 
     def codegen(context, builder, signature, arguments):
@@ -305,9 +303,7 @@ class Component:
         return "does not say what its steps change"
 
     def rewind(self) -> Rewind | None:
-        """Return functions that save and restore the component before a step is repeated; None if it cannot repeat
-        steps.
-        """
+        """Return functions that save and restore the component to repeat a step; None if it cannot repeat steps."""
         if self.lacks_state(portable=False) or self.holders():
             return None
         return pieces_rewind(self.pieces())
@@ -402,9 +398,7 @@ class MemoryPlace:
     field: str
 
     def memory_of(self, owner: Component) -> np.ndarray | None:
-        """Return a view of the field in the memory of the component `owner`, (1,) or (1, size); None if it has no such
-        field.
-        """
+        """Return a view of the field in the memory of `owner`, (1,) or (1, size); None if `owner` lacks the field."""
         try:
             memory = owner.memory[0:1]  # type: ignore[attr-defined]
             for name in filter(None, (*self.record.split("."), self.field)):

@@ -199,9 +199,7 @@ class Deadlines:
         self.address = self.memory.ctypes.data
 
     def paced_advance(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
-        """Return the function that runs ticks in real time; it calls the C function `ticks` on the loop at address
-        `loop`.
-        """
+        """Return the function that runs ticks in real time, calling the C function `ticks` with address `loop`."""
         self.memory["advance"], self.memory["loop"] = ctypes.cast(ticks, ctypes.c_void_p).value, loop
         found: Callable[[int, int, int, int], int] = advance.native.c_function
         return found

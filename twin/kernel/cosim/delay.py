@@ -87,8 +87,7 @@ def play(
     pieces: Pieces = NO_PIECES,
     copies: NDArray[np.uint8] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
-    """Run a component alone from its present state on rows of inputs `u`, and return its outputs; its memory is
-    changed.
+    """Run a component alone on rows of inputs `u`, from its present state, and return its outputs; changes its memory.
 
     Args:
         t, h: time and length of each step (s), shape (m,).
@@ -119,8 +118,6 @@ def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArra
 
 
 def values_by_port(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Split rows (n, total width of `ports`) into one array per port: (n,), or (n, size) for a port with several
-    values.
-    """
+    """Split rows (n, total width of `ports`) by port: (n,), or (n, size) for a port with several values."""
     parts = by_port(ports, rows)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in parts.items()}

@@ -169,8 +169,7 @@ def _step_continuous(m, table, mark, timed, y, k, again, apart):
 
 @njit(cache=True)
 def run_ticks(m, first, count, row):
-    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick, and store their output
-    rows.
+    """Run ticks `first` to `first + count - 1` of a co-simulation, at most to the last tick, and store output rows.
 
     Args:
         m: record of `LOOP_RECORD`.

@@ -47,9 +47,7 @@ class Observer:
         """Prepare the observer for `simulation`, which starts after this method of all observers has returned."""
 
     def ready(self, tick: int) -> None:
-        """Prepare the observer for the slice from `tick` on; values now written to component memory take effect at that
-        tick.
-        """
+        """Prepare the observer for the slice from `tick` on; component memory written now takes effect at that tick."""
 
     def state(self) -> Any:
         """Return the observer's saved state: the attributes in `lasting`, JSON-compatible."""

@@ -55,9 +55,7 @@ class PythonModel(Protocol):
         """Whether the component is evaluated at t_k, without advancing time; see `Component`."""
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        """Compute the outputs `y` in place from the inputs `u`, for a step from `t` to `t` + `h` (s); raise to stop the
-        run.
-        """
+        """Compute outputs `y` in place from inputs `u` for a step from `t` to `t` + `h` (s); raise to stop the run."""
 
 
 class PythonComponent(Component):

@@ -146,8 +146,7 @@ class Simulation:
         return self._rows if done == len(self._rows) else self._rows[:done]
 
     def state(self) -> SystemState:
-        """Save the simulation's state at the beginning of `next_tick`, to restore it here or export it to another
-        process.
+        """Save the simulation's state at the beginning of `next_tick`, for use here or in another process.
 
         Raises:
             InputRefused: a component cannot save its state, see `stateless_reasons`.
@@ -240,9 +239,7 @@ class Simulation:
         self.failure, self.culprit = None, ""
 
     def derive_outputs(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Compute the outputs of `component` from its present inputs by a function, at all stored instants, and set
-        them.
-        """
+        """Compute and set the outputs of `component` by a function of its present inputs, at all stored instants."""
         c = self.system.components.index(component)
         sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]] % self.system.outputs_width
         copies = self._copies()

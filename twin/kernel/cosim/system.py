@@ -298,7 +298,7 @@ class System:
         return rewinds
 
     def sees_newest(self, source: int, target: int) -> bool:
-        """Whether continuous component number `target` reads the result of component number `source` in the same step."""
+        """Whether continuous component `target` (number) reads the result of component `source` in the same step."""
         return self.scheme == "gauss_seidel" and self.sampled <= source < target
 
     def _position(self, name: str, end: str) -> int:

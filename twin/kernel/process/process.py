@@ -29,13 +29,13 @@ _READ_BYTES = 65536
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
-    """Return the command line that runs `module` of this package, with `environment`."""
+    """Return the command line that runs `module` of this package in a new Python process, with `environment`."""
     # -P: do not import from the current folder
     return [sys.executable, "-P", "-m", module, *arguments]
 
 
 def environment() -> dict[str, str]:
-    """Return this process's environment, extended so that another Python finds this package.
+    """Return this process's environment variables, extended so that another Python finds this package.
 
     Scripts started by a drive otherwise search Python's default folders.
     """
@@ -87,7 +87,7 @@ class GuardedProcess:
         self.close()
 
     def close(self) -> None:
-        """End the process and release its pipes and black box."""
+        """End the guarded process and release its pipes and black box."""
         self.end()
         self._selector.close()
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
@@ -98,7 +98,7 @@ class GuardedProcess:
 
     @property
     def age(self) -> float:
-        """Time since the start of the process (s)."""
+        """Time since the start of the guarded process (s)."""
         return time.monotonic() - self._began
 
     @property
@@ -136,7 +136,7 @@ class GuardedProcess:
         self.order(pickle.dumps(arguments).hex())
 
     def order(self, line: str) -> None:
-        """Send a line to the process; no effect if it has gone."""
+        """Send a line of text to the guarded process; no effect if it has gone."""
         with contextlib.suppress(BrokenPipeError):
             os.write(_fd(self._process.stdin), line.encode() + b"\n")
 
@@ -158,7 +158,7 @@ class GuardedProcess:
         return [json.loads(line) for line in lines]
 
     def _is_zombie(self) -> bool:
-        """Return whether the process has ended, even while a process that it started keeps its pipe open.
+        """Whether the process has ended, even while a process that it started keeps its pipe open.
 
         Does not reap it, so that its pid, which is also the id of its group, is not reused.
         """
