@@ -20,9 +20,8 @@ _SI_PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100),
 class Dimension(NamedTuple):
     """Dimension of a physical unit: exponents of the base units.
 
-    The radian is one of them: 1 Hz is 2 pi rad/s, and confusing them is common.
-
-    Only FMUs omit it, as tools disagree whether rad/s is 1/s (FMI 2.0, 2.2.2): see `twin.kernel.fmi.units`.
+    The radian is one of them: 1 Hz is 2 pi rad/s, and confusing them is common. Only FMUs omit it, as tools disagree
+    whether rad/s is 1/s (FMI 2.0, 2.2.2): see `twin.kernel.fmi.units`.
     """
 
     kg: int = 0

@@ -134,7 +134,7 @@ class Pool(Generic[Task, Answer]):
             raise _PoolShutdown
 
     def _serve(self) -> None:
-        """Answer tasks of the pool in one thread, which starts its own process: a process dies with its starter thread."""
+        """Answer tasks of the pool in one thread, which starts its own process, as processes die with their starter."""
         with WarmProcess(self._job, self._limits, self._raise_if_stopping) as process:
             while (item := self._waiting.get()) is not None and not self._stopping.is_set():
                 task, done = item
