@@ -427,8 +427,8 @@ def begin_ramp(address, u, t, h):
 
 @njit(cache=True)
 def set_ramp(address, t):
-    """Set the FMU's interpolated inputs (in FMI 1.0 and 2.0 also derivatives) at time `t`; return 0 or the first
-    failure.
+    """Set the FMU's interpolated inputs (in FMI 1.0, 2.0 also derivatives) at `t`; return 0 or the first failure
+    status.
     """
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
