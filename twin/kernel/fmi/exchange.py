@@ -296,7 +296,7 @@ class ModelExchange(Instance):
             raise
 
     def _measure(self) -> None:
-        """Query the FMU's numbers of states and event indicators; refuse wrong or too large numbers."""
+        """Query the FMU's numbers of states and event indicators; refuse wrong or too large ones, and NaN."""
         model = self.description.model
         self.states, self.indicators = model.numberOfContinuousStates, model.numberOfEventIndicators
         if self.description.version == 3:

@@ -427,9 +427,7 @@ def begin_ramp(address, u, t, h):
 
 @njit(cache=True)
 def set_ramp(address, t):
-    """Set the FMU's interpolated inputs (in FMI 1.0, 2.0 also derivatives) at `t`; return 0 or the first failure
-    status.
-    """
+    """Set the FMU's interpolated inputs (derivatives too in FMI 1.0, 2.0) at `t`; return 0 or the first bad status."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
     if n == 0:

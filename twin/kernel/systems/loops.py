@@ -57,7 +57,7 @@ def find_loops(plan: SystemPlan) -> tuple[AlgebraicLoop, ...]:
 def _join_groups(
     groups: Sequence[Sequence[str]], parts: Sequence[SystemPart]
 ) -> list[tuple[set[str], list[Sequence[str]]]]:
-    """Merge groups of mutually dependent ports that share a component; return (components, groups) each."""
+    """Merge groups of dependent ports that share a component; return (components, groups) each, in step order."""
     joined: list[tuple[set[str], list[Sequence[str]]]] = []
     for group in groups:
         owners, together = {node.partition(".")[0] for node in group}, [group]

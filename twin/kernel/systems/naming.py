@@ -17,7 +17,7 @@ FIELD_KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Bool
 
 
 def identifier(name: str) -> str:
-    """Convert text to an identifier: replace characters other than letters, digits and underscores."""
+    """Convert text to an identifier: letters, digits and underscores, beginning with a letter."""
     text = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "x"
     return text if text[0].isalpha() else f"x_{text}"
 

@@ -55,7 +55,7 @@ class SignalColumn:
 
 @dataclass(frozen=True)
 class SignalTable:
-    """Columns on one time base.
+    """A table of recorded signals on one time base.
 
     Attributes:
         t: simulation time of the rows (n,), s.
@@ -67,7 +67,7 @@ class SignalTable:
 
 
 def signal_table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> SignalTable:
-    """Resample `signals` onto one time base; each value is the newest at or before the row's time.
+    """Resample recorded `signals` onto one time base; each value is the newest at or before the row's time.
 
     Nothing is interpolated or filtered: every number was recorded, and a sampled component also keeps its value between
     samples. Rows begin when every signal has a value.
@@ -95,7 +95,7 @@ def signal_table(recording: Recording, signals: Sequence[str], rate: float | Non
 def time_base(
     recording: Recording, signals: Sequence[str], rate: float | None
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the message times of each topic of `signals`, and the times of the rows (ns); see `signal_table`."""
+    """Return the message times of each topic of `signals`, and the times of a table's rows (ns); see `signal_table`."""
     topics = dict.fromkeys(name.rpartition(".")[0] for name in signals)
     times = {topic: recording.streams[topic].head["log_time"].astype(np.int64) for topic in topics}
     fields = recording.fields()
@@ -103,7 +103,7 @@ def time_base(
 
 
 def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
-    """Return the times of the rows, ns, (n,) int64.
+    """Compute the times of the rows of a signal table, ns, (n,) int64.
 
     Args:
         times: message times of each topic, ns, ascending, not empty.
