@@ -56,7 +56,7 @@ Kind = Literal["number", "whole", "choice", "switch", "pace"]
 
 @dataclass(frozen=True)
 class Slider:
-    """A key that can be changed, with the range of its slider.
+    """A key of the experiment that the explorer can change, with the range of its slider.
 
     Attributes:
         key: dotted key, as in the file and for --set.
@@ -85,7 +85,7 @@ class Slider:
 
     @property
     def to_dict(self) -> dict[str, Any]:
-        """The slider as a JSON-serialisable mapping."""
+        """Return the slider as a JSON-serialisable mapping."""
         return asdict(self)
 
 
@@ -120,7 +120,7 @@ def _all_sliders(experiment: Experiment) -> Iterator[Slider]:
 
 
 def _takes_single_keys(table: type[Settings], head: Any) -> bool:
-    """Return whether a single key of the table can be set: the table exists, or requires no key."""
+    """Whether a single key of the experiment's table can be set: the table exists, or requires no key."""
     return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
 
 
@@ -136,7 +136,7 @@ def _table_sliders(path: str, table: type[Settings], values: Mapping[str, Any]) 
 
 
 def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider | None:
-    """Return the slider of a setting; None unless it is a single number, choice or switch."""
+    """Return the explorer's slider for a setting; None unless it is a single number, choice or switch."""
     kinds = [part for part in (get_args(annotation) or (annotation,)) if part is not type(None)]
     default = None if declared.default is ... else declared.default
     head = key, declared.unit, declared.help
@@ -173,7 +173,7 @@ def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, floa
 
 
 def check_value(known: Mapping[str, Slider], key: str, value: Any) -> Any:
-    """Check `value` for `key`, and convert it to the type that a file would have."""
+    """Check the page's `value` for the experiment key `key`, and convert it to the type that a file would have."""
     if key not in known:
         raise InputRefused(f"{key}: no key that can be changed here; {nearest(key, known, 'see twin schema')}")
     slider = known[key]
