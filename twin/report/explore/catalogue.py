@@ -85,7 +85,7 @@ class Slider:
 
     @property
     def to_dict(self) -> dict[str, Any]:
-        """Return the slider as a JSON-serialisable mapping."""
+        """The slider's fields as a JSON-serialisable mapping."""
         return asdict(self)
 
 

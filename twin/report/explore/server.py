@@ -310,7 +310,7 @@ class RequestQueue:
         self._kind = ""
 
     def add(self, kind: str, ask: dict[str, Any]) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-        """Add a request of the page to the queue. Return the request that will not be served, if any, and its answer."""
+        """Add a page's request to the queue. Return the request that will not be served, if any, and its answer."""
         before = self._waiting.get(kind)
         if before is None and len(self._waiting) >= MAX_WAITING:
             return ask, {"refused": f"{MAX_WAITING} requests of this page are waiting; try again"}
