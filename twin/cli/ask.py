@@ -38,7 +38,7 @@ LIMIT_OPTIONS = ("limit_step", "limit_wall")
 
 
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
-    """Run a study for a command: print its answers as text or JSON, and end with its exit code.
+    """Run a study for a command: print its answers as text or JSON, and end the process with its exit code.
 
     Raises:
         SystemExit: the exit code is not 0.

@@ -70,7 +70,7 @@ def _warning(values: Values) -> str:
 
 
 def _hold(values: Values) -> Iterator[str]:
-    """Format the first measures of a held force, or the reason why they are missing, then torque and work."""
+    """Format the measures of a run's held force, or the reason why they are missing, then torque and work."""
     error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
     if error.value is None or begin.value is None or end.value is None:
         yield from wrap_text(f"none: {error.reason}", _row("held", ""))

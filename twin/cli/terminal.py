@@ -68,13 +68,13 @@ class PlainProgress:
         self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > MIN_SHOWN_TIME else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        """Show a compilation that has taken `seconds`: `done` of about `about` functions, 0 if unknown."""
+        """Show the progress of a compilation: `seconds` so far, `done` of about `about` functions, 0 if unknown."""
         if (about or seconds > COMPILE_NOTICE_DELAY) and not self._printed:
             self._printed = True
             print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
-        """Show that the run `name` is being loaded, which will simulate `duration` (s)."""
+        """Show that a run is being loaded, with its `name` and the `duration` (s) that it will simulate."""
         self._name, self._duration, self._began = escape_controls(name), duration, None
 
     def move(self, share: float) -> None:
@@ -328,7 +328,7 @@ class TerminalDisplay:
 
 
 def program() -> str:
-    """Return the command by which a shell finds this program: `twin`, or its path, as in `make run`."""
+    """Return the shell command that starts this program: `twin`, or its path, as in `make run`."""
     called = sys.argv[0]
     if os.path.basename(called) != "twin" or os.sep not in called:
         return "twin"

@@ -87,7 +87,7 @@ def entry_of(source: str, names: dict[str, int], base: str) -> str:
 
 
 def read_entry(file: Path, entry: str, limit: int = MAX_TEXT_BYTES) -> bytes:
-    """Read an entry of the archive `file`, which `entries` must have accepted.
+    """Read the content of an entry of the archive `file`, which `entries` must have accepted.
 
     Raises:
         InputRefused: the entry has more than `limit` bytes.

@@ -66,7 +66,7 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
 
 
 def own_page_policy(port: int) -> GatePolicy:
-    """Return the policy of a server whose own pages run native code: only its origin and port, and only with the token.
+    """Return the access rules of a server with own pages that run native code: only its origin, only with the token.
 
     A browser sends the token first in the address that the terminal shows, then in a cookie. Pages of other sites
     cannot make it send the cookie (SameSite=Strict), and scripts cannot read it (HttpOnly). Browsers share cookies

@@ -20,7 +20,7 @@ Number = Annotated[int, Field(ge=0, lt=2**32)]
 
 
 class Level(IntEnum):
-    """Severity of a status message."""
+    """Severity of a status message to viewers."""
 
     INFO = 0
     WARNING = 1

@@ -204,7 +204,7 @@ def _is_number(table: type[Settings], name: str) -> bool:
 
 
 class Values(tuple[Any, ...]):
-    """Numbers for compiled code, SI: a named tuple whose fields are declared by settings.
+    """Base of records of numbers for compiled code, SI: a named tuple whose fields are declared by settings.
 
     A subclass lists its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it.
 

@@ -151,7 +151,7 @@ def pointer_to(item: Any) -> Any:
 
 @cache
 def _lane_functions() -> tuple[Any, Any]:
-    """Register `Lanes`, a SIMD register of four doubles, with numba; return `three` and `with_lane`."""
+    """Register a SIMD register of four doubles, `Lanes`, as a numba type; return `three` and `with_lane`."""
     from numba.extending import intrinsic, lower_builtin, models, register_model
 
     class Lanes(types.Type):  # type: ignore[misc, name-defined]

@@ -35,7 +35,7 @@ _loaded: set[str] = set()
 
 
 class Module(NamedTuple):
-    """LLVM module of a compiled function, as numba generates it.
+    """LLVM module of a compiled function, as text, with the names of its functions.
 
     Attributes:
         symbol: name of the C entry point to add.
@@ -49,7 +49,7 @@ class Module(NamedTuple):
 
 
 def module_of(signature: Any, function: Callable, symbol: str) -> Module:
-    """Compile `function` for a numba `signature` to an LLVM module whose C entry point will be called `symbol`."""
+    """Compile `function` by numba for a `signature` to an LLVM module whose C entry point will be called `symbol`."""
     return Module(symbol, *inner_module(signature, function))
 
 
@@ -129,7 +129,7 @@ compiled for the exact processor."""
 
 @cache
 def compiler_versions() -> tuple[str, ...]:
-    """Return the versions of numba and llvmlite, on which machine code depends in addition to source and form."""
+    """Return the versions of numba and llvmlite, as machine code depends on them."""
     return version("numba"), version("llvmlite")
 
 
@@ -158,7 +158,7 @@ def chosen_form() -> ProcessorForm:
 
 @cache
 def target_machine(form: ProcessorForm) -> Any:
-    """Create an LLVM target machine for a processor form, with relocatable code."""
+    """Create an LLVM target machine, which generates relocatable code for a processor form."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(

@@ -122,7 +122,7 @@ class Native:
         return b"" if foreign else bytes(machine.target_machine(form).emit_object(made))
 
     def module(self, symbol: str) -> "Module":
-        """Return the LLVM module of the function, whose C entry point will be called `symbol`.
+        """Return the LLVM module of the compiled function, whose C entry point will be called `symbol`.
 
         The module is stored for other functions that include it and for other processor forms, as numba takes longer
         than all later stages.

@@ -126,7 +126,7 @@ def object_lock(name: str) -> Iterator[None]:
 
 @cache
 def object_folder() -> Path:
-    """Return the folder of object files: in the package, or in the user's cache folder if the former is not private.
+    """Return the folder of object files of compiled code: in the package, or the user's cache if that is not private.
 
     A temporary folder, shared with child processes, if neither is private.
     """

@@ -191,7 +191,7 @@ def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
 
 
 class Holder(Protocol):
-    """A holder of component state outside the master's memory: in an FMU, a Python object or a process.
+    """An object that saves and restores component state outside the master's memory: in an FMU, object or process.
 
     A token identifies a saved state. It belongs to its holder, which frees all tokens when it is closed.
     """
@@ -284,7 +284,7 @@ class Component:
         return False
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """Return views of the memory that the component's steps change in this process, by name, in a fixed order."""
+        """Return views of the component's state in this process, by name, in a fixed order: memory that steps change."""
         return {}
 
     def holders(self) -> dict[str, Holder]:

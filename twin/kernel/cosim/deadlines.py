@@ -79,7 +79,7 @@ def callbacks(monotonic: Any, sleep: Any) -> tuple[Any, Any]:
 
 
 def _pointer_call(arguments: str) -> Any:
-    """Make a compiled call of `int f(...)` at an address; `arguments` has "i" for an int, "p" for an address."""
+    """Make a function for compiled code that calls the C function `int f(...)` at an address."""
 
     def call(typingctx, function, first, second, third, fourth):
         kinds = [c.i32 if one == "i" else c.pointer for one in arguments]
@@ -150,7 +150,7 @@ def _wait_until_due(m, k):
 
 @entry("int", "int", "int", "int", "int")
 def advance(deadlines, first, count, row):
-    """Run ticks of the simulation loop, none before its real-time deadline; return fewer rows after a signal.
+    """Run ticks of the simulation loop, none before its deadline in real time; return fewer rows after a signal.
 
     Args:
         deadlines: address of a record of `DEADLINE_RECORD`.

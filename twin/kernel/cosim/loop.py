@@ -196,7 +196,7 @@ def _differentiate(m, t, h):
 
 @njit(cache=True)
 def _correct_inverse(m):
-    """Update M by Broyden's formula from the last step and its change of the residual."""
+    """Update the loop's inverse matrix M by Broyden's formula from the last step and its change of the residual."""
     n = m.size
     work, inverse = carray(doubles_at(m.work), (_WORK_ROWS, n)), carray(doubles_at(m.inverse), (n, n))
     step, change, row = work[2], work[3], work[4]

@@ -90,7 +90,7 @@ def _is_same_kind(value: Any, mine: Any) -> bool:
 
 
 class ProgressObserver(Observer):
-    """An observer that reports progress: `report(completed ticks, ticks)`."""
+    """An observer of a simulation that reports progress: `report(completed ticks, ticks)`."""
 
     def __init__(self, report: Callable[[int, int], None], ticks: int):
         self._report, self._ticks = report, ticks
@@ -100,7 +100,7 @@ class ProgressObserver(Observer):
 
 
 class MessageObserver(Observer):
-    """An observer that reports the messages of a system's components as events."""
+    """An observer of a simulation that reports the messages of a system's components as events."""
 
     def __init__(self, system: System):
         self._system = system
@@ -168,7 +168,7 @@ def simulate(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     start: Callable[[Simulation], None] | None = None,
 ) -> SimulationResult:
-    """Step a system from its first tick to `last_tick`, until a component fails, or until an observer ends it.
+    """Step a co-simulation system from its first to its last tick, until a component fails or an observer ends it.
 
     Args:
         assembly: owner of a newly created system.

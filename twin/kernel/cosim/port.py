@@ -51,7 +51,7 @@ def by_port(ports: tuple[Port, ...], values: np.ndarray) -> dict[str, np.ndarray
 
 
 def port_slices(ports: tuple[Port, ...]) -> dict[str, slice]:
-    """Slices of the ports in the concatenated values, by port name."""
+    """Slices of ports in their concatenated values, by port name."""
     ends = np.cumsum([port.size for port in ports]).tolist()
     return {port.name: slice(end - port.size, end) for port, end in zip(ports, ends, strict=True)}
 
@@ -66,7 +66,7 @@ def format_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
 
 
 def record(**fields: Any) -> np.dtype:
-    """Record dtype with the given fields, aligned as in C.
+    """Dtype of a record for compiled code, with the given fields, aligned as in C.
 
     Args:
         fields: field name -> "i8" for an integer or address, "u8" for an unsigned integer, "f8" for a double, "3f8" for
@@ -96,7 +96,7 @@ def states(**fields: Any) -> dict[str, np.dtype]:
 
 @dataclass(frozen=True)
 class StateField:
-    """A field of a record, possibly nested, that steps change.
+    """A field of a memory record, possibly nested, that steps change, so that it is saved.
 
     Attributes:
         path: field names from the outermost record.
@@ -123,7 +123,7 @@ class StateField:
 
 
 def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateField]:
-    """Yield every field of the record `kind` that is declared as `state`, in order."""
+    """Yield every field of the record `kind` that steps change, in order."""
     for name, (field, *_) in (kind.fields or {}).items():
         base = field.base
         metadata: Mapping[str, Any] = base.metadata or {}

@@ -44,11 +44,11 @@ class PythonModel(Protocol):
 
     @property
     def inputs(self) -> Sequence[Port]:
-        """Input ports of the component."""
+        """Input ports of the Python component."""
 
     @property
     def outputs(self) -> Sequence[Port]:
-        """Output ports of the component."""
+        """Output ports of the Python component."""
 
     @property
     def sampled(self) -> bool:
@@ -59,7 +59,7 @@ class PythonModel(Protocol):
 
 
 class PythonComponent(Component):
-    """A `PythonModel` as a component; slower than a compiled one, as each step is a callback.
+    """A Python object as a component; slower than a compiled one, as each step is a callback.
 
     Args:
         model: Python object with the step.
@@ -145,7 +145,7 @@ class ObjectStates:
         self._call_method("restore", lambda: self._model.restore(state))
 
     def free(self, token: bytes) -> None:
-        """Do nothing, as tokens own no resources."""
+        """Do nothing: tokens are serialised states of a Python object, which own no resources."""
 
     def pack(self, token: bytes) -> bytes:
         return token
@@ -251,7 +251,7 @@ def _write_outputs(answer: Any, wanted: DeclaredPorts, into: np.ndarray) -> None
 
 
 class PythonSource:
-    """A Python source file, read and compiled once, from which component classes are loaded.
+    """A Python source file with component classes, read and compiled once.
 
     Attributes:
         sha256: digest of its content.

@@ -112,7 +112,7 @@ class Simulation:
 
     @property
     def wait_time(self) -> float:
-        """Wall time spent waiting for deadlines (s)."""
+        """Wall time that the simulation has spent waiting for deadlines (s)."""
         return float(self._deadlines.memory["waited"][0]) if self._deadlines else 0.0
 
     @property
@@ -265,7 +265,7 @@ class Simulation:
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Refuse a state whose tick is outside this simulation or contradicts the state's time."""
+        """Refuse a saved state whose tick is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(
@@ -280,7 +280,7 @@ class Simulation:
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Refuse a state with a non-finite output that a component reads."""
+        """Refuse a saved state with a non-finite output that a component reads."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:

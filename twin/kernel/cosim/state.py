@@ -257,7 +257,7 @@ class StatePlaces:
         return SavedState(state.tick, pieces, inside, about)
 
     def import_state(self, saved: SavedState) -> SystemState:
-        """Convert a `SavedState` of the same system to a state that can be restored here.
+        """Convert a state from another process or file, of the same system, to a state that can be restored here.
 
         Raises:
             InputRefused: the state is of another system, or invalid.

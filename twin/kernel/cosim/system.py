@@ -158,12 +158,12 @@ class System:
 
     @property
     def interpolates(self) -> bool:
-        """Whether inputs are weighted sums of outputs at several instants."""
+        """Whether inputs of continuous components are weighted sums of outputs at several instants."""
         return self.inputs != "hold" or self.iterations > 1
 
     @property
     def has_separate_newest(self) -> bool:
-        """Whether newest outputs are stored separately from the valid ones.
+        """Whether the newest outputs of components are stored separately from the valid ones.
 
         Not needed in Gauss-Seidel order if all components step every tick, as every replaced value has been read
         before.
@@ -180,7 +180,9 @@ class System:
         return int(self.y_start[-1])
 
     def outputs(self) -> np.ndarray:
-        """Allocate the initial outputs: (outputs_width,), times 2 if newest are separate, 3 if interpolated."""
+        """Allocate initial outputs of all components: (outputs_width,), times 2 if newest are separate, 3 if
+        interpolated.
+        """
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 

@@ -178,7 +178,7 @@ def release(instance: Instance) -> None:
 
 
 class FmuComponent(Component):
-    """An FMU instance as a component; continuous by default, with a solver for model exchange.
+    """An FMU instance as a component of a co-simulation, with a solver for model exchange.
 
     Args:
         name: name of component and FMU instance.
@@ -268,7 +268,7 @@ class FmuComponent(Component):
         self._unread_reported: set[str] = set()
 
     def zero(self, name: str) -> float:
-        """Return the value (SI) of output port `name` at which the FMU's own output is 0."""
+        """Return the value (SI) of output port `name` that corresponds to an FMU output of 0."""
         return float(by_port(self.outputs, self._shift)[name][0])
 
     @property

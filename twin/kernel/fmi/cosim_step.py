@@ -311,7 +311,7 @@ def due_step(address, t, h):
 
 @njit(cache=True)
 def fill_discrete_inputs(address, u):
-    """Convert the FMU's discrete inputs at address `u` into the buffers from which they are set.
+    """Convert the FMU's discrete inputs at address `u` to FMU values in their buffers.
 
     Returns:
         (whether an unclocked input differs from the last value set, 0 or `INPUT_OUT_OF_RANGE`).
@@ -388,7 +388,7 @@ def _read_clocked_outputs(e, active):
 
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
-    """Plan the next ticks of the input clocks, of which `ticked` (bit mask) ticked at `t`, the beginning of step `n`.
+    """Plan the next ticks of an FMU's input clocks at time `t`, the beginning of step `n`, after `ticked` (bit mask).
 
     Returns:
         0 or a failure status.

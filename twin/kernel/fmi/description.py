@@ -74,7 +74,7 @@ def complete_model(model: Any, file: Path) -> None:
 
 
 def _complete_outputs(model: Any, root: Any) -> None:
-    """Add the dependencies that FMI 1.0 declares at each output, in FMPy's form for FMI 2.0."""
+    """Add the output dependencies that an FMI 1.0 description declares, in FMPy's form for FMI 2.0."""
     by_name = {variable.name: variable for variable in model.modelVariables}
     for element in root.iterfind("ModelVariables/ScalarVariable"):
         stated = element.find("DirectDependency")
@@ -220,7 +220,7 @@ class FmuDescription:
 
     @property
     def tool_note(self) -> str:
-        """Note on an FMU of PythonFMU that needs an execution tool, which is Python; "" for other FMUs."""
+        """Note that an FMU of PythonFMU needs Python as its execution tool; "" for other FMUs."""
         if not (self.needs_tool and (self.model.generationTool or "").startswith(PYTHON_FMU)):
             return ""
         return f"{NEEDS_TOOL}, which is Python; {PYTHON_FMU} builds it without that by --no-external-tool"
@@ -317,7 +317,7 @@ def _read_description(file: Path, kind: Kind | None) -> FmuDescription:
 
 
 def build_binary(file: Path) -> CompiledLibrary | None:
-    """Compile the sources of an FMU for this platform; None if it has a binary for it.
+    """Compile the sources of an FMU for this platform, if it lacks a binary for it; None if it has one.
 
     Raises:
         InputRefused: not an FMU, or as `compile_sources`.

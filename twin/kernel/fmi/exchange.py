@@ -179,7 +179,7 @@ class Integrator:
         return int(STEP_FUNCTION(step.address)(self.memory.ctypes.data, t, h, place, place))
 
     def explain(self, status: int) -> str:
-        """Describe a failure status of model exchange, as a verb phrase; "" for statuses of other origin."""
+        """Describe a failure status of a model-exchange step as a verb phrase; "" for statuses of other origin."""
         return exchange_error(self.memory[0], status, self._model.invalid_status)
 
     def close(self) -> None:
@@ -332,7 +332,7 @@ class ModelExchange(Instance):
                 )
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """Call the FMU's function `Get{name}` for (count,) doubles, and check that it writes exactly as many."""
+        """Read `count` doubles by the FMU's function `Get{name}`, and check that it writes exactly as many."""
         if count == 0:
             return np.zeros(0)
         values = np.full(count + GUARD_SIZE, GUARD_VALUE)
@@ -361,7 +361,7 @@ class ModelExchange(Instance):
 
 
 class ExchangeStepping(Stepping):
-    """Compiled step of a model-exchange instance.
+    """Compiled step of a model-exchange FMU instance, which integrates its equations.
 
     Args:
         instance: FMU instance in continuous-time mode.

@@ -342,7 +342,7 @@ def access(version, instance, g):
 
 @njit(cache=True, inline="always")
 def _scaling(g):
-    """Return slots, gains and offsets by which a group's FMU values are converted."""
+    """Return the slots of a group's values, and the gains and offsets of their conversion."""
     return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
 
 

@@ -104,7 +104,7 @@ class Instance:
         return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
 
     def takes_ramp(self, variable: Variable) -> bool:
-        """Whether `variable` is an input that both the setup and the FMU allow to interpolate over a step."""
+        """Whether `variable` is an FMU input that the setup and the FMU allow to interpolate over a step."""
         abilities = self.description.model.coSimulation
         if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
             return False

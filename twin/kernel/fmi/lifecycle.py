@@ -80,7 +80,7 @@ class _LazyFunctions(dict[str, Any]):
 
 
 class _LenientLibrary:
-    """An FMU's library in which missing functions are replaced by functions that return an error.
+    """An FMU's library with functions that return an error in place of missing ones.
 
     Args:
         library: ctypes library.
@@ -213,7 +213,7 @@ def _on_message_2(environment: int | None, instance: bytes, status: int, categor
 
 
 class Fmi2:
-    """Life cycle of an FMI 2.0 FMU.
+    """Life cycle of an FMI 2.0 FMU: calls that instantiate, initialise and free it.
 
     Args:
         slave: FMPy's class of instances.
@@ -287,7 +287,7 @@ class Fmi2:
 
     @staticmethod
     def _callbacks(standard: Any, kind: str, logger: Any) -> Any:
-        """Make FMPy's callback structure of this `kind` with memory functions and `logger`."""
+        """Make FMPy's callback structure for an FMU instance, with memory functions and `logger`."""
         from fmpy.logging import addLoggerProxy
 
         callbacks = getattr(standard, kind)()
@@ -481,7 +481,7 @@ def _whole_steps(instance: Instance, clock: Any, interval: float, least: int) ->
 
 
 class CosimInstance(Instance):
-    """An FMU instance for co-simulation; arguments, errors and attributes as of `Instance`."""
+    """An FMU instance for co-simulation, initialised and ready to step; errors and attributes as of `Instance`."""
 
     _standards: ClassVar[Mapping[int, Any]] = {1: Fmi1(), 2: Fmi2(), 3: Fmi3()}
     _stepping: Stepping | None = None

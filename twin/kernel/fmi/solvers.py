@@ -356,7 +356,7 @@ def complete_step(m):
 
 
 class Solver(NamedTuple):
-    """Integration method for the equations of an FMU.
+    """Choice of the integration method for the equations of a model-exchange FMU.
 
     Attributes:
         method: "cvode" with error control, for all equations; "rk4" with a constant step.

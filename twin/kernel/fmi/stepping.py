@@ -24,7 +24,7 @@ class FmuPort:
     offset: float = 0.0
 
     def to_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
-        """Convert a port value (SI) to the FMU's unit."""
+        """Convert a value of the port (SI) to the unit of the FMU variable."""
         return (value - self.offset) / self.gain
 
     def for_instant(self, instant: Literal["start", "end"]) -> "FmuPort":
@@ -56,13 +56,13 @@ def port_slots(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> lis
 
 
 def with_end_ports(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
-    """Append a port for the value at the end of the step for each input that is interpolated over a step."""
+    """Append to the inputs a port for the value at the end of the step, for each one interpolated over a step."""
     ramped = [p for p in inputs if instance.takes_ramp(p.variable)]
     return [*(p.for_instant("start") if p in ramped else p for p in inputs), *(p.for_instant("end") for p in ramped)]
 
 
 class Stepping:
-    """Compiled step of a co-simulation instance, with its memory.
+    """Compiled step of a co-simulation FMU instance, with its memory.
 
     Args:
         instance: FMU instance in step mode.
@@ -193,7 +193,7 @@ class Stepping:
         return cosim_step.save.address, cosim_step.restore.address, memory
 
     def allow_repeats(self) -> None:
-        """Announce to the FMU that a state may be restored; not in FMI 1.0, whose flag has another meaning."""
+        """Announce to the FMU that steps may be repeated from a saved state (not in FMI 1.0, whose flag differs)."""
         if self.instance.description.version > 1:
             self.memory["final"] = 0
 

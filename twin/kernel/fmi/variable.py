@@ -209,7 +209,7 @@ class Variable:
         return f"which is {self.type} ({low:.17g} .. {high:.17g})"
 
     def range_error(self, value: float) -> str:
-        """Return why `value` is outside the variable's type, `in8 is UInt8; expected 0 .. 255`; "" if it is inside."""
+        """Return why `value` is outside the range of the variable's type, `in8 is UInt8; expected 0 .. 255`; else ""."""
         low, high = self.bounds
         # an int is compared without conversion, as a double may round it
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2
@@ -223,7 +223,7 @@ class Variable:
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
     def with_size(self, file: Path, structure: Mapping[str, float]) -> "Variable":
-        """Return the variable with the array size for the given values of structural parameters.
+        """Return the array variable with the size that values of structural parameters give.
 
         Raises:
             InputRefused: an empty array, or too many values.
@@ -239,7 +239,7 @@ class Variable:
 
 
 def variable_of(v: Any, model: Any) -> Variable:
-    """Convert an FMU variable of FMPy to a `Variable`; array sizes are those of the structural start values."""
+    """Convert an FMU variable of FMPy to a `Variable`; start values of structural parameters give array sizes."""
     declared = v.declaredType
     unit = v.unit or (declared.unit if declared is not None else None) or ""
     kind = {"1": FMI1_KINDS, "2": FMI2_KINDS}.get(model.fmiVersion[0], FMI3_KINDS).get(v.type, v.type)
@@ -399,7 +399,7 @@ def defined_conversion(unit: str, definitions: Sequence[UnitDefinition]) -> Conv
 
 
 def stop_time(ticks: int | None, tick: float, substeps: int) -> float | None:
-    """Compute the end of the last step (s): the duration, or t + h of that step as rounded, whichever is later."""
+    """Compute the end of a run's last step (s): the duration, or t + h of that step as rounded, whichever is later."""
     if ticks is None:
         return None
     step = tick / substeps

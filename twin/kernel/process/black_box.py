@@ -43,7 +43,7 @@ class Call(NamedTuple):
 
 
 class BlackBox:
-    """The supervisor's end of a black box: shared memory in which a process notes its present activity.
+    """The supervisor's end of a black box: memory shared with a process, which notes its present activity there.
 
     Attributes:
         fd: file descriptor of the nameless file, to be inherited by the writer.
@@ -85,7 +85,7 @@ class BlackBox:
         return Call(number, file, instance, function)
 
     def inputs(self, start: int, count: int) -> tuple[float, ...]:
-        """Return inputs number `start` to `start` + `count` among those of all components, at their last steps."""
+        """Return inputs number `start` to `start` + `count` of all components, at their last steps."""
         return struct.unpack(f"={count}d", os.pread(self.fd, 8 * count, INPUTS_AT + 8 * start))
 
     def close(self) -> None:
@@ -186,7 +186,7 @@ class JobAccount:
             self.stepped = SteppedSystem(facts["tick"], facts["last_tick"], components)
 
     def stepping(self, box: BlackBox) -> Participant | None:
-        """Return the component whose step is running, or was when the process ended; None between steps."""
+        """Return the component whose step is running, or was running when the process ended; None between steps."""
         component = box.mark()[1]
         return self.stepped.components[component] if self.stepped and component >= 0 else None
 

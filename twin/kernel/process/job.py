@@ -37,7 +37,7 @@ _termination_signals: list[int] = []
 
 
 def load_function(name: str) -> Callable[..., Any]:
-    """Load a function by its name "module:function"."""
+    """Import and return a function by its name "module:function"."""
     module, _, function = name.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return found
@@ -45,7 +45,7 @@ def load_function(name: str) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class JobLimits:
-    """Limits of a job, enforced by its supervisor.
+    """Limits of a guarded job in time and memory, enforced by its supervisor.
 
     Attributes:
         step: maximum time of one call into a component (s), in wall time and in processor time, so that a busy machine

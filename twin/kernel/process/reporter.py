@@ -54,10 +54,13 @@ class Reporter(Protocol):
         """Report that components are being created from now on; a failure is then an input error."""
 
     def progress(self, done: int, total: int) -> None:
-        """Report that `done` of `total` ticks are complete. Fits `twin.robot.run.execute(progress=...)`."""
+        """Report that `done` of `total` ticks of the simulation are complete.
+
+        Fits `twin.robot.run.execute(progress=...)`.
+        """
 
     def helper(self, name: str, pid: int) -> None:
-        """Report that the component `name` runs in the process `pid`."""
+        """Report that the component `name` runs in a process of its own, `pid`."""
 
 
 class DirectReporter:
@@ -77,7 +80,7 @@ class DirectReporter:
 
 
 def own_reporter() -> Reporter:
-    """Return the reporter of this process, or without a supervisor one that drops all reports."""
+    """Return the reporter of this process to its supervisor; without a supervisor, one that drops all reports."""
     return HOOKS.reporter or DirectReporter(lambda note: None)
 
 

@@ -194,7 +194,7 @@ class SharedPage:
 
     @property
     def order(self) -> int:
-        """Number of the order for which `serve` returned."""
+        """Number of the order that made `serve` return."""
         return int(self._bytes[_TIME_OFFSET : _TIME_OFFSET + 8].view(np.float64)[0])
 
     def write_content(self, content: bytes) -> None:

@@ -160,7 +160,7 @@ class RunStates(Observer):
             events.sort(key=lambda event: event.tick)
 
     def save_on_interrupt(self) -> None:
-        """Save the state of an interrupted run."""
+        """Save the present state of a run that is interrupted."""
         if not self.lacking and not self._simulation.failure and 0 < self._simulation.next_tick <= self._last_tick:
             self._write(self._simulation.next_tick, self._content())
 
@@ -185,7 +185,7 @@ class RunStates(Observer):
 
 
 def state_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
-    """Return the ticks of the states to save in a run.
+    """Compute the ticks of a run for which its state is saved, from times and an interval.
 
     Args:
         times: times of states (s).
@@ -246,7 +246,7 @@ def simulate_saving(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     timed: bool = True,
 ) -> SimulationResult:
-    """Simulate a recorded system with `states` saved, the last one even if the run is interrupted.
+    """Simulate a recorded system and save its states on the way, the last one even if the run is interrupted.
 
     Args:
         assembly, last_tick, observers, slice_ticks, lasting, adopt, timed: see `simulate`.

@@ -88,7 +88,7 @@ class _PoolShutdown(Exception):
 
 
 class Pool(Generic[Task, Answer]):
-    """Warm processes with one thread each; a context manager that ends them, busy or not.
+    """Pool of reusable guarded processes, one thread each; a context manager that ends them, busy or not.
 
     Args:
         count: number of processes; each starts with its first task.

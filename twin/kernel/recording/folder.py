@@ -41,7 +41,7 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
 
 
 def discard_run_folder(folder: Path) -> None:
-    """Remove an empty `folder` of `create_run_folder` and link `latest` to the previous run again."""
+    """Remove the empty folder of a run and link `latest` to the previous run again."""
     try:
         folder.rmdir()
     except OSError:
@@ -60,7 +60,7 @@ def _link_latest(latest: Path, run: str | None) -> None:
 
 
 def claim_run_folder(folder: Path) -> Path:
-    """Create `folder` itself as the folder of one run, and return it.
+    """Create the folder `folder`, given by the user, as the folder of one run, and return it.
 
     A name like those of `create_run_folder` gets a marker file: the folder belongs to the user, and every command keeps
     it.
@@ -159,7 +159,7 @@ class Output:
             self._file = None
 
     def publish(self) -> None:
-        """Sync the file to disk, close it and rename it to its final name, replacing a file of that name.
+        """Finish the file: sync it to disk, close it and rename it to its final name, replacing a file of that name.
 
         Raises:
             RecordingWriteError: the disk or the folder refuses; the partial file stays.

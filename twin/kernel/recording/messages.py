@@ -223,7 +223,7 @@ def descriptor_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...
 
 
 def log_message(time: int, level: str, text: str, name: str) -> bytes:
-    """Encode a `foxglove.Log`, the message type of `/events`, at `time` (ns); `level`, `text`, `name`: see `Event`."""
+    """Encode an event as `foxglove.Log`, the message type of `/events`, at `time` (ns); see `Event`."""
     log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
     log.timestamp.FromNanoseconds(time)
     return log.SerializeToString(deterministic=True)
@@ -484,7 +484,7 @@ def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows:
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:
-    """Yield the offsets at which the bytes `wanted` occur in a message `body`, ascending."""
+    """Yield the offsets of all occurrences of the bytes `wanted` in a message `body`, ascending."""
     place = body.find(wanted)
     while place >= 0:
         yield place

@@ -137,7 +137,7 @@ class Recording:
 
 
 def read_metadata(path: Path) -> dict[str, dict[str, str]]:
-    """Read the metadata of the recording's file `path`, finished or not: name -> key -> text.
+    """Read the metadata of a recording's file, finished or not: name -> key -> text.
 
     Skips samples and checks nothing, unlike `read`.
 
@@ -196,7 +196,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
-    """Read the recording at `path`, finished or not.
+    """Read a recording from its file, finished or not.
 
     An unfinished file is read up to its last complete chunk, and `complete` and `note` of the result report it.
 
@@ -322,7 +322,7 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
 
 
 def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
-    """Return the start time (ns) of a run that was restored from another run's state; 0 for any other run."""
+    """Return the start time (ns) of a recorded run that began from another run's state; 0 for any other run."""
     try:
         return max(0, round(float(metadata[CONTINUES_KEY]["time_s"]) * NS_PER_S))
     except (KeyError, ValueError, OverflowError):
@@ -330,7 +330,7 @@ def _start_time(metadata: Mapping[str, Mapping[str, str]]) -> int:
 
 
 def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
-    """Return the duration of the run (s) according to its experiment; None if it is missing or invalid."""
+    """Return the intended duration of a recorded run (s) by its experiment; None if it is missing or invalid."""
     try:
         values = parse_json(metadata["experiment"]["values"], "")
         duration = float(values["duration_s"])

@@ -74,7 +74,7 @@ class RowBlock:
         self.events += events
 
     def clear(self) -> None:
-        """Begin the next block at the tick after the last row."""
+        """Empty the block; the next one begins at the tick after the last row."""
         self.first += self._count
         self._count = 0
         self.events = []
@@ -86,7 +86,7 @@ def port_fields(ports: Iterable[Port]) -> tuple[Field, ...]:
 
 
 class EventLog(Observer):
-    """Observer that collects all events of a run in `events`."""
+    """Observer of a simulation that collects all events in `events`."""
 
     def __init__(self) -> None:
         self.events: list[TickEvent] = []
@@ -154,7 +154,7 @@ class Recorder(EventLog):
         self.writing += time.perf_counter() - began
 
     def finish(self) -> Path:
-        """Finish the recording and return its path."""
+        """Finish the recording of the run and return its path."""
         began = time.perf_counter()
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began

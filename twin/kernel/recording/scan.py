@@ -184,7 +184,7 @@ class Scan:
     position: int = 0
 
     def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
-        """Yield the checked contents of chunks and the metadata records, each with its record's offset in the file.
+        """Yield the checked contents of chunks and the metadata records of the file, each with its record's offset.
 
         Ends where an unfinished file ends.
 
@@ -316,7 +316,7 @@ class TopicSeries:
 
 @dataclass
 class Contents:
-    """Contents of a recording's chunks read so far.
+    """Schemas, channels and messages of a recording's chunks read so far.
 
     Attributes:
         series: numeric topics by channel number.

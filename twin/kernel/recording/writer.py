@@ -182,7 +182,7 @@ def _scatter(content, source, blocks, number, places, messages):
 
 
 class _MergeOrder:
-    """Order in which the message records of some blocks are merged by time.
+    """Order of message records of some blocks, merged by time.
 
     Args:
         places: destination offset of each record, block after block, (n,) int64.
@@ -261,7 +261,7 @@ class OpenTopic:
 
 @dataclass(frozen=True)
 class ForeignTopic:
-    """A topic whose messages are recorded unchanged, in the encoding of their sender.
+    """A recorded topic whose messages are stored unchanged, in the encoding of their sender.
 
     Attributes:
         name: topic name as received: `/joint_states`.
@@ -333,7 +333,7 @@ class Writer:
             self.write_metadata(name, entries)
 
     def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
-        """Record rows of `topic` for the ticks first_tick, first_tick + period, ...
+        """Record rows of numbers of `topic`, for the evenly spaced ticks from `first_tick` on.
 
         Call once per topic and slice of time; a second call for a topic begins the next slice. Messages of a slice are
         in order of time across topics, at equal times in the order of the calls.
@@ -469,7 +469,7 @@ class Writer:
             self.finish()
 
     def flush(self) -> None:
-        """Write all buffered messages to the file, so that they survive the end of this process."""
+        """Write all buffered messages of the recording to the file, so that they survive the end of this process."""
         self.end_slice()
         self._write_chunks()
 
@@ -487,7 +487,7 @@ class Writer:
         return np.rint(ticks * (self.tick * NS_PER_S)).astype(np.int64)
 
     def _ascending_times(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
-        """Compute log times no earlier than the channel's last one, so that times ascend like sequence numbers."""
+        """Compute ascending log times (ns) for `ticks`, no earlier than the channel's last one."""
         times = np.maximum.accumulate([self._newest.get(channel, 0), *self._times(np.array(ticks)).tolist()])[1:]
         self._newest[channel] = int(times[-1])
         return times

@@ -33,7 +33,7 @@ class UnitStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Lead:
-    """A connection from an output of a component to an input of another one, with its conversions.
+    """A connection of a flattened SSP system, from a component's output to a component's input, with its conversions.
 
     Attributes:
         start, end: component path and connector.
@@ -274,7 +274,7 @@ class _Flattener:
     def _forward(
         self, start: ssp.Endpoint, hops: tuple[UnitStep, ...]
     ) -> Iterator[tuple[ssp.Endpoint, tuple[UnitStep, ...]]]:
-        """Yield the component inputs that a system connector feeds; at most one path leads to each."""
+        """Yield the component inputs that a system's connector feeds; at most one path leads to each."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
             self._budget.spend()

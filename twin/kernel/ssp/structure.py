@@ -170,7 +170,7 @@ class ParameterMapping:
 
 @dataclass(frozen=True)
 class ParameterBinding:
-    """Parameter values for a component or for all components of a system.
+    """Assignment of parameter values to an SSP component, or to all components of a system.
 
     Attributes:
         prefix: prepended to the name of each value.

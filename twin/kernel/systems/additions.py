@@ -33,7 +33,7 @@ _LIST_PATTERN = re.compile(r"\[(?P<values>.*)\]")
 
 @dataclass(frozen=True)
 class Additions:
-    """Additions to a system from the command line.
+    """Changes to a system given on the command line: values, inputs over time, signals to record.
 
     Attributes:
         settings: texts NAME=VALUE.

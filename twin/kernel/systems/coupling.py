@@ -49,7 +49,7 @@ class PreparedSystem:
 
 
 class InitialFmus(NamedTuple):
-    """Initialised FMUs of a system; attributes as of `PreparedSystem`, components by name."""
+    """Initialised FMUs of a system, as components; attributes as of `PreparedSystem`."""
 
     plan: SystemPlan
     components: dict[str, Component]
@@ -295,7 +295,7 @@ def _has_fmu_state(part: SystemPart) -> bool:
 
 
 class _InitialValues:
-    """Propagation of initial values from sources to inputs, in initialisation mode.
+    """Propagator of initial values from FMU outputs to inputs, in initialisation mode.
 
     Args:
         plan: plan of the system.
@@ -416,7 +416,7 @@ def _start_signals(plan: SystemPlan) -> dict[str, np.ndarray]:
 
 
 def _is_readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
-    """Whether a connection can transfer values in initialisation mode; clocked variables cannot."""
+    """Whether a connection between FMUs can transfer values in initialisation mode; clocked variables cannot."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
 
 

@@ -41,7 +41,7 @@ class EnclosedComponent(Subsystem):
     """A component that runs an SSP system of FMUs in place of one FMU."""
 
     def zero(self, name: str) -> float:
-        """Return the value of output port `name` at which the inner FMU's output is 0 in its unit."""
+        """Return the value of output port `name` that corresponds to an output of 0 of the inner FMU."""
         part, _, port = self.outlets[name].rpartition(".")
         inside = next(one for one in self.system.components if one.name == part)
         assert isinstance(inside, FmuComponent)
@@ -127,7 +127,7 @@ class EnclosedSystem:
         inputs_at_start: Mapping[str, Start] = MappingProxyType({}),
         outputs_at_start: Mapping[str, Start] = MappingProxyType({}),
     ) -> EnclosedComponent:
-        """Initialise the system as a component that makes `every` ticks in a step.
+        """Initialise the enclosed system as a component that makes `every` ticks in a step.
 
         Args:
             inputs, outputs: ports of variables of this system; other inputs keep their start values.
@@ -292,7 +292,7 @@ class _OuterVariables:
         self._add_inner_variables(asked)
 
     def _add_inner_variables(self, asked: Collection[str]) -> None:
-        """Add requested inner variables; for a side without connectors, all inputs or outputs."""
+        """Add requested inner variables to the visible ones; for a side without connectors, all inputs or outputs."""
         fed = {lead.end for lead in self._flat.leads}
         for path in self._flat.components:
             given = self._flat.assigned.get(path, {})

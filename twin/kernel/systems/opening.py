@@ -105,7 +105,7 @@ def extract_fmus(
 
 @contextmanager
 def scratch_folder(package: Package) -> Iterator[str]:
-    """Create a temporary folder for extracted files; error messages show the package's path instead of its path."""
+    """Create a temporary folder for extracted files; in error messages, replace its path by the package's path."""
     scratch = tempfile.mkdtemp()
     try:
         yield scratch

@@ -114,7 +114,7 @@ def timing(
 def timing_inside(
     package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], tick: float, every: int, ticks: int
 ) -> Timing:
-    """Determine the steps of a system that is a component of another system, starting at 0 s.
+    """Determine the step sizes of a system that is a component of another system, starting at 0 s.
 
     The step of a component is its annotation, else the annotation of the structure, else one step of the enclosing
     component.
@@ -146,7 +146,7 @@ def _round_step(step: float) -> float:
 
 
 def step_order(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
-    """Return the components in the order in which they step: the user's, else the annotated, else the file's.
+    """Return a system's components in step order: the user's, else the annotated, else the file's.
 
     Raises:
         InputRefused: the annotation names an unknown component.

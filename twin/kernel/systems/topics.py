@@ -20,7 +20,7 @@ def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
 
 
 def topics(plan: SystemPlan) -> list[Topic]:
-    """Return the topics with which the outputs of a planned system are recorded.
+    """Return the recording's topics for the outputs of a planned system.
 
     Raises:
         InputRefused: two components have names that a recording cannot distinguish.

@@ -90,7 +90,7 @@ class Slider:
 
 
 def sliders(experiment: Experiment) -> dict[str, Slider]:
-    """Return the sliders of `experiment` by key, in the order of the documentation."""
+    """Return the explorer's sliders for the keys of an experiment, in the order of the documentation."""
     found = {slider.key: slider for slider in _all_sliders(experiment)}
     # keys without a value or default get no slider at the top
     shown = [key for key in FIRST_KEYS if key in found and (found[key].value, found[key].default) != (None, None)]
@@ -156,7 +156,7 @@ def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider 
 
 
 def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, float, bool]:
-    """Return (lower end, upper end, whether logarithmic) of a slider around `value`, within the bounds in `more`."""
+    """Choose a slider's (lower end, upper end, whether logarithmic) around `value`, within the bounds in `more`."""
     least, most = more.get("gt", more.get("ge", -math.inf)), more.get("lt", more.get("le", math.inf))
     usual = DEFAULT_HIGHS.get(unit, 1.0)
     if least == 0.0 and "gt" in more and value > 0.0:

@@ -39,7 +39,7 @@ def figure_of(experiment: Experiment) -> Figure | None:
 
 @lru_cache(1)
 def _imperfection_settings() -> tuple[str, ...]:
-    """Return the settings (for --set) by which fig4_imperfect.toml differs from the aligned experiments."""
+    """Return the --set options that turn the aligned experiments into fig4_imperfect.toml."""
     straight, askew = (load_experiment(FIG4_EXPERIMENTS[number]).values for number in (0, 2))
     return tuple(
         f"{name}.{key}={toml_value(value)}"

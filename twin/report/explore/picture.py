@@ -44,7 +44,7 @@ TILE_MEASURES = (
 
 
 def shown_panels(run: PanelRun) -> list[str]:
-    """Return the titles of the panels for which the run has data."""
+    """Return the titles of the panels with data of the run."""
     return [panel.title for panel in EXPLORED_PANELS if any(quantity.read(run) for quantity in panel.quantities)]
 
 

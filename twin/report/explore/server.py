@@ -259,7 +259,7 @@ class ExplorerServer:
             self._idle.put_nowait(process)
 
     async def accept(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Forward a page's acceptance of a proposal to the session's twin."""
+        """Forward a page's acceptance of proposed parameters to the session's twin."""
         if self.session is None:
             return {"refused": "--follow: twin explore was started without a session"}
         refused = await self.session.accept(ask.get("proposal"))

@@ -203,7 +203,7 @@ class LiveSession:
         return f"The server at {self.name} is not a live server of twin; expected twin shadow --live. Trying again."
 
     async def _greet(self, connection: ClientConnection) -> None:
-        """Identify the peer and subscribe to the session's topics; not to those of a run, as that would start it."""
+        """Identify the peer and subscribe to the session's topics; a run is not subscribed, as that would start it."""
         self._begin_anew()
         async with asyncio.timeout(ANSWER_TIMEOUT):
             first = await _next_text(connection)
@@ -263,7 +263,10 @@ class LiveSession:
             self._answer[1].set_result(text)
 
     async def accept(self, proposal: object) -> str:
-        """Forward acceptance of `proposal` to the twin. Return an error message, or ""."""
+        """Forward the user's acceptance of `proposal` to the twin. Return an error message, or "".
+
+        Return an error message, or "".
+        """
         async with self._lock:
             if self._connection is None or self._watches:
                 return self._problem or self._watches

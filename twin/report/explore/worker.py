@@ -128,7 +128,7 @@ def _show(base: PageBase, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_duration(experiment: Experiment) -> Experiment:
-    """Refuse an experiment that is too long to be run while a slider moves; else return it."""
+    """Refuse an experiment that is too long to be simulated while a slider moves; else return it."""
     if experiment.duration_ticks > MAX_TICKS:
         raise InputRefused(
             f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "

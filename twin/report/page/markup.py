@@ -88,7 +88,7 @@ class DataBlock:
 
 
 def thin_samples(values: Curve, factor: int) -> Curve:
-    """Thin `values` (n,) by `factor` without losing peaks: keep the extremes of every 2 `factor` samples, in order.
+    """Thin the curve `values` (n,) by `factor` without losing peaks: keep the extremes of every 2 `factor` samples.
 
     Sample j of the result is within 2 `factor` samples of j times `factor`.
     """
@@ -101,7 +101,7 @@ def thin_samples(values: Curve, factor: int) -> Curve:
 
 
 def thinning_factor(samples: int, most: int) -> int:
-    """Return the factor that thins `samples` to about `most`."""
+    """Return the factor that thins a curve of `samples` samples to about `most`."""
     return max(1, math.ceil(samples / most))
 
 

@@ -404,7 +404,7 @@ def write_report(
     budget: bool = False,
     say: Say = ignore_progress,
 ) -> Answer:
-    """Write the report on the runs at `runs`.
+    """Write the report page on the runs at the given paths, as one HTML file.
 
     Args:
         runs: at least one path; see `report_runs`.
@@ -554,7 +554,7 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 
 
 def _json(data: object) -> str:
-    """Encode `facts` as JSON for a page's script element, which none of the contained texts can end."""
+    """Encode data as JSON for a page's script element; no text in it can end the element."""
     return json.dumps(to_dict(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 

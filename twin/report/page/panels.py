@@ -79,7 +79,7 @@ def _topic(key: str) -> str:
 def scene(
     run: PanelRun, block: DataBlock, most: int = MAX_FRAMES, robot: str = "plant", model: str = ""
 ) -> dict[str, Any] | None:
-    """Return the data by which the player animates the robot in a run, mm and N; None without poses of the robot.
+    """Return the data of a run for the player, which animates the robot, mm and N; None without poses of the robot.
 
     At most `most` poses go into `block`.
 

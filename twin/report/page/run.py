@@ -77,7 +77,7 @@ class RunMeasure(NamedTuple):
 
 
 def number_text(value: float, unit: str = "") -> str:
-    """Format `value` with four significant digits; `never` for infinity, "" for NaN."""
+    """Format a number with four significant digits; `never` for infinity, "" for NaN."""
     if math.isnan(value):
         return ""
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "never"
@@ -107,7 +107,7 @@ class ReportRun(PanelRun):
 
     @cached_property
     def fmus(self) -> dict[str, dict[str, Any]]:
-        """Recorded facts of each drive's FMUs, by `drive_1` or `drive_1.part`."""
+        """Recorded descriptions of each drive's FMUs, by `drive_1` or `drive_1.part`."""
         return recorded_fmus(self.recording.metadata, self.recording.path)
 
     @cached_property
@@ -127,7 +127,7 @@ class ReportRun(PanelRun):
 
     @cached_property
     def outcome(self) -> Values:
-        """Measures of the run by key; empty without a true force."""
+        """Measures of the run's true held force, by key; empty without a true force."""
         return self._measure(self.recording)
 
     @cached_property
@@ -161,7 +161,7 @@ def _name_of(recording: Recording) -> str:
 
 
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
-    """Read the runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
+    """Read the recorded runs at `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
 
     Labels of runs of one experiment include the name of their folder.
 
@@ -219,7 +219,7 @@ def scored_values(run: ReportRun) -> dict[str, float]:
 
 
 def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
-    """Return the key numbers of each run: the first of `KEY_MEASURES` that all runs have.
+    """Return the key numbers of each run for the report: the first of `KEY_MEASURES` that all runs have.
 
     If a force is held, first measures without a value count too, such as chatter below the reporting threshold.
     """

@@ -52,7 +52,7 @@ def is_session(recording: Recording) -> bool:
 
 
 def require_sessions(runs: Sequence[ReportRun]) -> None:
-    """Refuse runs among sessions: a session has no true signals to compare a run with."""
+    """Refuse a report that mixes runs and sessions: a session has no true signals to compare a run with."""
     for run in runs:
         if not is_session(run.recording):
             raise InputRefused(

@@ -116,7 +116,7 @@ def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Seq
 
 
 def comparison_sentences(runs: Sequence[ReportRun]) -> list[str]:
-    """Compare each run's measures with those of the first run, a sentence each; empty for one run."""
+    """Compare the measures of each run with the first run's, a sentence each; empty for one run."""
     first = runs[0]
     return [
         compare_single_runs((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
@@ -183,7 +183,7 @@ def _texts_by_run(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterab
 
 
 def _alarms(run: ReportRun) -> list[str]:
-    """Return the defects of a run: an incomplete recording, component failures, trips of the monitor."""
+    """List the defects of a run: an incomplete recording, component failures, trips of the monitor."""
     note = run.recording.note
     texts = [f"{note[0].upper()}{note[1:]}"] if note else []
     serious = [event for event in run.recording.events if event.level in ("error", "fatal")]

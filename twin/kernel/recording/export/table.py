@@ -38,7 +38,7 @@ MAX_NAME_LENGTH = 63
 
 @dataclass(frozen=True)
 class SignalColumn:
-    """A column of a table, one number per row.
+    """A column of a table of recorded signals, one number per row.
 
     Attributes:
         name: `topic.field`, with `[i]` (from 0) for an element of a vector field.
@@ -136,7 +136,7 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
 
 
 def write_csv(path: Path, table: SignalTable) -> None:
-    """Write `table` to `path` as CSV; names carry the unit, numbers have the shortest text that restores the float64.
+    """Write a table of signals to `path` as CSV; names carry the unit, numbers restore the same float64.
 
     A name with a comma or a quote is quoted, a name that spreadsheets would take for a formula begins with an
     apostrophe. Booleans are 0 and 1, NaN is `nan`.
@@ -157,7 +157,7 @@ def write_csv(path: Path, table: SignalTable) -> None:
 
 
 def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping[str, str]]) -> None:
-    """Write `table` to `path` as Parquet: column `t` in s, then one column per number with `unit` and `meaning`.
+    """Write a table of signals to `path` as Parquet: column `t` in s, then one per number with `unit` and `meaning`.
 
     Args:
         metadata: metadata of the recording, name -> key -> text; each name becomes one JSON text in the file's
