@@ -284,7 +284,7 @@ class Component:
         return False
 
     def pieces(self) -> dict[str, np.ndarray]:
-        """Return views of the component's state in this process, by name, in a fixed order: memory that steps change."""
+        """Return views of the component's state in this process, by name, in fixed order: memory that steps change."""
         return {}
 
     def holders(self) -> dict[str, Holder]:

@@ -21,7 +21,7 @@ _END_PATTERN = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>
 
 
 class End(NamedTuple):
-    """One end of a wire: a single value of a component's port."""
+    """An end of a wire: a single value of a component's port."""
 
     component: str
     port: str
@@ -180,8 +180,8 @@ class System:
         return int(self.y_start[-1])
 
     def outputs(self) -> np.ndarray:
-        """Allocate initial outputs of all components: (outputs_width,), times 2 if newest are separate, 3 if
-        interpolated.
+        """Allocate initial outputs of all components: (outputs_width,), times 2 if newest are separate, 3 to
+        interpolate.
         """
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)

@@ -209,7 +209,7 @@ class Variable:
         return f"which is {self.type} ({low:.17g} .. {high:.17g})"
 
     def range_error(self, value: float) -> str:
-        """Return why `value` is outside the range of the variable's type, `in8 is UInt8; expected 0 .. 255`; else ""."""
+        """Return why `value` is outside the range of the variable's type: `in8 is UInt8; expected 0 .. 255`; or ""."""
         low, high = self.bounds
         # an int is compared without conversion, as a double may round it
         whole = self.type in REAL_TYPES or isinstance(value, int) or not abs(value) < MAX_EXACT // 2

@@ -166,7 +166,7 @@ def timespec(seconds: float) -> np.ndarray:
 
 
 class SharedPage:
-    """This process's mapping of the memory page through which two processes exchange a component's inputs and outputs.
+    """Mapping of a memory page that this process shares with another, to exchange a component's inputs and outputs.
 
     Args:
         fd: file descriptor of the black box.

@@ -85,7 +85,7 @@ BLANK_BITS = 0x7FC0_7749
 
 @dataclass(frozen=True)
 class Field:
-    """One recorded quantity of a topic: name, size, type, unit and meaning.
+    """A recorded quantity of a topic: name, size, type, unit and meaning.
 
     Attributes:
         name: a letter, then letters, digits and underscores: `tip_speed`.

@@ -277,7 +277,7 @@ def _chunk_content(position: int, chunk: Chunk, most: int) -> bytes:
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a recording.
+    """An event of a recorded run: time, level, text and component.
 
     Attributes:
         time: simulation time, s.

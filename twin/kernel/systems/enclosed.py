@@ -74,7 +74,7 @@ class EnclosedSystem:
 
     @property
     def descriptions(self) -> dict[str, FmuDescription]:
-        """FMU descriptions by component path."""
+        """Descriptions of the system's FMUs by component path."""
         return {part.path: part.description for part in self.plan.parts}
 
     @property

@@ -29,7 +29,7 @@ MAX_LISTED_TOPICS = 8
 
 @dataclass(frozen=True)
 class ExportResult:
-    """Outcome of the export of a recording.
+    """Outcome of the export of a recording: path, and numbers of signals and rows.
 
     Attributes:
         path: the file, or the folder of a bag.
