@@ -68,7 +68,7 @@ class PlainProgress:
         self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > MIN_SHOWN_TIME else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        """Show the progress of a compilation: `seconds` so far, `done` of about `about` functions, 0 if unknown."""
+        """Show that code is being compiled: `seconds` so far, `done` of about `about` functions, 0 if unknown."""
         if (about or seconds > COMPILE_NOTICE_DELAY) and not self._printed:
             self._printed = True
             print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)

@@ -73,8 +73,9 @@ class _DryRunEnd(Exception):
 
 @contextlib.contextmanager
 def open_unbuffered(path: Path) -> Iterator[Callable[[str], None]]:
-    """Truncate the file at `path` and yield a function that appends text to it without buffering. Appended text
-    survives a crash.
+    """Truncate the file at `path` and yield a function that appends text to it without buffering.
+
+    Appended text survives a crash.
 
     Raises:
         NotWritten: the folder or the disk refuses, also in `append`.
