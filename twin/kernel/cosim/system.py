@@ -180,7 +180,7 @@ class System:
         return int(self.y_start[-1])
 
     def outputs(self) -> np.ndarray:
-        """Allocate the initial outputs: (outputs_width,), times 2 if the newest are separate, times 3 if interpolated."""
+        """Allocate the initial outputs: (outputs_width,), times 2 if newest are separate, times 3 if interpolated."""
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
         return np.tile(valid, 3 if self.interpolates else 1 + self.has_separate_newest)
 
